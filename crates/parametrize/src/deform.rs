@@ -1,40 +1,42 @@
 //! An icosphere deformed onto the surface (after M. Chung and S. Robbins).
 //!
-//! The result is a surface with the icosphere's vertices and triangles; vertices with the same number correspond.
-//! Studies get a shared sampling from it, with springs that keep the triangles alike.
+//! The result is a surface with the icosphere's vertices and triangles; vertices with the same index correspond. It
+//! gives the subjects of a study a shared sampling, with springs that keep the triangles similar.
 //!
 //! # Method
 //!
-//! In the original a mesh is pulled towards the surface through space (D. MacDonald, N. Kabani, D. Avis, A. Evans,
-//! NeuroImage 12, 2000; S. Robbins, MSc thesis, McGill, 2003). Where a surface is far from convex, as an arm or a fold
-//! is, the nearest point is on the wrong side and the mesh gets stuck or pierces itself; the original starts close,
-//! which a general tool can't. So this method begins with a map of the surface onto the sphere that is one to one (any
-//! of this crate's methods), which says where each vertex of the icosphere belongs, and moves the vertices *on* the
-//! surface, coarse to fine:
+//! In the original method a mesh is pulled towards the surface through space (D. MacDonald, N. Kabani, D. Avis, A.
+//! Evans, NeuroImage 12, 2000; S. Robbins, MSc thesis, McGill, 2003). Where a surface is far from convex, as at an arm
+//! or a fold, the nearest point is on the wrong side and the mesh gets stuck or intersects itself. The original starts
+//! close to the surface, which a general tool can't. So this method begins with a one-to-one map of the surface onto
+//! the sphere (from any of this crate's methods), which determines the position of each vertex of the icosphere, and
+//! moves the vertices *on* the surface, coarse to fine:
 //!
-//! 1. a coarse icosphere's vertices take the places that the map gives them;
-//! 2. in sweeps, each vertex goes with its forces, then to the surface's nearest point, which the map takes back to the
-//!    sphere; it goes only where all triangles around it stay positively oriented there, by an exact predicate, and
-//!    well shaped on the surface. So the mesh winds around the surface once, always, and no vertex jumps over a fold to
-//!    a sheet that is near in space only;
-//! 3. each triangle is split in four, at its edges' midpoints on the sphere, and 2 is repeated.
+//! 1. a coarse icosphere's vertices take the positions that the map gives them;
+//! 2. in sweeps, each vertex is moved by its forces, then to the surface's nearest point, which the map takes back to
+//!    the sphere. It is moved only if all triangles around it stay positively oriented on the sphere, by an exact
+//!    predicate, and well shaped on the surface. So the mesh always winds around the surface exactly once, and no
+//!    vertex jumps over a fold to a sheet that is near only in space;
+//! 3. each triangle is split in four, at its edges' midpoints on the sphere, and step 2 is repeated.
 //!
-//! Forces on vertex i with neighbours j, l_ij the length of the path on the surface that the map makes of the arc from
-//! i to j (a chord would see nothing of a fold that a coarse triangle spans), t_ij the direction in which it leaves i:
+//! The forces on vertex i with neighbours j are as follows. l_ij is the length of the path on the surface that is the
+//! image of the arc from i to j (a chord would miss a fold that a coarse triangle spans), and t_ij the direction in
+//! which the path leaves i:
 //!
 //! - *stretch*: mean over j of (l_ij - L_ij) t_ij, springs of rest length L_ij, which is the icosphere's own edge
-//!   scaled by the square root of the areas' ratio;
-//! - *bending*: U_i - mean of U_j, U_i = mean of l_ij t_ij, which smooths how the spacing changes. The shape is the
-//!   surface's alone: vertices are projected back onto it, so only the part of a force along the surface moves them.
+//!   length scaled by the square root of the areas' ratio;
+//! - *bending*: U_i - mean of U_j, U_i = mean of l_ij t_ij, which smooths changes of the spacing. The shape is
+//!   determined by the surface alone: vertices are projected back onto it, so only the part of a force along the
+//!   surface moves them.
 //!
-//! Last, triangles that cut through each other (chords that cross where a fold is narrower than the triangles) are
-//! looked for with a bounding-volume hierarchy, and the vertices around are smoothed until there are none, which takes
-//! them off the surface a little. What is left is reported; more subdivisions help, where the given surface doesn't cut
-//! itself.
+//! Finally, triangles that intersect each other (chords that cross where a fold is narrower than the triangles) are
+//! searched with a bounding-volume hierarchy, and the vertices around them are smoothed until there are none, which
+//! moves these vertices slightly off the surface. Remaining intersections are reported; more subdivisions help, unless
+//! the given surface intersects itself.
 //!
 //! # Cost
 //!
-//! O(vertices log triangles) a sweep; 40,962 vertices take some ten seconds on two cores. Memory is linear.
+//! O(vertices log triangles) per sweep; 40,962 vertices take about ten seconds on two cores. Memory is linear.
 
 mod ground;
 mod rings;
@@ -57,8 +59,8 @@ use rings::Rings;
 /// Settings of [`deform`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct DeformParams {
-    /// The icosphere's subdivisions, 0 to 10; `None` (default) for the fewest with at least as many vertices as the
-    /// surface, at most 7.
+    /// The icosphere's subdivisions, 0 to 10; `None` (default) for the smallest number, at most 7, that gives at least
+    /// as many vertices as the surface has.
     pub subdivisions: Option<u32>,
     /// Weight of the stretch. Default 0.5.
     pub stretch: f64,
@@ -74,26 +76,25 @@ impl Default for DeformParams {
     }
 }
 
-/// Most subdivisions: 10 million vertices.
+/// Largest number of subdivisions: 10 million vertices.
 const MOST: u32 = 10;
 /// The coarsest level.
 const COARSEST: u32 = 3;
-/// The shape (see [`Level::shape`]) below which triangles may not fall, nor get worse: springs under pressure would
-/// flatten them.
+/// The shape (see [`Level::shape`]) below which triangles must not fall or get worse, since springs under pressure
+/// would flatten them.
 const SHAPE: f64 = 0.4;
-/// Most rounds of smoothing where triangles intersect.
+/// Most rounds of smoothing around intersecting triangles.
 const ROUNDS: usize = 30;
 
-/// Vertices of a sweep between which the monitor is asked.
+/// Number of vertices of a sweep between checks of the monitor.
 const CHUNK: usize = 2048;
 
-/// Deforms an icosphere onto a surface, from a map of it onto the sphere that is one to one.
+/// Deforms an icosphere onto a surface, given a one-to-one map of the surface onto the sphere.
 ///
 /// # Errors
 ///
-/// [`NotBijective`](ParametrizeError::NotBijective) where `sphere` has folds;
-/// [`Argument`](ParametrizeError::Argument) for more than 10 subdivisions, or a sphere with a vertex at the origin;
-/// [`Interrupted`](ParametrizeError::Interrupted).
+/// [`NotBijective`](ParametrizeError::NotBijective) if `sphere` has folds; [`Argument`](ParametrizeError::Argument) for
+/// more than 10 subdivisions, or a sphere with a vertex at the origin; [`Interrupted`](ParametrizeError::Interrupted).
 ///
 /// # Panics
 ///
@@ -124,7 +125,7 @@ pub fn deform(
     let mut sweeps = 0;
     for level in coarsest..=finest {
         if level > coarsest {
-            // An icosphere's vertices are the first of the next one's, in the same order.
+            // An icosphere's vertices are the first ones of the next icosphere, in the same order.
             on_sphere = subdivide_sphere(&on_sphere);
             reference = icosphere(level);
             mesh = Level::new(&reference, &on_sphere.vertices, &ground, pieces(finest - level), monitor)?;
@@ -150,7 +151,7 @@ pub fn deform(
     Ok(found)
 }
 
-/// The number of pieces in which to measure an edge that will be split so many times.
+/// Returns the number of pieces in which to measure an edge that will be split `splits` times.
 fn pieces(splits: u32) -> u32 {
     2 << splits.min(6)
 }
@@ -158,12 +159,12 @@ fn pieces(splits: u32) -> u32 {
 /// The mesh at one level.
 struct Level {
     positions: Vec<Vec3>,
-    /// Their directions by the map: triangles positively oriented.
+    /// Directions of the vertices by the map; all triangles are positively oriented.
     on_sphere: Vec<Vec3>,
     rings: Rings,
-    /// Rest lengths, in the order of the rings.
+    /// Rest lengths of the springs, in the order of the rings.
     rest: Vec<f64>,
-    /// Pieces in which an edge's path is measured.
+    /// Number of pieces in which an edge's path is measured.
     pieces: u32,
 }
 
@@ -183,7 +184,8 @@ impl Level {
         Ok(Self { positions, on_sphere: on_sphere.to_vec(), rings, rest, pieces })
     }
 
-    /// Moves each vertex once: all forces are those of the positions before, then the moves follow in order.
+    /// Moves each vertex once: all forces are computed from the positions before the sweep, then the moves are made in
+    /// order.
     fn sweep(&mut self, ground: &Ground<'_>, params: &DeformParams, monitor: &dyn Monitor) -> Result<(), Interrupted> {
         let n = self.positions.len();
         let paths: Vec<Vec<Vec3>> = in_chunks(n, monitor, |v| self.paths(v, ground))?;
@@ -216,7 +218,7 @@ impl Level {
         Ok(())
     }
 
-    /// The paths to a vertex's neighbours.
+    /// Returns the paths to a vertex's neighbours.
     fn paths(&self, v: usize, ground: &Ground<'_>) -> Vec<Vec3> {
         let to = |&w: &u32| {
             let pair = |points: &[Vec3]| [points[v], points[w as usize]];
@@ -225,7 +227,8 @@ impl Level {
         self.rings.of(v).iter().map(to).collect()
     }
 
-    /// The worst of the triangles around a vertex: 4 sqrt3 area over the sum of squared edges, 1 for equal edges.
+    /// Returns the worst shape of the triangles around a vertex: 4 sqrt3 area over the sum of squared edges, 1 for
+    /// equal edges.
     fn shape(&self, v: usize) -> f64 {
         let ring = self.rings.of(v);
         let of = |k: usize| {
@@ -247,7 +250,7 @@ impl Level {
     }
 }
 
-/// Computes a value for each of n vertices in parallel; the monitor is asked between chunks.
+/// Computes a value for each of n vertices in parallel; the monitor is checked between chunks.
 fn in_chunks<T: Send>(n: usize, monitor: &dyn Monitor, f: impl Fn(usize) -> T + Sync) -> Result<Vec<T>, Interrupted> {
     let mut values = Vec::with_capacity(n);
     for start in (0..n).step_by(CHUNK) {
@@ -257,8 +260,8 @@ fn in_chunks<T: Send>(n: usize, monitor: &dyn Monitor, f: impl Fn(usize) -> T + 
     Ok(values)
 }
 
-/// Smooths around self-intersections until there are none. Returns how many pairs of triangles are left, and how many
-/// vertices were moved.
+/// Smooths around self-intersections until there are none. Returns the number of intersecting pairs of triangles that
+/// remain, and the number of vertices moved.
 fn separate(mesh: &mut Mesh, rings: &Rings, monitor: &dyn Monitor) -> Result<(usize, usize), Interrupted> {
     monitor.begin(Stage::counted("self-intersections", "rounds"), 0);
     let mut moved = vec![false; mesh.vertices.len()];

@@ -1,4 +1,4 @@
-//! From a mesh to a map by a sequence of energies: what the methods for meshes share.
+//! The part shared by the methods for meshes: from a mesh to a map by a sequence of energies.
 
 use std::time::Instant;
 
@@ -15,15 +15,16 @@ use crate::newton::Newton;
 use crate::report::Parametrization;
 use crate::star::{Classes, sweep};
 
-/// The stage in which [`Descent::descend`] counts its steps. Their number isn't known beforehand.
+/// The stage in which [`Descent::descend`] counts its steps. Their number isn't known in advance.
 pub(crate) const SMOOTHING: Stage = Stage::counted("smoothing", "steps");
 
-/// Below this share of Newton's step single vertices block it, and a sweep over them helps more than another step.
+/// If less than this share of the Newton step is taken, single vertices block it, and a sweep over them helps more than
+/// another step.
 const BLOCKED: f64 = 0.2;
 
 /// A map under optimisation.
 pub(crate) struct Descent {
-    /// Unit vectors, one a vertex; no triangle is flipped.
+    /// Unit vectors, one per vertex; no triangle is flipped.
     pub(crate) map: Vec<Vec3>,
     iterations: usize,
     converged: bool,
@@ -33,7 +34,7 @@ pub(crate) struct Descent {
 }
 
 impl Descent {
-    /// Grows a map from a tetrahedron.
+    /// Builds a map from a tetrahedron.
     pub(crate) fn start(domain: &Domain, growth: Growth, monitor: &dyn Monitor) -> Result<Self, ParametrizeError> {
         let (map, iterations, hierarchy) = embed(&domain.positions, &domain.faces, &domain.areas, growth, monitor)?;
         let newton = Newton::new(map.len(), hierarchy.faces.clone(), hierarchy.shapes.clone(), monitor)?;
@@ -42,8 +43,8 @@ impl Descent {
         Ok(Self { map, iterations, converged: false, hierarchy, newton, classes })
     }
 
-    /// Descends an energy until a step would gain less than `tolerance` of what the energy is above its least value on
-    /// a smooth surface, or `steps` steps are done.
+    /// Descends an energy until a step would gain less than `tolerance` of the energy's excess over its least value on
+    /// a smooth surface, or until `steps` steps are done.
     pub(crate) fn descend(
         &mut self,
         energy: Energy,
@@ -80,7 +81,7 @@ impl Descent {
         }
     }
 
-    /// Root mean square over triangles of the log area ratio.
+    /// Returns the root mean square over triangles of the log area ratio.
     pub(crate) fn area_distortion(&self, domain: &Domain) -> f64 {
         let log = |(face, area): (&[u32; 3], &f64)| {
             let angle = solid_angle(face.map(|v| self.map[v as usize]));
@@ -89,7 +90,7 @@ impl Descent {
         (domain.faces.iter().zip(&domain.areas).map(log).sum::<f64>() / domain.faces.len() as f64).sqrt()
     }
 
-    /// The map with its report, if it is one to one.
+    /// Returns the map with its report, if the map is one to one.
     pub(crate) fn finish(
         self,
         method: &'static str,

@@ -1,16 +1,17 @@
-//! One triangle's energy, gradient and positive semidefinite Hessian, in closed form.
+//! Energy, gradient and positive semidefinite Hessian of one triangle, in closed form.
 //!
 //! The unknowns are two per corner, in the [`frame`] of its tangent plane. Value and gradient are exact on the sphere.
-//! The Hessian is that of the flat triangle between the corners, which is right up to the square of its size, with
-//! its negative eigenvalues raised to zero. In complex numbers the linear map between flat triangles is
-//! z -> alpha z + beta conj(z), with
+//! The Hessian is that of the flat triangle between the corners, which is accurate up to the square of its size, with
+//! its negative eigenvalues raised to zero. In complex numbers the linear map between flat triangles is z -> alpha z +
+//! beta conj(z), with
 //!
 //! ```text
 //! q = |alpha|^2 + |beta|^2,   r = |alpha|^2 - |beta|^2,   s1, s2 = |alpha| +- |beta|
 //! ```
 //!
-//! so an energy F(q, r) = G(u, v) depends on u = |alpha|^2 and v = |beta|^2 alone, and its Hessian by alpha and beta is
-//! diagonal but for a 2 x 2 block: 2 G_u and 2 G_v across alpha and beta (twist and flip), and along them
+//! so an energy F(q, r) = G(u, v) depends on u = |alpha|^2 and v = |beta|^2 alone. Its Hessian with respect to alpha
+//! and beta is diagonal except for a 2 x 2 block: the entries are 2 G_u and 2 G_v across alpha and beta (twist and
+//! flip), and along them
 //!
 //! ```text
 //! | 2 G_u + 4 u G_uu     4 sqrt(u v) G_uv |
@@ -18,18 +19,19 @@
 //! ```
 //!
 //! This is the eigenanalysis of B. Smith, F. de Goes and T. Kim (ACM Trans. Graph. 38, 2019) without a singular value
-//! decomposition. alpha and beta are linear in the corners: alpha = sum of w_j conj(i e_j) / (4 A), beta = sum of
-//! w_j i e_j / (4 A), w_j the corners on the sphere and e_j the edge across from corner j on the surface.
+//! decomposition. alpha and beta are linear in the corners: alpha = sum of w_j conj(i e_j) / (4 A), beta = sum of w_j i
+//! e_j / (4 A), with w_j the corners on the sphere and e_j the edge opposite corner j on the surface.
 //!
-//! About 500 flops a triangle. Everything is inlined and free of branches, so that loops over triangles run in lanes.
+//! About 500 flops per triangle. Everything is inlined and free of branches, so that loops over triangles are
+//! vectorised.
 
 use crate::angle::atan2_upper;
 use crate::density::Density;
 
-/// Numbers per triangle: its value, six of the gradient, and the lower triangle of the Hessian row by row.
+/// Numbers per triangle: the value, six numbers of the gradient, and the lower triangle of the Hessian row by row.
 pub(crate) const NUMBERS: usize = 28;
 
-/// What a triangle's derivatives are made of: three corners, three cotangents, an area.
+/// Number of inputs of a triangle's derivatives: three corners, three cotangents, an area.
 pub(crate) const INPUTS: usize = 13;
 
 type Vec3 = [f64; 3];
@@ -64,8 +66,8 @@ fn positive(x: f64) -> f64 {
     if x > 0.0 { x } else { 0.0 }
 }
 
-/// Two unit vectors that span the plane across p, chosen by p alone (T. Duff et al., "Building an orthonormal basis,
-/// revisited", JCGT 6, 2017).
+/// Returns two unit vectors that span the plane perpendicular to p, depending only on p (T. Duff et al., "Building an
+/// orthonormal basis, revisited", JCGT 6, 2017).
 #[inline(always)]
 pub(crate) fn frame([x, y, z]: Vec3) -> [Vec3; 2] {
     let sign = if z < 0.0 { -1.0 } else { 1.0 };
@@ -74,7 +76,7 @@ pub(crate) fn frame([x, y, z]: Vec3) -> [Vec3; 2] {
     [[1.0 + sign * x * x * a, sign * b, -sign * x], [b, sign + y * y * a, -y]]
 }
 
-/// What value, gradient and Hessian share.
+/// Quantities shared by value, gradient and Hessian.
 struct Triangle {
     ab: Vec3,
     bc: Vec3,
@@ -91,12 +93,12 @@ fn triangle([a, b, c]: [Vec3; 3], [x, y, z]: [f64; 3], area: f64) -> Triangle {
     let volume = -dot(a, cross(ab, ca));
     let rest = 1.0 + dot(a, b) + dot(b, c) + dot(c, a);
     let q = (x * dot(bc, bc) + y * dot(ca, ca) + z * dot(ab, ab)) / (4.0 * area);
-    // Where it is flipped r is of no meaning, but finite.
+    // For a flipped triangle r is meaningless, but finite.
     let r = 2.0 * atan2_upper(positive(volume), rest) / area;
     Triangle { ab, bc, ca, volume, rest, q, r }
 }
 
-/// One triangle's energy; infinite where it is flipped or flat, up to rounding.
+/// Returns one triangle's energy; infinite if the triangle is flipped or flat, up to rounding.
 #[inline(always)]
 pub(crate) fn value<D: Density>(density: D, p: [Vec3; 3], cotangents: [f64; 3], area: f64) -> f64 {
     let t = triangle(p, cotangents, area);
@@ -104,8 +106,8 @@ pub(crate) fn value<D: Density>(density: D, p: [Vec3; 3], cotangents: [f64; 3], 
     if t.volume > 0.0 { value } else { f64::INFINITY }
 }
 
-/// Four rows of derivatives for a corner: of |alpha|, |alpha| times its argument, |beta|, and |beta| times its
-/// argument, by the corner's two unknowns.
+/// Returns four rows of derivatives for a corner: of |alpha|, |alpha| times its argument, |beta|, and |beta| times its
+/// argument, with respect to the corner's two unknowns.
 #[inline(always)]
 fn rows(alpha: [f64; 2], beta: [f64; 2], across: [f64; 2], plane: [Vec3; 2], frame: [Vec3; 2]) -> [[f64; 2]; 4] {
     // conj(alpha) conj(i e) / 4 A, and conj(beta) (i e) / 4 A, with alpha and beta of length 1.
@@ -146,13 +148,13 @@ fn weights([_, fq, fr, fqq, fqr, frr]: [f64; 6], u: f64, v: f64, area: f64) -> W
     }
 }
 
-/// What the Hessian is made of: its weights, and rows of derivatives by corner.
+/// The parts of the Hessian: its weights, and the rows of derivatives for each corner.
 struct Flat {
     weights: Weights,
     /// Unit vectors along alpha and beta.
     alpha: [f64; 2],
     beta: [f64; 2],
-    /// i e / (4 A) by corner.
+    /// i e / (4 A) for each corner.
     across: [[f64; 2]; 3],
     /// The plane of the triangle on the sphere.
     plane: [Vec3; 2],
@@ -160,13 +162,13 @@ struct Flat {
 
 #[inline(always)]
 fn flat(t: &Triangle, densities: [f64; 6], [_, y, z]: [f64; 3], area: f64) -> Flat {
-    // On the sphere, corner b at 0 and c on the real axis.
+    // Coordinates on the sphere, with corner b at 0 and c on the real axis.
     let length = dot(t.bc, t.bc).sqrt();
     let normal = cross(t.ca, t.ab);
     let first = scale(t.bc, 1.0 / length);
     let second = cross(scale(normal, 1.0 / dot(normal, normal).sqrt()), first);
     let wa = [-dot(t.ab, first), -dot(t.ab, second)];
-    // So on the surface.
+    // The same on the surface.
     let long = (2.0 * area * (y + z)).sqrt();
     let (side, height) = (long / (4.0 * area), 0.5 / long);
     let across = [[0.0, side], [-height, -height * z], [height, -height * y]];
@@ -176,13 +178,13 @@ fn flat(t: &Triangle, densities: [f64; 6], [_, y, z]: [f64; 3], area: f64) -> Fl
     let v = beta[0] * beta[0] + beta[1] * beta[1];
     let weights = weights(densities, u, v, area);
     let (by_alpha, by_beta) = (1.0 / u.sqrt(), 1.0 / (v + f64::MIN_POSITIVE).sqrt());
-    // Any direction serves where beta vanishes.
+    // If beta vanishes, any direction will do.
     let is_similar = v < 1e-30 * u;
     let beta = [if is_similar { 1.0 } else { beta[0] * by_beta }, if is_similar { 0.0 } else { beta[1] * by_beta }];
     Flat { weights, alpha: [alpha[0] * by_alpha, alpha[1] * by_alpha], beta, across, plane: [first, second] }
 }
 
-/// Gradient in space by one corner, whose neighbours are `b` and `c`.
+/// Returns the gradient in space with respect to one corner, whose neighbours are `b` and `c`.
 #[inline(always)]
 fn gradient(half: f64, w: f64, [b, c]: [Vec3; 2], bc: Vec3, lengths: Vec3, t: &Triangle) -> Vec3 {
     // A dq/da = (z (a - b) + y (a - c)) / 2.
@@ -191,7 +193,7 @@ fn gradient(half: f64, w: f64, [b, c]: [Vec3; 2], bc: Vec3, lengths: Vec3, t: &T
     add(scale(lengths, half), scale(sub(scale(cross(b, bc), t.rest), scale(add(b, c), t.volume)), w))
 }
 
-/// One triangle's value, gradient and Hessian. All zero, but for the value, where the triangle is flipped.
+/// Returns one triangle's value, gradient and Hessian. For a flipped triangle all except the value are zero.
 #[inline(always)]
 pub(crate) fn derivatives<D: Density>(density: D, p: [Vec3; 3], cotangents: [f64; 3], area: f64) -> [f64; NUMBERS] {
     let [a, b, c] = p;
@@ -240,7 +242,8 @@ pub(crate) fn derivatives<D: Density>(density: D, p: [Vec3; 3], cotangents: [f64
     numbers
 }
 
-/// The same by the two unknowns of the first corner: value, gradient, and the Hessian's 00, 10 and 11.
+/// Returns the derivatives with respect to the two unknowns of the first corner: value, gradient, and the Hessian's 00,
+/// 10 and 11.
 #[inline(always)]
 pub(crate) fn corner_derivatives<D: Density>(
     density: D,

@@ -1,12 +1,12 @@
-//! All vertices at once: projected Newton over the whole mesh.
+//! Projected Newton method over the entire mesh, moving all vertices at once.
 //!
-//! Unknowns are two per vertex, in a frame of the tangent plane. Each triangle's Hessian has its negative eigenvalues
-//! raised to zero (J. Teran et al., SCA 2005), in closed form (`local.rs`), and the sum goes to conjugate gradients
-//! with a two-grid preconditioner (`pcg.rs`), or on small meshes to a Cholesky factorisation. Steps are halved until no
-//! triangle is flipped and the energy has gone down (Armijo). Newton's steps are what low-frequency errors of stiff
-//! energies need: sweeps over single vertices take as many rounds as the mesh is wide.
+//! There are two unknowns per vertex, in a frame of the tangent plane. Each triangle's Hessian has its negative
+//! eigenvalues raised to zero (J. Teran et al., SCA 2005), in closed form (`local.rs`). The sum is solved by conjugate
+//! gradients with a two-grid preconditioner (`pcg.rs`), or on small meshes by a Cholesky factorisation. Steps are
+//! halved until no triangle is flipped and the energy has decreased (Armijo). Newton steps reduce the low-frequency
+//! errors of stiff energies, for which sweeps over single vertices take as many rounds as the mesh is wide.
 //!
-//! Sums run over chunks of fixed length in fixed order, so that the number of threads changes no bit.
+//! Sums run over chunks of fixed length in fixed order, so that the result is bit-identical for any number of threads.
 
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor};
@@ -23,7 +23,7 @@ use crate::sparse_cholesky::{Factor, Symbolic};
 /// Triangles, or vertices, per chunk of a sum.
 const CHUNK: usize = 4096;
 
-/// A fixed triangulation and what is needed to minimise energies over it again and again.
+/// A fixed triangulation and the data needed to minimise energies over it repeatedly.
 pub(crate) struct Newton {
     faces: Vec<[u32; 3]>,
     shapes: Vec<Shape>,
@@ -31,23 +31,24 @@ pub(crate) struct Newton {
     solver: Solver,
 }
 
-/// How the linear systems are solved.
+/// The solver of the linear systems.
 enum Solver {
     Direct(Symbolic),
-    /// The last factor of the coarse matrix serves until iterations become many.
+    /// The last factor of the coarse matrix is reused until the number of iterations grows large.
     Iterative {
         coarse: Coarse,
         factor: Option<Factor>,
     },
 }
 
-/// Iterations from which on the coarse matrix is factored anew.
+/// Number of iterations from which the coarse matrix is factored again.
 const SLOW: usize = 10;
 
-/// Vertices from which on iterations are faster than a factorisation.
+/// Number of vertices from which iterations are faster than a factorisation.
 const MANY: usize = 2000;
 
-/// Relative shift of a factored diagonal: turning the whole sphere costs nothing, and the matrix must be definite.
+/// Relative shift of a factored diagonal: rotations of the entire sphere don't change the energy, but the matrix must
+/// be definite.
 const SHIFT: f64 = 1e-8;
 
 /// The result of a step.
@@ -57,16 +58,16 @@ pub(crate) struct Step {
     pub(crate) before: f64,
     /// Energy after.
     pub(crate) after: f64,
-    /// The fraction of Newton's step that was taken; 0 where none lowered the energy.
+    /// Fraction of the Newton step that was taken; 0 if none lowered the energy.
     pub(crate) taken: f64,
-    /// What the quadratic model promised for that fraction.
+    /// Decrease of the energy that the quadratic model predicted for that fraction.
     promised: f64,
 }
 
 impl Step {
-    /// An estimate of what another step would gain, `gain` being what this one did in the end.
+    /// Estimates the gain of another step, where `gain` is the actual gain of this one.
     ///
-    /// Where the whole of the step was taken, what is left is what the model was wrong by.
+    /// If the full step was taken, the remaining gain is the error of the model.
     pub(crate) fn left(&self, gain: f64) -> f64 {
         if self.taken < 1.0 { gain } else { gain.min((gain - self.promised).abs()) }
     }
@@ -75,7 +76,7 @@ impl Step {
 impl Newton {
     /// Prepares for triangles over vertices 0..n.
     ///
-    /// Returns `None` where faer can't, which is for want of memory.
+    /// Returns `None` if faer runs out of memory.
     pub(crate) fn new(
         n: usize,
         faces: Vec<[u32; 3]>,
@@ -96,7 +97,7 @@ impl Newton {
         set_areas(&mut self.shapes, areas);
     }
 
-    /// Puts triangles from `first` on into a batch; returns how many.
+    /// Loads the triangles from `first` on into a batch; returns their number.
     fn fill(&self, batch: &mut Batch, unit: &[Vec3], first: usize, end: usize) -> usize {
         let last = (first + BATCH).min(end);
         for f in first..last {
@@ -105,7 +106,7 @@ impl Newton {
         last - first
     }
 
-    /// The energy of a map; infinite where a triangle is flipped.
+    /// Returns the energy of a map; infinite if a triangle is flipped.
     pub(crate) fn value(&self, energy: Energy, unit: &[Vec3]) -> f64 {
         let sums: Vec<f64> = (0..self.faces.len().div_ceil(CHUNK))
             .into_par_iter()
@@ -128,7 +129,7 @@ impl Newton {
         self.faces.par_iter().all(|face| orientation(face.map(|v| unit[v as usize])) > 0.0)
     }
 
-    /// Gradients and Hessians of all triangles.
+    /// Returns gradients and Hessians of all triangles.
     fn derivatives(&self, energy: Energy, unit: &[Vec3]) -> Vec<[f64; KEPT]> {
         let mut local = vec![[0.0; KEPT]; self.faces.len()];
         local.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, local)| {
@@ -146,7 +147,7 @@ impl Newton {
         local
     }
 
-    /// Newton's direction: minus the inverse of the Hessian times the gradient.
+    /// Returns Newton's direction: minus the inverse of the Hessian times the gradient.
     fn solve(
         &mut self,
         unit: &[Vec3],
@@ -187,7 +188,7 @@ impl Newton {
         }
     }
 
-    /// One step.
+    /// Takes one step.
     pub(crate) fn step(
         &mut self,
         energy: Energy,
@@ -217,7 +218,7 @@ impl Newton {
             return Ok(nothing);
         }
 
-        // Half a radian is further than a second-order model of the sphere sees.
+        // Beyond half a radian, a second-order model of the sphere isn't valid.
         let mut t = (0.5 / longest).min(1.0);
         for _ in 0..16 {
             monitor.check()?;

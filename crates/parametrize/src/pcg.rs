@@ -1,11 +1,11 @@
-//! Newton's systems by conjugate gradients, preconditioned by two grids.
+//! Solves Newton's systems by conjugate gradients, preconditioned by two grids.
 //!
-//! One cycle: two steps of Chebyshev's smoother, a correction in the coarse space (`coarse.rs`), two steps more. The
-//! smoother works with the inverses D^-1 of the 2 x 2 diagonal blocks. Of D^-1 H no eigenvalue is above 3, since H is a
-//! sum of semidefinite matrices of three corners each, whatever the triangulation.
+//! One cycle consists of two steps of Chebyshev's smoother, a correction in the coarse space (`coarse.rs`), and two
+//! more steps. The smoother uses the inverses D^-1 of the 2 x 2 diagonal blocks. No eigenvalue of D^-1 H is above 3 for
+//! any triangulation, since H is a sum of semidefinite matrices of three corners each.
 //!
-//! Memory and work per iteration are linear in the vertices. Some ten iterations take the error in the energy of the
-//! quadratic model to a hundredth, for any number of vertices.
+//! Memory and work per iteration are linear in the number of vertices. About ten iterations reduce the error in the
+//! energy of the quadratic model to a hundredth, for any number of vertices.
 
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor};
@@ -15,7 +15,7 @@ use crate::coarse::Coarse;
 use crate::geometry::Vec3;
 use crate::sparse_cholesky::Factor;
 
-/// Two unknowns a vertex.
+/// Two unknowns per vertex.
 type Vector = Vec<[f64; 2]>;
 
 /// Rows per task.
@@ -24,38 +24,38 @@ const ROWS: usize = 2048;
 /// Smoothing steps before and after the coarse correction.
 const SMOOTHING: usize = 2;
 
-/// The largest eigenvalue of D^-1 H, and the least that the smoother is to damp.
+/// The smallest eigenvalue of D^-1 H that the smoother damps, and the largest eigenvalue.
 const RANGE: [f64; 2] = [0.3, 3.0];
 
-/// Most iterations.
+/// Maximal number of iterations.
 const ITERATIONS: usize = 100;
 
-/// The reduction of the residual, in the preconditioner's norm, at which to stop.
+/// Reduction of the residual, in the preconditioner's norm, at which iterations stop.
 const REDUCTION: f64 = 0.01;
 
-/// Counts blocks of matrices that are multiplied, for tests.
+/// Counts the matrix blocks that are multiplied, for tests.
 #[cfg(test)]
 fn multiplied(blocks: usize) {
     tests::MULTIPLIED.with(|count| count.set(count.get() + blocks));
 }
 
-/// Counts nothing.
+/// Does nothing outside of tests.
 #[cfg(not(test))]
 fn multiplied(_: usize) {}
 
 /// One linear system.
 pub(crate) struct System<'a> {
     pub(crate) pattern: &'a Pattern,
-    /// The matrix, in the precision that a direction needs.
+    /// The matrix, in single precision, which suffices for a direction.
     pub(crate) blocks: Vec<[f32; 4]>,
     pub(crate) coarse: &'a Coarse,
-    /// Of the coarse matrix, or of one that was near it.
+    /// Factor of the coarse matrix, or of one close to it.
     pub(crate) factor: &'a Factor,
-    /// By vertex, see [`turns`](crate::coarse::turns).
+    /// By vertex; see [`turns`](crate::coarse::turns).
     pub(crate) turns: &'a [[Vec3; 2]],
 }
 
-/// Vectors that are used again and again.
+/// Vectors that are reused.
 struct Workspace {
     inverses: Vec<[f64; 3]>,
     rest: Vector,
@@ -63,7 +63,7 @@ struct Workspace {
 }
 
 impl System<'_> {
-    /// Solves for minus the gradient, roughly. Returns the solution and the number of iterations.
+    /// Solves approximately for minus the gradient. Returns the solution and the number of iterations.
     pub(crate) fn solve(&self, gradient: &[[f64; 2]], monitor: &dyn Monitor) -> Result<(Vector, usize), Interrupted> {
         let n = gradient.len();
         let zero = || vec![[0.0; 2]; n];
@@ -100,7 +100,7 @@ impl System<'_> {
         Ok((x, ITERATIONS))
     }
 
-    /// Puts `then(H x, row)` into each row of `out`.
+    /// Stores `then(H x, row)` in each row of `out`.
     fn times(&self, x: &[[f64; 2]], out: &mut [[f64; 2]], then: impl Fn([f64; 2], usize) -> [f64; 2] + Sync) {
         multiplied(self.blocks.len());
         out.par_chunks_mut(ROWS).enumerate().for_each(|(chunk, out)| {
@@ -117,11 +117,11 @@ impl System<'_> {
         });
     }
 
-    /// The inverses of the diagonal blocks.
+    /// Returns the inverses of the diagonal blocks.
     fn inverses(&self) -> Vec<[f64; 3]> {
         let inverse = |v: usize| {
             let [a, b, _, c] = self.blocks[self.pattern.range(v).start].map(f64::from);
-            // A vertex whose triangles all resist in one direction only still gets a definite block.
+            // Keeps the block definite if all triangles of a vertex resist in the same direction only.
             let shift = 1e-6 * (a + c) + f64::MIN_POSITIVE;
             let (a, c) = (a + shift, c + shift);
             let determinant = a * c - b * b;
@@ -130,7 +130,7 @@ impl System<'_> {
         (0..self.turns.len()).into_par_iter().map(inverse).collect()
     }
 
-    /// The preconditioner, symmetric and definite, of r.
+    /// Applies the preconditioner, which is symmetric and definite, to r.
     fn cycle(&self, work: &mut Workspace, r: &[[f64; 2]], x: &mut [[f64; 2]]) {
         x.fill([0.0; 2]);
         self.smooth(work, r, x, true);
@@ -139,7 +139,7 @@ impl System<'_> {
         self.smooth(work, r, x, false);
     }
 
-    /// Chebyshev's iteration (Y. Saad, Iterative Methods for Sparse Linear Systems, 2003, algorithm 12.1).
+    /// Runs Chebyshev's iteration (Y. Saad, Iterative Methods for Sparse Linear Systems, 2003, algorithm 12.1).
     fn smooth(&self, work: &mut Workspace, r: &[[f64; 2]], x: &mut [[f64; 2]], is_zero: bool) {
         let [low, high] = RANGE;
         let (centre, half) = (0.5 * (high + low), 0.5 * (high - low));
@@ -160,7 +160,7 @@ impl System<'_> {
             x.par_iter_mut().zip(&mut work.change).zip(rest).zip(&work.inverses).with_min_len(ROWS).for_each(
                 |(((x, change), rest), [a, b, c])| {
                     let z = [a * rest[0] + b * rest[1], b * rest[0] + c * rest[1]];
-                    // What is kept at first is of the cycle before.
+                    // On the first step the old value is left over from the previous cycle.
                     let kept = if keep == 0.0 { [0.0; 2] } else { [keep * change[0], keep * change[1]] };
                     *change = [kept[0] + take * z[0], kept[1] + take * z[1]];
                     *x = [x[0] + change[0], x[1] + change[1]];
@@ -175,7 +175,7 @@ fn add_scaled(x: &mut [[f64; 2]], s: f64, y: &[[f64; 2]]) {
     x.par_iter_mut().zip(y).with_min_len(ROWS).for_each(|(x, y)| *x = [x[0] + s * y[0], x[1] + s * y[1]]);
 }
 
-/// The inner product, in chunks of fixed length and order.
+/// Returns the inner product, in chunks of fixed length and order.
 fn dot(x: &[[f64; 2]], y: &[[f64; 2]]) -> f64 {
     let chunk = |(x, y): (&[[f64; 2]], &[[f64; 2]])| x.iter().zip(y).map(|(x, y)| x[0] * y[0] + x[1] * y[1]).sum();
     let sums: Vec<f64> = x.par_chunks(ROWS).zip(y.par_chunks(ROWS)).map(chunk).collect();

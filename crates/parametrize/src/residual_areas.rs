@@ -1,11 +1,11 @@
-//! Residual-adaptive areas: a higher sampling density where a model of a given degree has its residual.
+//! Residual-adaptive areas: a higher sampling density where a model of a given degree has a large residual.
 //!
-//! A model of degree L resolves pi / L wherever on the sphere, so its residual is largest where the surface bends
+//! A model of degree L resolves pi / L everywhere on the sphere, so its residual is largest where the surface bends
 //! sharply, or is meshed more finely than its area on the sphere allows for. A map with more area there and less
-//! elsewhere has less error (P. Sander, S. Gortler, J. Snyder, H. Hoppe, "Signal-specialized parametrization", EGRW
-//! 2002). Here a fit shows where: its least squares over the current map leaves a residual on each triangle, and the
-//! triangles' target areas are multiplied by exp (s g), with g the residual's size, smoothed a little over neighbours,
-//! less its mean.
+//! elsewhere has a smaller error (P. Sander, S. Gortler, J. Snyder, H. Hoppe, "Signal-specialized parametrization",
+//! EGRW 2002). Here the places are found by a fit: least squares over the current map leave a residual on each
+//! triangle, and the triangles' target areas are multiplied by exp (s g), where g is the residual's size, smoothed
+//! slightly over neighbours, minus its mean.
 
 use std::ops::Range;
 
@@ -22,29 +22,30 @@ use crate::domain::Domain;
 use crate::error::ParametrizeError;
 use crate::geometry::{Vec3, add, scale};
 
-/// Highest degree that is chosen unasked.
+/// Highest degree that is chosen by default.
 const MAX_DEFAULT_DEGREE: usize = 100;
 
-/// Vertices per basis function, by default and at least: where a model nearly interpolates, its residual means little.
+/// Vertices per basis function: the default, and the minimum. If a model nearly interpolates, its residual is
+/// meaningless.
 const PER_FUNCTION: [f64; 2] = [2.0, 1.5];
 
-/// The largest excess of residual that counts: areas must not explode where a few vertices are far off.
+/// Largest excess of the residual; larger values are cut, so that a few distant vertices don't make areas explode.
 const MAX_EXCESS: f64 = 8.0;
 
 /// Rounds of averaging over neighbours.
 const ROUNDS: usize = 2;
 
-/// Most iterations of the least squares, of which samples of the whole surface take a handful.
+/// Most iterations of the least squares; with samples over the entire surface a handful suffice.
 const ITERATIONS: usize = 100;
 
-/// The degree that areas adapt to: `asked`, but no more than `vertices` determine well.
+/// Returns the degree that areas adapt to: `asked`, but no more than `vertices` determine well.
 pub(crate) fn degree_for(vertices: usize, asked: Option<usize>) -> usize {
     let most = |per: f64| ((vertices as f64 / per).sqrt() as usize).saturating_sub(1);
     asked.map_or(most(PER_FUNCTION[0]).min(MAX_DEFAULT_DEGREE), |degree| degree.min(most(PER_FUNCTION[1])))
 }
 
-/// Most samples of a triangle, on average, and how many are few: triangles as they are have 3 where there are many of
-/// them.
+/// Most samples per triangle, on average, and the number of samples that is always accepted. In meshes with many
+/// triangles, typical ones have 3 samples each.
 const MOST_SAMPLES: usize = 16;
 const FEW_SAMPLES: usize = 1_000_000;
 
@@ -52,7 +53,7 @@ const FEW_SAMPLES: usize = 1_000_000;
 pub(crate) struct Residual {
     /// Root mean square over the surface, of area 4 pi, of the distance between a point and its model.
     pub(crate) rms: f64,
-    /// For each triangle, its residual less the mean over triangles, over their standard deviation, cut at
+    /// Each triangle's residual minus the mean over triangles, divided by their standard deviation, cut at
     /// [`MAX_EXCESS`].
     pub(crate) excess: Vec<f64>,
 }
@@ -73,19 +74,19 @@ pub(crate) fn residual(
     let operator = MatrixFreeOperator::new(&samples.directions, &transform)?;
     let equations = NormalEquations { operator: &operator, weights: Some(&samples.weights), penalty: None };
     let params = CgParams { tolerance: 1e-4, max_iterations: ITERATIONS, ..CgParams::default() };
-    // About the centre, to which the tolerance isn't relative then.
+    // Relative to the centre, so that the tolerance doesn't depend on the surface's position.
     let centre = domain.positions.iter().fold([0.0; 3], |sum, p| add(sum, *p));
     let centre = scale(centre, 1.0 / map.len() as f64);
     let positions = Array2::from_shape_fn((map.len(), 3), |(v, k)| domain.positions[v][k] - centre[k]);
     let targets = sampling.interpolate(positions.view(), all);
     let fit = cg::solve(&equations, &targets, &equations.diagonal(), &params, &OnlyCancel(monitor));
-    // Whichever of the two crates it stopped in.
+    // Cancellation may be reported by either of the two crates.
     monitor.check()?;
     let fit = fit?;
 
     let squares: Vec<f64> = fit.residual.rows().into_iter().map(|row| row.dot(&row)).collect();
-    // Of each triangle the mean over its part of the sphere, which for what a triangle is mapped to is that over its
-    // area.
+    // The mean over each triangle's part of the sphere, which agrees with the mean over the triangle's area for the
+    // function that maps it.
     let mean_square = |samples_of: Range<usize>| {
         let weight: f64 = samples.weights[samples_of.clone()].iter().sum();
         let sum: f64 = samples_of.map(|i| samples.weights[i] * squares[i]).sum();
@@ -100,7 +101,7 @@ pub(crate) fn residual(
     Ok(Residual { rms, excess })
 }
 
-/// Samples for a degree: for a lower one where slivers that cross the sphere would have more than [`MOST_SAMPLES`] a
+/// Returns samples for a degree, lowered if slivers that cross the sphere would lead to more than [`MOST_SAMPLES`] per
 /// triangle.
 fn sampling(
     directions: &Directions,
@@ -117,7 +118,7 @@ fn sampling(
     }
 }
 
-/// Replaces each triangle's value by the mean over its vertices of the means over their triangles, a few times.
+/// Replaces each triangle's value by the mean over its vertices of the means over their triangles, several times.
 fn average(faces: &[[u32; 3]], vertices: usize, values: &mut [f64]) {
     let mut valence = vec![0.0; vertices];
     faces.iter().flatten().for_each(|&v| valence[v as usize] += 1.0);
@@ -132,7 +133,7 @@ fn average(faces: &[[u32; 3]], vertices: usize, values: &mut [f64]) {
     }
 }
 
-/// To a mean of zero and a root mean square of one, nearly: larger values than [`MAX_EXCESS`] are cut.
+/// Normalises values to mean zero and root mean square one, approximately: values larger than [`MAX_EXCESS`] are cut.
 fn normalise(values: &mut [f64]) {
     let count = values.len() as f64;
     let mean = values.iter().sum::<f64>() / count;
@@ -140,7 +141,7 @@ fn normalise(values: &mut [f64]) {
     values.iter_mut().for_each(|x| *x = ((*x - mean) / spread).min(MAX_EXCESS));
 }
 
-/// Target areas of triangles: the surface's times exp (factor), scaled to the sum 4 pi.
+/// Returns target areas of triangles: the surface's times exp (factor), scaled to sum to 4 pi.
 pub(crate) fn adapted(areas: &[f64], factors: &[f64]) -> Vec<f64> {
     let mut adapted: Vec<f64> = areas.iter().zip(factors).map(|(area, factor)| area * factor.exp()).collect();
     let factor = 4.0 * std::f64::consts::PI / adapted.iter().sum::<f64>();

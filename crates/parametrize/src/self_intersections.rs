@@ -1,8 +1,9 @@
 //! Self-intersections of a mesh.
 //!
-//! Two triangles without a common vertex intersect when an edge of one goes through the other; two with one common
-//! vertex when the edge opposite to it does. All by the signs of exact determinants. Triangles with a common edge, and
-//! contacts in which all corners lie in one plane, don't count: a surface that is folded flat onto itself is not found.
+//! Two triangles without a common vertex intersect if an edge of one passes through the other; two with one common
+//! vertex, if the edge opposite that vertex does. All tests use the signs of exact determinants. Triangles with a
+//! common edge, and contacts in which all corners lie in one plane, aren't counted, so a surface that is folded flat
+//! onto itself isn't detected.
 
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor};
@@ -11,10 +12,10 @@ use spharm_surface::nearest::TriangleTree;
 
 use crate::geometry::Vec3;
 
-/// Triangles in a chunk, between whose checks the monitor is asked.
+/// Triangles per chunk; the monitor is checked between chunks.
 const CHUNK: usize = 4096;
 
-/// The pairs of triangles that intersect, the smaller number first, in order.
+/// Returns the pairs of triangles that intersect, in order, with the smaller index first.
 pub(crate) fn self_intersections(mesh: &Mesh, monitor: &dyn Monitor) -> Result<Vec<[u32; 2]>, Interrupted> {
     let tree = TriangleTree::new(mesh);
     let corners = |face: u32| mesh.faces[face as usize].map(|v| mesh.vertices[v as usize]);
@@ -41,7 +42,7 @@ fn intersect(mesh: &Mesh, one: u32, two: u32) -> bool {
     let (a, b) = (mesh.faces[one as usize], mesh.faces[two as usize]);
     let shared = a.iter().filter(|v| b.contains(v)).count();
     let at = |v: u32| mesh.vertices[v as usize];
-    // An edge that ends in the other triangle's own vertex touches it there and doesn't count.
+    // An edge that ends in a vertex of the other triangle only touches it there, which isn't counted.
     let through = |edges: [u32; 3], triangle: [u32; 3]| {
         (0..3).any(|k| {
             let (u, v) = (edges[k], edges[(k + 1) % 3]);
@@ -51,7 +52,7 @@ fn intersect(mesh: &Mesh, one: u32, two: u32) -> bool {
     shared < 2 && (through(a, b) || through(b, a))
 }
 
-/// Whether a segment goes through a triangle; touching counts, lying in its plane doesn't.
+/// Whether a segment passes through a triangle; touching counts as passing, lying in its plane doesn't.
 fn passes(p: Vec3, q: Vec3, [a, b, c]: [Vec3; 3]) -> bool {
     let (above, below) = (side(a, b, c, p), side(a, b, c, q));
     if above * below > 0.0 || (above == 0.0 && below == 0.0) {
@@ -61,7 +62,7 @@ fn passes(p: Vec3, q: Vec3, [a, b, c]: [Vec3; 3]) -> bool {
     turns.iter().all(|&t| t >= 0.0) || turns.iter().all(|&t| t <= 0.0)
 }
 
-/// The sign of an exact determinant; products of signs don't underflow.
+/// Returns the sign of an exact determinant; products of signs don't underflow.
 fn side(a: Vec3, b: Vec3, c: Vec3, d: Vec3) -> f64 {
     let coord = |[x, y, z]: Vec3| robust::Coord3D { x, y, z };
     let value = robust::orient3d(coord(a), coord(b), coord(c), coord(d));

@@ -1,4 +1,4 @@
-//! faer's sparse Cholesky for symmetric matrices of small blocks, whose symbolic part serves many matrices.
+//! faer's sparse Cholesky for symmetric matrices of small blocks; one symbolic factorisation is used for many matrices.
 //!
 //! O(n^1.5) flops and O(n log n) numbers on a surface of n vertices.
 
@@ -12,7 +12,7 @@ use spharm_monitor::{Interrupted, Monitor};
 
 use crate::background::abandonable;
 
-/// Unknowns from which on a factorisation takes long.
+/// Number of unknowns from which a factorisation takes long.
 const LONG: usize = 20_000;
 
 /// The symbolic factorisation of a pattern.
@@ -22,13 +22,12 @@ pub(crate) struct Symbolic {
     size: usize,
 }
 
-/// A factor of one matrix.
+/// The factor of one matrix.
 pub(crate) struct Factor(Llt<usize, f64>);
 
 impl Symbolic {
-    /// Analyses a symmetric pattern of blocks of `size` rows and columns: the columns of each row, where `starts` has
-    /// the begin of each row, in any order but with the diagonal. Returns `None` where faer can't, which is for want of
-    /// memory.
+    /// Analyses a symmetric pattern of blocks of `size` rows and columns. `columns` has the columns of each row, in any
+    /// order but including the diagonal, and `starts` the start of each row. Returns `None` if faer runs out of memory.
     pub(crate) fn new(
         size: usize,
         starts: &[u32],
@@ -57,8 +56,8 @@ impl Symbolic {
         Ok(symbolic.ok().map(|symbolic| Self { pattern, symbolic, size }))
     }
 
-    /// Factors a matrix of that pattern. Blocks are row by row, `N` = `size`^2 numbers each. Returns `None` where it
-    /// isn't definite, by rounding or overflow.
+    /// Factors a matrix of that pattern. Blocks are stored by rows, `N` = `size`^2 numbers each. Returns `None` if the
+    /// matrix isn't definite, by rounding or overflow.
     pub(crate) fn factor<const N: usize>(
         &self,
         starts: &[u32],
@@ -72,7 +71,7 @@ impl Symbolic {
             let (columns, first) = later(starts, columns, v);
             let own = columns.iter().position(|&w| w as usize == v).unwrap_or(0);
             for k in 0..size {
-                // By symmetry a column below the diagonal is a row beyond it.
+                // By symmetry, a column below the diagonal is a row to the right of it.
                 values.extend_from_slice(&blocks[first + own][size * k + k..size * (k + 1)]);
                 for (at, &w) in columns.iter().enumerate() {
                     if w as usize > v {
@@ -91,14 +90,14 @@ impl Symbolic {
     }
 }
 
-/// The columns of a row, and the place of the first.
+/// Returns the columns of a row from the diagonal on, and the position of the first.
 fn later<'a>(starts: &[u32], columns: &'a [u32], row: usize) -> (&'a [u32], usize) {
     let first = starts[row] as usize;
     (&columns[first..starts[row + 1] as usize], first)
 }
 
 impl Factor {
-    /// Solves, in place.
+    /// Solves the system in place.
     pub(crate) fn solve(&self, x: &mut [f64]) {
         let rows = x.len();
         self.0.solve_in_place(MatMut::from_column_major_slice_mut(x, rows, 1));

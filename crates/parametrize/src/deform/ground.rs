@@ -1,4 +1,4 @@
-//! The surface that is deformed onto, and its map.
+//! The target surface of the deformation, and its map.
 
 use spharm_monitor::Monitor;
 use spharm_surface::Mesh;
@@ -13,15 +13,15 @@ use crate::resample::{self, CHUNK, locator, unit_vectors};
 pub(super) struct Ground<'a> {
     tree: TriangleTree,
     surface: &'a Mesh,
-    /// The directions of its vertices.
+    /// Directions of its vertices.
     sphere: Vec<Vec3>,
     locator: SphereLocator,
-    /// Length on the surface of one radian on the sphere, on average.
+    /// Mean length on the surface of one radian on the sphere.
     pub(super) scale: f64,
 }
 
 impl<'a> Ground<'a> {
-    /// Prepares the searches.
+    /// Prepares the search structures.
     ///
     /// # Errors
     ///
@@ -38,7 +38,7 @@ impl<'a> Ground<'a> {
         })
     }
 
-    /// The surface's points under many directions.
+    /// Returns the surface's points in many directions.
     pub(super) fn points(&self, directions: &[Vec3], monitor: &dyn Monitor) -> Result<Vec<Vec3>, ParametrizeError> {
         let mut points = Vec::with_capacity(directions.len());
         for chunk in directions.chunks(CHUNK) {
@@ -48,15 +48,15 @@ impl<'a> Ground<'a> {
         Ok(points)
     }
 
-    /// The surface's point under a direction.
+    /// Returns the surface's point in a direction.
     fn point(&self, direction: Vec3) -> Option<Vec3> {
         let place = self.locator.locate(direction)?;
         let corners = self.locator.corners(&place).into_iter().zip(place.barycentric);
         Some(corners.fold([0.0; 3], |at, (v, w)| add(at, scale(self.surface.vertices[v as usize], w))))
     }
 
-    /// The path that the map makes of the arc from one direction to another, in so many pieces: its length times the
-    /// direction in which it begins. `from` and `to` are the ends' positions.
+    /// Returns the image of the arc between two directions as a path of `pieces` pieces: its length times its initial
+    /// direction. `from` and `to` are the ends' positions.
     pub(super) fn path(&self, ends: [Vec3; 2], [from, to]: [Vec3; 2], pieces: u32) -> Vec3 {
         let (mut last, mut length, mut first) = (from, 0.0, None);
         for k in 1..=pieces {
@@ -74,7 +74,7 @@ impl<'a> Ground<'a> {
         scale(first.unwrap_or([0.0; 3]), length)
     }
 
-    /// The surface's point nearest to a point, and its image on the sphere.
+    /// Returns the surface's point nearest to a point, and the image of that point on the sphere.
     pub(super) fn nearest(&self, point: Vec3) -> Option<(Vec3, Vec3)> {
         let found = self.tree.nearest(point)?;
         let corners = self.surface.faces[found.triangle as usize];

@@ -1,4 +1,4 @@
-//! Each vertex's neighbours in order.
+//! Each vertex's neighbours, in order.
 
 use spharm_surface::Mesh;
 
@@ -9,7 +9,7 @@ pub(super) struct Rings {
 }
 
 impl Rings {
-    /// Of a closed mesh, wound consistently.
+    /// Computes the rings of a closed, consistently wound mesh.
     pub(super) fn new(mesh: &Mesh) -> Self {
         // In triangle (v, a, b), b follows a around v.
         let mut pairs: Vec<[u32; 3]> =

@@ -1,11 +1,11 @@
-//! The start: colatitude and azimuth, harmonic along the edges.
+//! The initial map: colatitude and azimuth, harmonic along the edges.
 //!
-//! Two vertices far apart become the poles. The colatitude theta is 0 and pi there and, in every other vertex, the mean
-//! of its neighbours'; so it grows along a path from north to south. The azimuth phi is the mean of its neighbours' as
-//! well, the poles left out, where one that crosses the date line (a path from pole to pole, west of which phi has
-//! grown by 2 pi) counts with that much more or less. Both are sparse positive definite systems over the edges.
+//! Two distant vertices become the poles. The colatitude theta is 0 and pi there and, at every other vertex, the mean
+//! of its neighbours' colatitudes, so it increases along a path from north to south. The azimuth phi is the mean of the
+//! neighbours' as well, except at the poles. For a neighbour across the date line (a path from pole to pole, west of
+//! which phi is larger by 2 pi), 2 pi is added or subtracted. Both are sparse positive definite systems over the edges.
 //!
-//! Then theta is drawn out, by one increasing function, so that each zone holds its share of the vertices: harmonic
+//! Then theta is stretched by an increasing function so that each zone contains its share of the vertices; harmonic
 //! theta crowds them around the equator, since the poles are points.
 
 use std::collections::VecDeque;
@@ -18,7 +18,7 @@ use crate::error::ParametrizeError;
 use crate::geometry::Vec3;
 use crate::volume::QuadMesh;
 
-/// A position on the unit sphere for each vertex.
+/// Returns a position on the unit sphere for each vertex.
 pub(super) fn positions(quads: &QuadMesh) -> Result<Vec<Vec3>, ParametrizeError> {
     let rings = Rings::new(quads);
     let south = rings.furthest(0);
@@ -55,7 +55,7 @@ impl Rings {
             loop {
                 let (quad, k) = (quads.quads[corner as usize / 4], corner as usize % 4);
                 neighbours.push(quad[(k + 1) % 4]);
-                // Over the edge that arrives, to the left of the one that leaves.
+                // Across the edge that ends here, which is to the left of the edge that starts here.
                 corner = quads.twins[corner as usize / 4 * 4 + (k + 3) % 4];
                 if corner == start {
                     break;
@@ -74,7 +74,7 @@ impl Rings {
         &self.neighbours[self.starts[vertex] as usize..self.starts[vertex + 1] as usize]
     }
 
-    /// The vertex the most edges away; of several, the first.
+    /// Returns the vertex that is the most edges away, the first in case of ties.
     fn furthest(&self, from: usize) -> usize {
         let mut distance = vec![usize::MAX; self.len()];
         distance[from] = 0;
@@ -125,12 +125,12 @@ fn azimuth(rings: &Rings, theta: &[f64], north: usize, south: usize) -> Result<V
         }
     }
     let line = date_line(rings, theta, north, south);
-    // The azimuth is free up to a turn: it is 0 where the date line begins.
+    // The azimuth is determined up to a rotation: it is set to 0 where the date line begins.
     matrix.push(Triplet::new(line[1], line[1], 1.0));
     for window in line.windows(3) {
         let [before, v, after] = [window[0], window[1], window[2]];
-        // West of the line, seen from outside with north up: from the vertex before, counter-clockwise to the one
-        // after.
+        // West of the line, seen from outside with north up: counter-clockwise from the previous vertex to the next
+        // one.
         let ring = rings.of(v);
         let start = ring.iter().position(|&w| w as usize == before).unwrap_or(0);
         let around = (1..ring.len()).map(|k| ring[(start + k) % ring.len()] as usize);
@@ -142,8 +142,8 @@ fn azimuth(rings: &Rings, theta: &[f64], north: usize, south: usize) -> Result<V
     solve(&matrix, &right)
 }
 
-/// A path from pole to pole, each time on to the southernmost neighbour. It ends, as a harmonic theta has no maximum
-/// but at the pole, and no vertex of it has another but the next and the last one for neighbours.
+/// Returns a path from pole to pole that always continues to the southernmost neighbour. It ends, since a harmonic
+/// theta has no maximum except at the pole, and a vertex of the path is adjacent only to the next and the previous one.
 fn date_line(rings: &Rings, theta: &[f64], north: usize, south: usize) -> Vec<usize> {
     let mut line = vec![north];
     let mut at = north;
@@ -155,8 +155,8 @@ fn date_line(rings: &Rings, theta: &[f64], north: usize, south: usize) -> Vec<us
     line
 }
 
-/// From theta to the z of the zone it belongs to: piecewise linear, decreasing, with as many vertices above z as there
-/// is area.
+/// Returns the map from theta to the z of its zone: piecewise linear and decreasing, such that the share of vertices
+/// above z equals the share of area.
 fn even_zones(theta: &[f64]) -> impl Fn(f64) -> f64 {
     const ZONES: usize = 64;
     let mut sorted = theta.to_vec();
@@ -173,7 +173,7 @@ fn even_zones(theta: &[f64]) -> impl Fn(f64) -> f64 {
 }
 
 fn solve(matrix: &[Triplet<usize, usize, f64>], right: &[f64]) -> Result<Vec<f64>, ParametrizeError> {
-    // Nothing but a defect of this program makes these systems unsolvable.
+    // These systems are solvable unless this program has a defect.
     let failed = |found: String| ParametrizeError::Argument { what: "surface", expected: "one connected mesh", found };
     let n = right.len();
     let matrix = SparseColMat::try_new_from_triplets(n, n, matrix).map_err(|e| failed(format!("{e:?}")))?;

@@ -1,14 +1,14 @@
-//! A label's surface onto the sphere with equal areas (Brechbuehler, Gerig, Kuebler 1995).
+//! Maps a label's surface to the sphere with equal areas (Brechbuehler, Gerig, Kuebler 1995).
 //!
-//! The surface of a voxel object consists of squares; on the sphere they shall all have the area 4 pi / (their number)
-//! and be as square as that allows. Two steps, a file each:
+//! The surface of a voxel object consists of squares. On the sphere each should have the area 4 pi / (number of
+//! squares) and be as square as that allows. There are two steps, each in its own file:
 //!
 //! - `initial`: colatitude and azimuth, harmonic along the edges, from two sparse linear systems (section 3.1 there);
-//! - `optimise`: shortest edges (which is squarest quadrangles) under the constraints on areas and angles (section
-//!   3.2).
+//! - `optimise`: shortest edges (equivalent to the squarest quadrangles) under the constraints on areas and angles
+//!   (section 3.2).
 //!
-//! Beyond the paper, where voxels aren't cubes each quadrangle gets the share of the sphere that it has of the surface,
-//! in mm^2, and its proportions count (`targets`).
+//! Beyond the paper, if voxels aren't cubes, each quadrangle's share of the sphere is its share of the surface in mm^2,
+//! and its proportions are taken into account (`targets`).
 //!
 //! Each quadrangle is cut along one diagonal into two triangles, the same ones on surface and sphere, so that both are
 //! positively oriented on the sphere.
@@ -37,10 +37,9 @@ use targets::Targets;
 ///
 /// # Errors
 ///
-/// [`BadSurface`](ParametrizeError::BadSurface) for a surface that isn't one closed one of genus 0;
-/// [`NotBijective`](ParametrizeError::NotBijective) where folds are left;
-/// [`Argument`](ParametrizeError::Argument) where memory doesn't suffice for the linear systems;
-/// [`Interrupted`](ParametrizeError::Interrupted).
+/// [`BadSurface`](ParametrizeError::BadSurface) for a surface that isn't a single closed one of genus 0;
+/// [`NotBijective`](ParametrizeError::NotBijective) if folds remain; [`Argument`](ParametrizeError::Argument) if memory
+/// doesn't suffice for the linear systems; [`Interrupted`](ParametrizeError::Interrupted).
 pub fn equal_area(
     quads: &QuadMesh,
     params: &EqualAreaParams,
@@ -69,8 +68,8 @@ pub fn equal_area(
     Ok(map)
 }
 
-/// The largest relative deviation of a quadrangle's area on the sphere from its target, its share of the surface's
-/// area.
+/// Returns the largest relative deviation of a quadrangle's area on the sphere from its target, its share of the
+/// surface's area.
 ///
 /// # Panics
 ///
@@ -89,8 +88,8 @@ fn quad_area([a, b, c, d]: [Vec3; 4]) -> f64 {
     solid_angle([a, b, c]) + solid_angle([a, c, d])
 }
 
-/// Whether a quadrangle is better cut from corner 1 to 3 than from 0 to 2: where only that leaves both triangles turned
-/// the right way, or where its diagonal is the shorter.
+/// Whether to cut a quadrangle from corner 1 to 3 rather than from 0 to 2: if only that leaves both triangles correctly
+/// oriented, or if its diagonal is shorter.
 fn cut_from_second(positions: &[Vec3], quad: &[u32; 4]) -> bool {
     let [a, b, c, d] = quad.map(|v| positions[v as usize]);
     let good = |triangles: [[Vec3; 3]; 2]| triangles.into_iter().all(|t| orientation(t) > 0.0);

@@ -4,11 +4,11 @@
 //! > subject to  A_q = a_q for each of the Q quadrangles,
 //! >             s >= S0 in each corner,
 //!
-//! where A_q is a quadrangle's solid angle, a_q its target and w_ij the weights (`targets.rs`; 4 pi / Q and 1 for
-//! voxels that are cubes), and s the determinant of a corner and its two neighbours in the quadrangle, over a_q: 1 in a
-//! rectangle, 0 where an angle becomes straight. Among quadrangles of one area the square has the shortest edges, so
-//! short edges are little distortion of lengths and angles. (Brechbuehler et al. maximise the sum of the cosines of the
-//! edges, which is the same function.)
+//! where A_q is a quadrangle's solid angle, a_q its target and w_ij the weights (`targets.rs`; 4 pi / Q and 1 for cubic
+//! voxels), and s the determinant of a corner and its two neighbours in the quadrangle, divided by a_q: 1 in a
+//! rectangle, 0 if an angle becomes straight. Among quadrangles of equal area the square has the shortest edges, so
+//! short edges mean little distortion of lengths and angles. (Brechbuehler et al. maximise the sum of the cosines of
+//! the edges, which is the same function.)
 //!
 //! # Method
 //!
@@ -16,15 +16,15 @@
 //!
 //! > L = sum w_ij |x_i - x_j|^2 / 2a + sum_q (m_q c_q + rho/2 c_q^2) + kappa/2 sum max(0, S0 - s)^2,
 //!
-//! c_q = A_q / a_q - 1 and a the mean area, then m_q += rho c_q, and a larger rho where the constraints don't improve.
-//! Each round takes a few Gauss-Newton steps with Levenberg's damping in the tangent planes: 2 unknowns a vertex, a
-//! sparse positive definite system whose pattern is that of vertices in one quadrangle, analysed once (faer's
-//! Cholesky). A step is taken only when L falls. The penalty on angles is finite, so that folds can unfold.
+//! c_q = A_q / a_q - 1 and a the mean area, then m_q += rho c_q, and a larger rho if the constraints don't improve.
+//! Each round takes a few Gauss-Newton steps with Levenberg's damping in the tangent planes: 2 unknowns per vertex, and
+//! a sparse positive definite system that couples the vertices of a quadrangle, analysed once (faer's Cholesky). A step
+//! is taken only if L decreases. The penalty on angles is finite, so that folds can unfold.
 //!
 //! # Cost
 //!
-//! Linear in the vertices but for the Cholesky factor, of n log n entries: 0.6 s for 2,400 vertices, 20 s of processor
-//! time and 370 MB for 57,674.
+//! Linear in the number of vertices except for the Cholesky factor, of n log n entries: 0.6 s for 2,400 vertices, 20 s
+//! of processor time and 370 MB for 57,674.
 
 use faer::linalg::solvers::Solve;
 use faer::sparse::linalg::solvers::{Llt, SymbolicLlt};
@@ -38,24 +38,23 @@ use crate::background::abandonable;
 use crate::error::ParametrizeError;
 use crate::geometry::{Vec3, add, cross, dot, norm, orientation, scale, solid_angle, sub, unit};
 
-/// The least s that isn't penalised.
+/// The smallest s that isn't penalised.
 const S0: f64 = 0.2;
-/// The angles' penalty kappa, to begin with and, where folds are left, at most.
+/// The angles' penalty kappa: the initial value, and the maximum if folds remain.
 const KAPPA: (f64, f64) = (20.0, 1e4);
-/// The constraints' weight rho, to begin with and at most.
+/// The constraints' weight rho: the initial value and the maximum.
 const RHO: (f64, f64) = (1.0, 1e3);
-/// Steps of a round.
+/// Steps per round.
 const STEPS: usize = 5;
-/// Vertices from which on a factorisation takes long.
+/// Number of vertices from which a factorisation takes long.
 const LONG: usize = 20_000;
 
 /// Settings of [`equal_area`](crate::equal_area()).
 #[derive(Clone, Debug, PartialEq)]
 pub struct EqualAreaParams {
-    /// The largest deviation of a quadrangle's area from its target at which to stop, relative. Default 1e-3.
+    /// Largest relative deviation of a quadrangle's area from its target at which to stop. Default 1e-3.
     pub tolerance: f64,
-    /// The relative change of the sum of squared edge lengths, over a round, at which to stop. Default
-    /// 1e-3.
+    /// Relative change of the sum of squared edge lengths over a round at which to stop. Default 1e-3.
     pub change: f64,
     /// Most rounds of optimisation, of a few steps each. Default 100.
     pub rounds: usize,
@@ -132,17 +131,17 @@ pub(super) fn optimise(
     Ok(Found { positions, steps, converged: false })
 }
 
-/// Each vertex along its step, back onto the sphere.
+/// Moves each vertex along its step, and back onto the sphere.
 fn moved(positions: &[Vec3], step: &[Vec3]) -> Vec<Vec3> {
     positions.iter().zip(step).map(|(&x, &d)| unit(add(x, d))).collect()
 }
 
-/// What the convergence test looks at.
+/// Quantities used by the convergence test.
 #[derive(Debug)]
 struct State {
     /// Largest deviation of an area.
     worst: f64,
-    /// Quadrangles that no diagonal cuts into two triangles turned the right way.
+    /// Number of quadrangles that no diagonal cuts into two correctly oriented triangles.
     folded: usize,
     /// Sum of weighted squared edge lengths.
     length: f64,
@@ -158,8 +157,8 @@ struct Lagrangian<'a> {
     area: f64,
 }
 
-/// A quadrangle's part of the Lagrangian: gradient, and lower half of the Gauss-Newton matrix, over its four vertices'
-/// two tangent coordinates each.
+/// A quadrangle's contribution to the Lagrangian: the gradient, and the lower half of the Gauss-Newton matrix, over the
+/// two tangent coordinates of each of its four vertices.
 struct Part {
     gradient: [f64; 8],
     matrix: [f64; 36],
@@ -179,7 +178,7 @@ impl<'a> Lagrangian<'a> {
         (solid_angle([p[0], p[1], p[2]]) + solid_angle([p[0], p[2], p[3]])) / self.targets.areas[q] - 1.0
     }
 
-    /// Sum of the weighted squares of a quadrangle's sides.
+    /// Returns the weighted sum of the squares of a quadrangle's sides.
     fn length(&self, q: usize, p: [Vec3; 4]) -> f64 {
         (0..4).map(|k| self.targets.weights[q][k] * square(sub(p[k], p[(k + 1) % 4]))).sum()
     }
@@ -194,11 +193,11 @@ impl<'a> Lagrangian<'a> {
             // Every edge belongs to two quadrangles.
             edges / (4.0 * self.area) + self.multipliers[q] * c + 0.5 * self.rho * c * c + 0.5 * self.kappa * angles
         };
-        // In order, so that the sum doesn't depend on the threads.
+        // In order, so that the sum doesn't depend on the number of threads.
         (0..self.quads.len()).into_par_iter().with_min_len(512).map(of).collect::<Vec<f64>>().iter().sum()
     }
 
-    /// s of a corner.
+    /// Returns s at a corner.
     fn sine(&self, q: usize, p: &[Vec3; 4], k: usize) -> f64 {
         let (before, at, after) = (p[(k + 3) % 4], p[k], p[(k + 1) % 4]);
         dot(at, cross(sub(after, at), sub(before, at))) / self.targets.areas[q]
@@ -297,7 +296,7 @@ impl Part {
     }
 }
 
-/// Where entry (i, j) of a symmetric 8 x 8 matrix is among the 36 of its lower half.
+/// Returns the index of entry (i, j) of a symmetric 8 x 8 matrix among the 36 of its lower half.
 fn lower(i: usize, j: usize) -> usize {
     let (row, column) = (i.max(j), i.min(j));
     row * (row + 1) / 2 + column
@@ -307,8 +306,8 @@ fn square(a: Vec3) -> f64 {
     dot(a, a)
 }
 
-/// Two unit vectors square to a unit vector and to each other (T. Duff et al., "Building an orthonormal basis,
-/// revisited", JCGT 6, 2017).
+/// Returns two unit vectors perpendicular to a unit vector and to each other (T. Duff et al., "Building an orthonormal
+/// basis, revisited", JCGT 6, 2017).
 fn basis([x, y, z]: Vec3) -> [Vec3; 2] {
     let sign = 1.0_f64.copysign(z);
     let a = -1.0 / (sign + z);
@@ -316,8 +315,8 @@ fn basis([x, y, z]: Vec3) -> [Vec3; 2] {
     [[1.0 + sign * x * x * a, sign * b, -sign * x], [b, sign + y * y * a, -y]]
 }
 
-/// The derivative of a triangle's solid angle by its corners, which lie on the unit sphere: with N = det (a, b, c) and
-/// D = 1 + a b + b c + c a it is 2 atan (N / D).
+/// Returns the derivative of a triangle's solid angle, 2 atan (N / D) with N = det (a, b, c) and D = 1 + a b + b c + c
+/// a, with respect to its corners, which lie on the unit sphere.
 fn solid_angle_gradient([a, b, c]: [Vec3; 3]) -> [Vec3; 3] {
     let n = dot(a, cross(sub(b, a), sub(c, a)));
     let d = 1.0 + dot(a, b) + dot(b, c) + dot(c, a);
@@ -326,7 +325,7 @@ fn solid_angle_gradient([a, b, c]: [Vec3; 3]) -> [Vec3; 3] {
     [of(b, c), of(c, a), of(a, b)]
 }
 
-/// The linear system of a step, its pattern analysed.
+/// The linear system of a step, with its pattern analysed.
 struct System<'a> {
     quads: &'a [[u32; 4]],
     pattern: SymbolicSparseColMat<usize>,
@@ -360,7 +359,7 @@ impl<'a> System<'a> {
         Ok(Self { quads, pattern, order, analysis, values: Vec::with_capacity(entries.len()) })
     }
 
-    /// The damped Gauss-Newton step of each vertex, in space; `None` where the matrix isn't positive definite to
+    /// Returns the damped Gauss-Newton step of each vertex, in space; `None` if the matrix isn't positive definite to
     /// rounding.
     fn step(
         &mut self,
@@ -392,7 +391,7 @@ impl<'a> System<'a> {
             add(scale(e, solution[2 * v]), scale(f, solution[2 * v + 1]))
         });
         let step: Vec<Vec3> = step.collect();
-        // Beyond about that the tangent planes say nothing about the sphere.
+        // Beyond about this length the tangent planes don't approximate the sphere.
         let longest = step.iter().map(|&d| norm(d)).fold(0.0, f64::max);
         let shrink = (0.5 / longest).min(1.0);
         Ok(longest.is_finite().then(|| step.into_iter().map(|d| scale(d, shrink)).collect()))

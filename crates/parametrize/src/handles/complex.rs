@@ -1,25 +1,26 @@
-//! A closed surface of polygons by its half-edges, which is cut along loops.
+//! A closed surface of polygons, represented by half-edges, that can be cut along loops.
 //!
-//! Half-edge 3 f + k runs from corner k of triangle f to corner k + 1, and its triangle lies to the left of it. A cut
-//! along a loop of edges gives the corners on its left new vertices, and each of the two rims that arise a *cap*: a
-//! polygon of as many half-edges. So the complex stays closed, its genus goes down by one with each loop that doesn't
-//! separate it, and later loops, which run along edges alone, never cross a cap. Triangles and old vertices keep their
-//! numbers.
+//! Half-edge 3 f + k runs from corner k of triangle f to corner k + 1, with its triangle to the left. A cut along a
+//! loop of edges gives the corners on its left new vertices, and closes each of the two resulting rims with a *cap*: a
+//! polygon with the same number of half-edges as the loop. So the complex stays closed, its genus decreases by one with
+//! each loop that doesn't separate it, and later loops, which run along edges alone, never cross a cap. Triangles and
+//! original vertices keep their indices.
 //!
-//! 36 bytes a half-edge, 44 a vertex; a cut takes time in proportion to the corners around the loop.
+//! It needs 36 bytes per half-edge and 44 per vertex; a cut takes time proportional to the number of corners around the
+//! loop.
 
 use spharm_surface::Mesh;
 
 use crate::geometry::{Vec3, norm, sub};
 
-/// No half-edge.
+/// Marks a missing half-edge.
 pub(super) const NONE: u32 = u32::MAX;
 
 /// The half-edges of a closed, oriented surface.
 pub(super) struct Complex {
-    /// Of each vertex; copies follow the surface's own.
+    /// Positions of the vertices; copies follow the original ones.
     pub(super) positions: Vec<Vec3>,
-    /// The own vertex that a vertex is a copy of, itself for own ones.
+    /// The original vertex that each vertex is a copy of; original ones refer to themselves.
     pub(super) own: Vec<u32>,
     /// A half-edge from each vertex.
     outgoing: Vec<u32>,
@@ -32,29 +33,29 @@ pub(super) struct Complex {
     length: Vec<f64>,
     /// A half-edge of each face.
     first: Vec<u32>,
-    /// Own triangles.
+    /// Number of original triangles.
     triangles: usize,
 }
 
-/// A loop of edges that meets no vertex twice.
+/// A loop of edges that visits no vertex twice.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Loop {
-    /// Its half-edges, each starting where the one before ends.
+    /// Its half-edges; each starts where the previous one ends.
     pub(super) edges: Vec<u32>,
     /// The sum of their lengths.
     pub(super) length: f64,
 }
 
-/// The two rims of a cut. Half-edge i of both starts at the same place, and those of `right` follow the loop.
+/// The two rims of a cut. Half-edges i of both start at the same position, and those of `right` follow the loop.
 pub(super) struct Rims {
-    /// The half-edges of the cap on the loop's left: number i leads to the vertex that number i - 1 starts at.
+    /// The half-edges of the cap on the loop's left: half-edge i leads to the start of half-edge i - 1.
     pub(super) left: Vec<u32>,
     /// The half-edges of the cap on the loop's right.
     pub(super) right: Vec<u32>,
 }
 
 impl Complex {
-    /// The complex of a closed, consistently wound manifold.
+    /// Builds the complex of a closed, consistently wound manifold.
     pub(super) fn new(mesh: &Mesh) -> Self {
         let faces = mesh.faces.len();
         let half_edges = 3 * faces;
@@ -122,7 +123,7 @@ impl Complex {
         self.length[h as usize]
     }
 
-    /// The half-edges from a vertex, counter-clockwise.
+    /// Returns the half-edges from a vertex, counter-clockwise.
     pub(super) fn around(&self, vertex: u32) -> impl Iterator<Item = u32> + '_ {
         let start = self.outgoing[vertex as usize];
         let turn = move |&h: &u32| {
@@ -132,13 +133,13 @@ impl Complex {
         std::iter::successors((start != NONE).then_some(start), turn)
     }
 
-    /// The half-edges of a face, counter-clockwise.
+    /// Returns the half-edges of a face, counter-clockwise.
     pub(super) fn of_face(&self, face: u32) -> impl Iterator<Item = u32> + '_ {
         let start = self.first[face as usize];
         std::iter::successors(Some(start), move |&h| Some(self.next[h as usize]).filter(|&next| next != start))
     }
 
-    /// The own triangles, over the vertices as they are now.
+    /// Returns the original triangles over the current vertices.
     pub(super) fn own_triangles(&self) -> impl Iterator<Item = [u32; 3]> + '_ {
         self.from[..3 * self.triangles].as_chunks().0.iter().copied()
     }

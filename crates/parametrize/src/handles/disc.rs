@@ -1,28 +1,28 @@
-//! A triangulated disc for a rim of any number of vertices.
+//! A triangulated disc for a rim with any number of vertices.
 //!
-//! Rings around a centre, each with fewer vertices than the one outside it, so that triangles are about equilateral
-//! where the rim's edges are about equal: m vertices on the rim make 0.18 m rings and 0.09 m^2 vertices within. All
-//! rings are regular polygons, so that no triangle is flat however long the seam's edges are, and neighbouring rings
-//! are joined in the order of their angles. No edge within the disc joins two vertices of the rim.
+//! The disc has rings around a centre, each with fewer vertices than the one outside it, so that triangles are nearly
+//! equilateral if the rim's edges are nearly equal: m vertices on the rim give 0.18 m rings and 0.09 m^2 vertices
+//! inside. All rings are regular polygons, so that no triangle is flat, whatever the lengths of the seam's edges, and
+//! neighbouring rings are joined in the order of their angles. No edge inside the disc joins two vertices of the rim.
 
 use std::f64::consts::{PI, TAU};
 
 /// A triangulation of the unit disc.
 pub(super) struct Disc {
-    /// Vertices on the rim, the first ones.
+    /// Number of vertices on the rim, which come first.
     pub(super) rim: usize,
-    /// The vertices of the ring next to the rim, in a row after the rim's; the centre alone where there is no ring.
+    /// Number of vertices of the ring next to the rim, which follow the rim's; 1, the centre, if there is no ring.
     pub(super) ring: usize,
     /// The distance between rings.
     pub(super) spacing: f64,
     /// All vertices.
     pub(super) points: Vec<[f64; 2]>,
-    /// Counter-clockwise.
+    /// Triangles, counter-clockwise.
     pub(super) triangles: Vec<[u32; 3]>,
 }
 
 impl Disc {
-    /// The disc of a rim of so many vertices, at least three.
+    /// Builds the disc for a rim with `rim` vertices, at least three.
     pub(super) fn new(rim: usize) -> Self {
         let regular = |count: usize| (0..count).map(|k| TAU * k as f64 / count as f64).collect::<Vec<f64>>();
         let mut outer = regular(rim);
@@ -44,7 +44,7 @@ impl Disc {
         Self { rim, ring, spacing: 1.0 / rings as f64, points, triangles }
     }
 
-    /// The value at the ring next to the rim, at the angle of each vertex of the rim, of values at all vertices.
+    /// Interpolates values at all vertices to the ring next to the rim, at the angle of each vertex of the rim.
     pub(super) fn at_ring(&self, values: &[[f64; 3]]) -> Vec<[f64; 3]> {
         let ring = &values[self.rim..self.rim + self.ring];
         let at = |&[x, y]: &[f64; 2]| {
@@ -57,7 +57,7 @@ impl Disc {
     }
 }
 
-/// Triangles between two rings of ascending angles that begin at zero; the inner one may be a single vertex.
+/// Joins two rings of ascending angles that begin at zero by triangles; the inner ring may be a single vertex.
 fn join(outer: &[f64], outer_start: usize, inner: &[f64], inner_start: usize, triangles: &mut Vec<[u32; 3]>) {
     let after = |ring: &[f64], i: usize| if i + 1 < ring.len() { ring[i + 1] } else { TAU };
     let vertex = |start: usize, ring: &[f64], i: usize| (start + i % ring.len()) as u32;

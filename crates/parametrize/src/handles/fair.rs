@@ -1,20 +1,21 @@
 //! The shape of a filling.
 //!
-//! Over the unit disc u, whose rim is the seam, two surfaces x(u):
+//! Two surfaces x(u) over the unit disc u, whose rim is the seam, are computed:
 //!
 //! - *flat*: Laplace(x) = 0 with the seam as boundary values, a soap film up to the parameterisation. It shows on which
-//!   side of the surface the seam is spanned, and how fast x goes inwards from the rim, s = |dx/dn|.
-//! - *smooth*: least integral of |grad Laplace(x)|^2, hence Laplace^3(x) = 0, with x and its first two derivatives
-//!   prescribed along the rim, by two rings of points of the surface itself on the other side of the seam, as far from
-//!   it as s says. So the filling goes on from the surface with its tangents and curvatures, and closes as a dome: of a
+//!   side of the surface the seam is spanned, and the speed s = |dx/dn| of x inwards from the rim.
+//! - *smooth*: least integral of |grad Laplace(x)|^2, hence Laplace^3(x) = 0. x and its first two derivatives are
+//!   prescribed along the rim, by two rings of points of the surface itself on the other side of the seam, at distances
+//!   given by s. So the filling continues the surface with its tangents and curvatures, and closes as a dome: for a
 //!   tube of radius 1, rho (15 - 10 rho^2 + 3 rho^4) / 8 wide and (5 - 6 rho^2 + rho^4) / 8 high.
 //!
-//! A kink at the seam would cost a model far more than the dome's area: there its error goes down as 1/L only. The
-//! domes of the two sides lie within each other's tube, each beyond the seam, and meet in the seam alone.
+//! A kink at the seam would cost a model far more than the dome's area, since its error there decreases only as 1/L.
+//! The domes of the two sides lie within each other's tube, each beyond the seam, and meet only at the seam.
 //!
-//! Discretised by cotangents over the disc's own triangles, which are well shaped, not over the surface's (L. Kobbelt
-//! et al., "Interactive multi-resolution modeling on arbitrary meshes", SIGGRAPH 1998; M. Botsch and L. Kobbelt, "An
-//! intuitive framework for real-time freeform modeling", SIGGRAPH 2004). Sparse Cholesky, O(n^1.5).
+//! The discretisation uses the cotangents of the disc's own triangles, which are well shaped, not of the surface's (L.
+//! Kobbelt et al., "Interactive multi-resolution modeling on arbitrary meshes", SIGGRAPH 1998; M. Botsch and L.
+//! Kobbelt, "An intuitive framework for real-time freeform modeling", SIGGRAPH 2004). It is solved by sparse Cholesky,
+//! O(n^1.5).
 
 use spharm_monitor::{Interrupted, Monitor};
 
@@ -22,10 +23,10 @@ use super::disc::Disc;
 use crate::geometry::{Vec3, add, norm, scale, sub};
 use crate::sparse_cholesky::{Factor, Symbolic};
 
-/// The matrices of a disc, for both of its sides.
+/// The matrices of a disc, used for both sides of a cut.
 pub(super) struct Fairing<'a> {
     disc: &'a Disc,
-    /// Of each vertex, and then those of the rings outside: cotangent weights of the edges.
+    /// Cotangent weights of the edges at each vertex, followed by those of the rings outside.
     weights: Vec<Vec<(u32, f64)>>,
     areas: Vec<f64>,
     film: Option<Factor>,
@@ -55,7 +56,7 @@ impl<'a> Fairing<'a> {
         Ok(Self { disc, weights, areas, film, plate })
     }
 
-    /// Positions of all vertices of the flat filling of a rim.
+    /// Returns the positions of all vertices of the flat filling of a rim.
     pub(super) fn flat(&self, rim: &[Vec3]) -> Vec<Vec3> {
         let middle = scale(rim.iter().fold([0.0; 3], |sum, &p| add(sum, p)), 1.0 / rim.len() as f64);
         let all = self.disc.points.len();
@@ -69,8 +70,8 @@ impl<'a> Fairing<'a> {
         rim.iter().copied().chain(inner).collect()
     }
 
-    /// Positions of all vertices of the filling that leads on from two rings outside of the rim, the nearer one first,
-    /// whose vertices are as far apart as [`steps`](Self::steps) says.
+    /// Returns the positions of all vertices of the filling that continues two rings outside of the rim, the nearer one
+    /// first, at the distances given by [`steps`](Self::steps).
     pub(super) fn smooth(&self, flat: &[Vec3], outside: &[Vec3]) -> Vec<Vec3> {
         let (rim, all) = (self.disc.rim, self.disc.points.len());
         let known = |v: u32| {
@@ -92,13 +93,14 @@ impl<'a> Fairing<'a> {
         }
     }
 
-    /// At each vertex of the rim how far the flat filling goes from ring to ring.
+    /// Returns, at each vertex of the rim, the flat filling's distance from the rim to the next ring.
     pub(super) fn steps(&self, flat: &[Vec3]) -> Vec<f64> {
         self.disc.at_ring(flat).iter().zip(flat).map(|(inwards, rim)| norm(sub(*inwards, *rim))).collect()
     }
 }
 
-/// Differences of the Laplacians at the two ends of each edge among the first `count` vertices, with the edge's weight.
+/// Returns differences of the Laplacians at the ends of each edge among the first `count` vertices, with the edge's
+/// weight.
 fn gradients(weights: &[Vec<(u32, f64)>], areas: &[f64], count: usize) -> impl Iterator<Item = (f64, Vec<(u32, f64)>)> {
     let edges = (0..count).flat_map(move |v| {
         let others = weights[v].iter().copied();
@@ -116,14 +118,14 @@ fn gradients(weights: &[Vec<(u32, f64)>], areas: &[f64], count: usize) -> impl I
     })
 }
 
-/// The Laplacian at a vertex: the weights of its neighbours, and its own.
+/// Returns the Laplacian at a vertex: the weights of its neighbours, and its own.
 fn stencil(weights: &[Vec<(u32, f64)>], v: usize) -> impl Iterator<Item = (u32, f64)> + '_ {
     let own: f64 = weights[v].iter().map(|(_, w)| w).sum();
     weights[v].iter().copied().chain(std::iter::once((v as u32, -own)))
 }
 
-/// Half the sums of cotangents opposite to each edge, and a third of the triangles around each vertex, with two rings
-/// outside of the rim.
+/// Returns half the sums of cotangents opposite each edge, and a third of the area of the triangles around each vertex,
+/// with two rings outside of the rim.
 fn weights(disc: &Disc) -> (Vec<Vec<(u32, f64)>>, Vec<f64>) {
     let (rim, all) = (disc.rim as u32, disc.points.len() as u32);
     let ring = |number: f64| {
@@ -160,7 +162,7 @@ fn weights(disc: &Disc) -> (Vec<Vec<(u32, f64)>>, Vec<f64>) {
     (weights, areas)
 }
 
-/// Factors a symmetric matrix from its entries, which are added up where they repeat.
+/// Factors a symmetric matrix given by its entries; repeated entries are summed.
 fn factor(n: usize, mut entries: Vec<(u32, u32, f64)>, monitor: &dyn Monitor) -> Result<Option<Factor>, Interrupted> {
     entries.sort_by_key(|&(row, column, _)| (row, column));
     let (mut starts, mut columns, mut values) = (vec![0; n + 1], Vec::new(), Vec::new());

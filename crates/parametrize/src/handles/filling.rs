@@ -1,4 +1,4 @@
-//! Both sides of a cut, filled.
+//! Fills both sides of a cut.
 
 use spharm_monitor::{Interrupted, Monitor};
 use spharm_surface::nearest::TriangleTree;
@@ -8,32 +8,32 @@ use super::fair::Fairing;
 use super::report::Kind;
 use crate::geometry::{Vec3, add, area, cross, dot, norm, scale, sub};
 
-/// Sweeps that smooth the directions in which a filling leads on: loops of edges zigzag.
+/// Number of sweeps that smooth the directions in which a filling continues the surface, since loops of edges zigzag.
 const SWEEPS: usize = 2;
 
-/// The rim of a cut: one loop, over the vertices of either side.
+/// The rim of a cut: one loop, with the vertices of both sides.
 pub(super) struct Rim<'a> {
     /// Vertices on the right of the loop, in its order.
     pub(super) right: &'a [u32],
-    /// Vertices on its left, at the same places.
+    /// Vertices on its left, at the same positions.
     pub(super) left: &'a [u32],
-    /// The places.
+    /// Positions of the vertices.
     pub(super) places: &'a [Vec3],
-    /// Unit normals of the surface there, on the side that its triangles wind about.
+    /// Unit normals of the surface at the vertices, on the side from which its triangles are counter-clockwise.
     pub(super) normals: &'a [Vec3],
     /// The surface before it was cut.
     pub(super) surface: &'a TriangleTree,
 }
 
-/// The two sides' fillings.
+/// The fillings of the two sides.
 pub(super) struct Filling {
     /// New vertices.
     pub(super) vertices: Vec<Vec3>,
     /// Triangles over the rim's vertices and the new ones.
     pub(super) faces: Vec<[u32; 3]>,
-    /// On which side of the surface the loop is spanned, where the triangles' normals are outward.
+    /// The side of the surface on which the loop is spanned, assuming that the triangles' normals point outwards.
     pub(super) kind: Kind,
-    /// Area of both.
+    /// Area of both fillings.
     pub(super) area: f64,
 }
 
@@ -49,7 +49,8 @@ impl Rim<'_> {
         let beyond = self.beyond(&inwards);
         let (kind, steps) = (self.kind(&lengths, &inwards), fairing.steps(&flat));
         let mut filling = Filling { vertices: Vec::new(), faces: Vec::new(), kind, area: 0.0 };
-        // The loop's left cap faces the other way, so its filling leads on against the right one's.
+        // The loop's left cap faces the other way, so its filling continues in the direction opposite to the right
+        // one's.
         for (rim, sign) in [(self.right, 1.0), (self.left, -1.0)] {
             let positions = fairing.smooth(&flat, &self.outside(&beyond, &steps, sign));
             let new = first + filling.vertices.len() as u32;
@@ -64,8 +65,8 @@ impl Rim<'_> {
         Ok(filling)
     }
 
-    /// At each vertex the direction that leads on from the surface on the right of the loop to its left: square to the
-    /// loop, in the tangent plane.
+    /// Returns, at each vertex, the direction that continues the surface from the right of the loop to its left:
+    /// perpendicular to the loop, in the tangent plane.
     fn beyond(&self, inwards: &[Vec3]) -> Vec<Vec3> {
         let count = self.places.len();
         let around = |i: usize| ((i + count - 1) % count, (i + 1) % count);
@@ -89,8 +90,8 @@ impl Rim<'_> {
         beyond
     }
 
-    /// Two rings of points of the surface, one and two steps from the loop, on its right with a `sign` of 1, else on
-    /// its left.
+    /// Returns two rings of points of the surface, one and two steps from the loop, on its right if `sign` is 1,
+    /// otherwise on its left.
     fn outside(&self, beyond: &[Vec3], steps: &[f64], sign: f64) -> Vec<Vec3> {
         let ring = |number: f64| {
             let points = self.places.iter().zip(beyond).zip(steps);
@@ -109,7 +110,7 @@ impl Rim<'_> {
     }
 }
 
-/// a / |a|; zero stays zero.
+/// Returns a / |a|; zero stays zero.
 fn unit(a: Vec3) -> Vec3 {
     spharm_surface::geometry::unit(a)
 }

@@ -1,17 +1,17 @@
-//! Surfaces with handles: cut along short loops and filled, so that they have genus zero.
+//! Cuts surfaces with handles along short loops and fills them, so that they have genus zero.
 //!
 //! A sphere has no handles, so a surface of genus g has no map to it. Cut along g loops that together don't separate
-//! it, it is a sphere with 2 g holes; filled, it is a closed surface of genus zero. Given vertices and triangles stay,
-//! in their order, so that the model of the cut surface gives the given surface back: without the filling, and with the
-//! seam's copies welded ([`Seam`]).
+//! it, it becomes a sphere with 2 g holes; filled, a closed surface of genus zero. The given vertices and triangles are
+//! kept, in their order, so that the given surface can be recovered from the model of the cut one: by dropping the
+//! fillings and welding the seam's copies ([`Seam`]).
 //!
-//! - `rounds`, over `homology` and `search`: which loops are cut. For each handle there are loops around it and loops
+//! - `rounds`, using `homology` and `search`: chooses the loops to cut. Each handle has loops around it and loops
 //!   through it; the shorter one is cut.
-//! - `complex`: the cuts.
-//! - `disc`, `fair`, `filling`: the fillings, smooth across the seam.
+//! - `complex`: makes the cuts.
+//! - `disc`, `fair`, `filling`: make the fillings, smooth across the seam.
 //!
-//! O(n log n) for the first handle and for each round of many; fillings are of 0.09 m^2 vertices on either side of a
-//! loop of m.
+//! O(n log n) for the first handle and for each round of many; fillings have 0.09 m^2 vertices on either side of a loop
+//! of m vertices.
 
 mod complex;
 mod disc;
@@ -38,13 +38,13 @@ use crate::flaws::Flaws;
 use crate::geometry::{Vec3, add, area, scale};
 
 /// Cuts a closed surface along short loops, one for each of its handles, and fills both sides of each. A surface of
-/// genus zero comes back as it is.
+/// genus zero is returned unchanged.
 ///
-/// The same surface gives the same bits, whatever the number of threads.
+/// The same surface gives the same bits, for any number of threads.
 ///
 /// # Errors
 ///
-/// [`BadSurface`](ParametrizeError::BadSurface) for a mesh that isn't one closed surface without flaws;
+/// [`BadSurface`](ParametrizeError::BadSurface) for a mesh that isn't a single closed surface without defects;
 /// [`Interrupted`](ParametrizeError::Interrupted).
 pub fn cut_handles(surface: &Mesh, monitor: &dyn Monitor) -> Result<CutSurface, ParametrizeError> {
     let flaws = Flaws::of(surface)?;
@@ -85,7 +85,7 @@ pub fn cut_handles(surface: &Mesh, monitor: &dyn Monitor) -> Result<CutSurface, 
         cut.faces.extend(filling.faces.iter().map(|face| face.map(renumber)));
         cut.vertices.extend(filling.vertices);
     }
-    // A model of anything but a sphere would be wrong without a sign of it.
+    // A model of anything but a sphere would be silently wrong.
     let topology = Topology::of(&cut);
     if !topology.is_sphere() {
         return Err(left_over(topology.problems().join("; ")));
@@ -95,8 +95,8 @@ pub fn cut_handles(surface: &Mesh, monitor: &dyn Monitor) -> Result<CutSurface, 
     Ok(CutSurface { surface: cut, seam: Some(seam), report })
 }
 
-/// The length of the shortest loops that don't separate a surface, as the first round finds them: at most one for each
-/// handle.
+/// Returns the lengths of the shortest loops that don't separate a surface, as found by the first round: at most one
+/// for each handle.
 pub(crate) fn shortest_loops(surface: &Mesh, genus: usize) -> Vec<f64> {
     let found = rounds::round(&Complex::new(surface), &Silent).unwrap_or_default();
     found.into_iter().take(genus).map(|found| found.length).collect()
@@ -106,7 +106,8 @@ fn left_over(problems: String) -> ParametrizeError {
     ParametrizeError::BadSurface { problems, handles: 0, remedy: "remesh the surface, or cut its handles by hand" }
 }
 
-/// The fillings of all cuts, each over new vertices from the number of the complex's on.
+/// Returns the fillings of all cuts. The new vertices of each are numbered from the number of the complex's vertices
+/// on.
 fn fillings(
     complex: &Complex,
     surface: &Mesh,
@@ -126,17 +127,17 @@ fn fillings(
     filled.collect()
 }
 
-/// The vertices on the right of a cut, in the loop's order. Later cuts may have given some of them copies.
+/// Returns the vertices on the right of a cut, in the loop's order. Some of them may be copies made by later cuts.
 fn right_rim(complex: &Complex, rims: &Rims) -> Vec<u32> {
     rims.right.iter().map(|&h| complex.from(h)).collect()
 }
 
-/// The vertices on the left of a cut, in the loop's order.
+/// Returns the vertices on the left of a cut, in the loop's order.
 fn left_rim(complex: &Complex, rims: &Rims) -> Vec<u32> {
     rims.left.iter().map(|&h| complex.to(h)).collect()
 }
 
-/// Unit normals at the vertices, outward where the triangles wind so.
+/// Returns unit normals at the vertices, outwards if the triangles wind outwards.
 fn normals(surface: &Mesh) -> Vec<Vec3> {
     let mut normals = vec![[0.0; 3]; surface.vertices.len()];
     for face in &surface.faces {

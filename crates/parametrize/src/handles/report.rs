@@ -1,4 +1,4 @@
-//! What was cut.
+//! Report on the cuts.
 
 use serde::Serialize;
 use spharm_surface::{Mesh, Seam};
@@ -10,15 +10,15 @@ pub struct CutSurface {
     /// The surface's vertices in their order, copies of those on the seams, and the fillings' vertices; its triangles
     /// in their order, over copies on one side of each seam, and the fillings' triangles.
     pub surface: Mesh,
-    /// Which vertices are copies, and what is filling; `None` where there was no handle.
+    /// The copies and the fillings; `None` if there was no handle.
     pub seam: Option<Seam>,
-    /// What was cut.
+    /// Report on the cuts.
     pub report: HandlesReport,
 }
 
 impl CutSurface {
-    /// Notes the seam in the metadata of a sphere that has this surface's vertices and triangles, so that models over
-    /// it lead back to the surface as it was. A sphere of another sampling stays as it is.
+    /// Records the seam in the metadata of a sphere that has this surface's vertices and triangles, so that models over
+    /// it can be converted back to the original surface. A sphere with another sampling is left unchanged.
     pub fn mark(&self, sphere: &mut Mesh) {
         let same = sphere.vertices.len() == self.surface.vertices.len() && sphere.faces == self.surface.faces;
         if let Some(seam) = self.seam.as_ref().filter(|_| same) {
@@ -27,21 +27,21 @@ impl CutSurface {
     }
 }
 
-/// What was cut, and what was added.
+/// The cuts and the parts added.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct HandlesReport {
     /// Handles of the given surface.
     pub genus_before: usize,
-    /// Handles of the cut one: 0.
+    /// Handles of the cut surface: 0.
     pub genus_after: usize,
-    /// Area of all fillings, both sides, in the surface's unit squared.
+    /// Area of the fillings of both sides of all cuts, in the surface's unit squared.
     pub area_added: f64,
     /// Area of the given surface.
     pub area: f64,
     /// Vertices of the fillings.
     pub vertices_added: usize,
-    /// The loops, one for each handle, in the order in which they were cut.
+    /// The loops, one for each handle, in the order of the cuts.
     pub loops: Vec<CutLoop>,
 }
 
@@ -51,21 +51,21 @@ pub struct HandlesReport {
 pub struct CutLoop {
     /// Whether it goes around a handle or a tunnel.
     pub kind: Kind,
-    /// Its length, in the surface's unit.
+    /// Length of the loop, in the surface's unit.
     pub length: f64,
-    /// Its vertices.
+    /// Number of its vertices.
     pub vertices: usize,
     /// Area of the two fillings.
     pub area_added: f64,
-    /// Mean of its vertices.
+    /// Mean of its vertices' positions.
     pub centre: [f64; 3],
 }
 
-/// On which side of the surface a loop is spanned (T. K. Dey, F. Fan and Y. Wang, "An efficient computation of handle
-/// and tunnel loops via Reeb graphs", ACM Trans. Graph. 32, 2013).
+/// The side of the surface on which a loop is spanned (T. K. Dey, F. Fan and Y. Wang, "An efficient computation of
+/// handle and tunnel loops via Reeb graphs", ACM Trans. Graph. 32, 2013).
 ///
-/// Theirs is a property of the loop's class, found from a graph; this one is the side to which a film over the loop
-/// starts from the surface, on average. Where the film stays on one side of the surface the two agree.
+/// Theirs is a property of the loop's class, computed from a graph; this one is the side towards which a film over the
+/// loop leaves the surface, on average. If the film stays on one side of the surface the two agree.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Kind {
@@ -76,7 +76,7 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// The other kind.
+    /// Returns the other kind.
     pub(super) fn other(self) -> Self {
         match self {
             Self::Handle => Self::Tunnel,

@@ -1,18 +1,19 @@
-//! Which loops are cut.
+//! Chooses the loops to cut.
 //!
-//! In rounds, until the genus is zero. A round finds the generators of the complex as it is, and near each of their
-//! edges a loop that is the shortest through its own points. Of these, the shortest come first, and a loop that meets
-//! one before it is left out. Together, the loops that are left may separate the surface, where several run around the
-//! same handle. They are the edges of a graph whose nodes are the pieces they would leave; the loops that stay uncut
-//! are a spanning tree of it, of the longest ones, so that the pieces hang together. At least the shortest loop is cut.
+//! Loops are cut in rounds, until the genus is zero. A round computes the generators of the current complex, and near
+//! each of their edges a loop that is the shortest through its own points. These loops are taken shortest first, and a
+//! loop that meets an earlier one is left out. Together, the remaining loops may separate the surface, if several run
+//! around the same handle. They are the edges of a graph whose nodes are the pieces that would result. The loops left
+//! uncut are a spanning tree of this graph, made of the longest loops, so that the pieces stay connected. At least the
+//! shortest loop is cut.
 //!
-//! What is guaranteed: every loop that is cut is no longer than any loop through eight of its points that doesn't
-//! separate the surface as it was in that round, along edges. The shortest loop of all is found where one of the
-//! searches comes upon it, in practice; to be sure of it takes a search from every vertex (Erickson and Har-Peled
-//! 2004), n times as long.
+//! It is guaranteed that no cut loop is longer than any loop along edges through eight of its points that doesn't
+//! separate the surface as it was in that round. In practice the shortest loop of all is found if one of the searches
+//! reaches it; to be certain would take a search from every vertex (Erickson and Har-Peled 2004), n times as long.
 //!
-//! A round takes O(n log n) for the generators, and for each of them some searches of the surface within half a loop's
-//! length. Hundreds of small handles go in two or three rounds; at worst, where all loops meet, there is one a round.
+//! A round takes O(n log n) for the generators, and for each of them a few searches of the surface within half a loop's
+//! length. Hundreds of small handles are cut in two or three rounds; in the worst case, if all loops meet, one per
+//! round.
 
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor, Stage};
@@ -28,14 +29,14 @@ pub(super) struct Cut {
     pub(super) rims: Rims,
 }
 
-/// Disjoint loops, shortest first, that together don't separate a complex; at least one where it has a handle.
+/// Returns disjoint loops, shortest first, that together don't separate a complex; at least one if it has a handle.
 pub(super) fn round(complex: &Complex, monitor: &dyn Monitor) -> Result<Vec<Loop>, Interrupted> {
     let base = (0..complex.vertices() as u32).find(|&v| complex.around(v).next().is_some()).unwrap_or(0);
     let homology = Homology::of(complex, base);
     Ok(without_separating(complex, disjoint(complex, candidates(complex, &homology, monitor)?)))
 }
 
-/// Loops near all generators, shortest first, each once.
+/// Returns loops near all generators, shortest first, without duplicates.
 fn candidates(complex: &Complex, homology: &Homology, monitor: &dyn Monitor) -> Result<Vec<Loop>, Interrupted> {
     let near = |search: &mut Search, &generator: &u32| {
         monitor.check()?;
@@ -49,16 +50,16 @@ fn candidates(complex: &Complex, homology: &Homology, monitor: &dyn Monitor) -> 
     Ok(loops.into_iter().map(|(_, _, found)| found).collect())
 }
 
-/// What a loop is sorted by: its length, then its edges, whichever way and from wherever it runs.
+/// Returns the sort key of a loop: its length, then its edges, independent of direction and starting point.
 fn key(complex: &Complex, found: Loop) -> (u64, Vec<u32>, Loop) {
     let mut edges: Vec<u32> = found.edges.iter().map(|&h| h.min(complex.twin(h))).collect();
     edges.sort_unstable();
-    // The sum in the order of the edges' numbers is the same for all ways to run.
+    // Summed in the order of the edges' indices, so that the result doesn't depend on direction or starting point.
     let length: f64 = edges.iter().map(|&h| complex.length(h)).sum();
     (length.to_bits(), edges, Loop { length, ..found })
 }
 
-/// Cuts until the genus, which is `genus` at first, is zero.
+/// Cuts until the genus, initially `genus`, is zero.
 pub(super) fn cut_all(
     complex: &mut Complex,
     genus: usize,
@@ -80,7 +81,7 @@ pub(super) fn cut_all(
     Ok(Some(cuts))
 }
 
-/// The loops of a list that meet none of those before them.
+/// Returns the loops of a list that meet no earlier one.
 fn disjoint(complex: &Complex, mut loops: Vec<Loop>) -> Vec<Loop> {
     let mut met = vec![false; complex.vertices()];
     loops.retain(|found| {
@@ -94,8 +95,8 @@ fn disjoint(complex: &Complex, mut loops: Vec<Loop>) -> Vec<Loop> {
     loops
 }
 
-/// Those of disjoint loops, in their order, that leave the surface in one piece; loops at the end of the list are left
-/// out first.
+/// Returns those of disjoint loops, in their order, that leave the surface in one piece; loops at the end of the list
+/// are dropped first.
 fn without_separating(complex: &Complex, loops: Vec<Loop>) -> Vec<Loop> {
     let mut cut = vec![false; complex.half_edges() as usize];
     for &h in loops.iter().flat_map(|found| &found.edges) {

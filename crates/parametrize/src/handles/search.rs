@@ -1,9 +1,9 @@
-//! The shortest loop through a vertex that doesn't separate the surface.
+//! Searches for the shortest loop through a vertex that doesn't separate the surface.
 //!
-//! Dijkstra's algorithm from the vertex v. A shortest loop through v of its class is two shortest paths and an edge ab
-//! between their ends, of length d(a) + |ab| + d(b), which is at least twice the larger of the two distances. So the
-//! search ends where twice the distance reaches the shortest loop found, and visits only the vertices within half its
-//! length.
+//! It runs Dijkstra's algorithm from the vertex v. A shortest loop through v in its class consists of two shortest
+//! paths and an edge ab between their ends, of length d(a) + |ab| + d(b), which is at least twice the larger of the two
+//! distances. So the search ends when twice the distance reaches the length of the shortest loop found, and visits only
+//! the vertices within half that length.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -11,13 +11,13 @@ use std::collections::BinaryHeap;
 use super::complex::{Complex, Loop, NONE};
 use super::homology::Homology;
 
-/// How many points of a loop, evenly spread, no shorter loop may pass through.
+/// Number of evenly spread points of a loop through which no shorter loop may pass.
 const POINTS: usize = 8;
 
-/// Working memory: 21 bytes a vertex, cleared by what a search has touched.
+/// Working memory: 21 bytes per vertex; only entries touched by a search are cleared.
 pub(super) struct Search {
     distance: Vec<f64>,
-    /// The sum of the numbers along the shortest path.
+    /// Sum of the numbers along the shortest path.
     class: Vec<u64>,
     arriving: Vec<u32>,
     settled: Vec<bool>,
@@ -37,7 +37,7 @@ impl Search {
         }
     }
 
-    /// A loop near a vertex that is the shortest one through each of [`POINTS`] of its own vertices.
+    /// Returns a loop near a vertex that is the shortest one through each of [`POINTS`] of its own vertices.
     pub(super) fn near(&mut self, complex: &Complex, homology: &Homology, vertex: u32) -> Option<Loop> {
         let mut found = self.through(complex, homology, vertex, f64::INFINITY)?;
         loop {
@@ -52,12 +52,12 @@ impl Search {
         }
     }
 
-    /// The shortest loop through a vertex that is shorter than `limit` and doesn't separate. Where its two paths begin
-    /// with the same edges, these are left out, and it is shorter still.
+    /// Returns the shortest loop through a vertex that is shorter than `limit` and doesn't separate. If its two paths
+    /// begin with the same edges, these are left out, which makes it shorter still.
     fn through(&mut self, complex: &Complex, homology: &Homology, base: u32, limit: f64) -> Option<Loop> {
         self.clear();
         self.reach(base, 0.0, 0, NONE);
-        // Lengths are summed in different orders along the same loop.
+        // The tolerance accounts for lengths summed in different orders along the same loop.
         let mut best = limit * (1.0 - 1e-12);
         let mut closing = NONE;
         while let Some(Reverse((bits, vertex))) = self.queue.pop() {
@@ -101,7 +101,7 @@ impl Search {
         self.queue.clear();
     }
 
-    /// The loop of an edge between two paths, without what the paths have in common.
+    /// Returns the loop formed by an edge between two paths, without the part that the paths have in common.
     fn loop_over(&self, complex: &Complex, closing: u32) -> Loop {
         let path = |mut vertex: u32| {
             let mut edges = Vec::new();

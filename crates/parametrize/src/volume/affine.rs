@@ -2,47 +2,47 @@
 
 use crate::geometry::{cross, dot};
 
-/// From voxel (i, j, k) to RAS+ mm: rows of a 3 x 4 matrix.
+/// Maps voxel (i, j, k) to RAS+ mm: rows of a 3 x 4 matrix.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Affine(pub [[f64; 4]; 3]);
 
 impl Affine {
-    /// One mm a voxel, from the origin.
+    /// Voxels of 1 mm, from the origin.
     pub const IDENTITY: Self = Self([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]);
 
-    /// Voxels of a size, from the origin.
+    /// Returns the matrix for voxels of a size, from the origin.
     #[must_use]
     pub fn of_voxel_size([x, y, z]: [f64; 3]) -> Self {
         Self([[x, 0.0, 0.0, 0.0], [0.0, y, 0.0, 0.0], [0.0, 0.0, z, 0.0]])
     }
 
-    /// The same directions and origin, the voxels of another size.
+    /// Returns the matrix with the same directions and origin, and voxels of another size.
     pub(super) fn with_voxel_size(&self, size: [f64; 3]) -> Self {
         let lengths = self.voxel_size();
         let factors = [0, 1, 2].map(|axis| size[axis] / lengths[axis]);
         Self(self.0.map(|[a, b, c, d]| [a * factors[0], b * factors[1], c * factors[2], d]))
     }
 
-    /// Lengths of a voxel's edges, mm.
+    /// Returns the lengths of a voxel's edges, in mm.
     #[must_use]
     pub fn voxel_size(&self) -> [f64; 3] {
         [0, 1, 2].map(|axis| self.0.iter().map(|row| row[axis] * row[axis]).sum::<f64>().sqrt())
     }
 
-    /// The position in mm of a point given in voxels.
+    /// Returns the position in mm of a point given in voxels.
     #[must_use]
     pub fn apply(&self, [x, y, z]: [f64; 3]) -> [f64; 3] {
         self.0.map(|[a, b, c, d]| a * x + b * y + c * z + d)
     }
 
-    /// Volume of a voxel in mm^3; negative where the voxels' axes are left-handed.
+    /// Returns the volume of a voxel in mm^3; negative if the voxels' axes are left-handed.
     #[must_use]
     pub fn determinant(&self) -> f64 {
         let [a, b, c] = self.0.map(|[x, y, z, _]| [x, y, z]);
         dot(a, cross(b, c))
     }
 
-    /// Whether voxels have a volume, and all entries are finite.
+    /// Whether the volume of voxels is nonzero, and all entries are finite.
     pub(super) fn is_valid(&self) -> bool {
         let volume = self.determinant();
         volume.is_finite() && volume != 0.0 && self.0.as_flattened().iter().all(|x| x.is_finite())

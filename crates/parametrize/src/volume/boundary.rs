@@ -1,10 +1,9 @@
 //! The quadrangles between inside and outside, as a closed surface.
 //!
-//! Each face between a voxel inside and one outside is a quadrangle, wound outward. Four of them meet in an edge where
-//! two diagonal voxels touch in it; there, the two of the same voxel are neighbours, so that the surface passes between
-//! the voxels. A vertex is a run of quadrangles that are neighbours of each other around a corner of the lattice: a
-//! corner that two parts of the surface touch gives two vertices. So every edge has two quadrangles and every vertex
-//! one fan.
+//! Each face between a voxel inside and one outside is a quadrangle, wound outwards. If two diagonal voxels touch in an
+//! edge, four quadrangles meet there; the two of the same voxel are treated as neighbours, so that the surface passes
+//! between the voxels. A vertex is a run of neighbouring quadrangles around a corner of the lattice: a corner touched
+//! by two parts of the surface gives two vertices. So every edge has two quadrangles and every vertex one fan.
 
 use spharm_surface::Mesh;
 
@@ -14,17 +13,17 @@ use super::mask::{FACES, Mask};
 /// A closed surface of quadrangles.
 #[derive(Clone, Debug, PartialEq)]
 pub struct QuadMesh {
-    /// Positions: voxels as counted in the volume, or mm after [`to_world`](Self::to_world).
+    /// Positions: in voxel coordinates of the volume, or in mm after [`to_world`](Self::to_world).
     pub vertices: Vec<[f64; 3]>,
     /// Four vertices each, counter-clockwise seen from outside.
     pub quads: Vec<[u32; 4]>,
-    /// The quadrangle beyond each edge: edge 4 q + k runs from corner k of quadrangle q to the next; the same edge in
-    /// the other quadrangle's count, 4 q' + k'.
+    /// The edge opposite each edge: edge 4 q + k runs from corner k of quadrangle q to the next, and its twin 4 q' + k'
+    /// is the same edge of the neighbouring quadrangle.
     pub(crate) twins: Vec<u32>,
 }
 
 impl QuadMesh {
-    /// The surface of a mask, in voxels: voxel (0, 0, 0) reaches from -0.5 to 0.5.
+    /// Returns the surface of a mask, in voxels: voxel (0, 0, 0) extends from -0.5 to 0.5.
     #[must_use]
     pub fn around(mask: &Mask) -> Self {
         let mut corners: Vec<[[i32; 3]; 4]> = Vec::new();
@@ -47,34 +46,34 @@ impl QuadMesh {
         Self { vertices: places.into_iter().map(place).collect(), quads, twins }
     }
 
-    /// The same surface in mm, wound outward there as well.
+    /// Returns the same surface in mm, also wound outwards there.
     #[must_use]
     pub fn to_world(&self, affine: &Affine) -> Self {
         let vertices = self.vertices.iter().map(|&v| affine.apply(v)).collect();
         if affine.determinant() > 0.0 {
             return Self { vertices, ..self.clone() };
         }
-        // A mirror: corners the other way round. Edge k, from corner k to k + 1, is then edge 2 - k (mod 4).
+        // A reflection reverses the corners. Edge k, from corner k to k + 1, becomes edge 2 - k (mod 4).
         let quads = self.quads.iter().map(|&[a, b, c, d]| [d, c, b, a]).collect();
         let turned = |edge: u32| edge / 4 * 4 + (6 - edge % 4) % 4;
         let twins = (0..self.twins.len() as u32).map(|edge| turned(self.twins[turned(edge) as usize])).collect();
         Self { vertices, quads, twins }
     }
 
-    /// Vertices - edges + quadrangles.
+    /// Returns vertices - edges + quadrangles.
     #[must_use]
     pub fn euler_characteristic(&self) -> i64 {
         self.vertices.len() as i64 - self.twins.len() as i64 / 2 + self.quads.len() as i64
     }
 
-    /// Number of handles: the sum of the genera of all closed surfaces, each of characteristic 2 - 2 genus.
+    /// Returns the number of handles: the sum of the genera of all closed surfaces, each of characteristic 2 - 2 genus.
     #[must_use]
     pub fn handles(&self) -> usize {
         let genera = self.components() as i64 - self.euler_characteristic() / 2;
         usize::try_from(genera).unwrap_or(0)
     }
 
-    /// Number of closed surfaces.
+    /// Returns the number of closed surfaces.
     #[must_use]
     pub fn components(&self) -> usize {
         let mut seen = vec![false; self.quads.len()];
@@ -100,8 +99,8 @@ impl QuadMesh {
         count
     }
 
-    /// Edges beyond the first between the same two vertices: the surface is closed, but as a list of triangles it would
-    /// have edges of four triangles.
+    /// Returns the number of edges beyond the first between the same two vertices. The surface is closed, but as a list
+    /// of triangles it would have edges of four triangles there.
     #[must_use]
     pub fn pinched_edges(&self) -> usize {
         let mut ends: Vec<[u32; 2]> = self.edges().collect();
@@ -109,7 +108,7 @@ impl QuadMesh {
         ends.windows(2).filter(|pair| pair[0] == pair[1]).count()
     }
 
-    /// The ends of each edge, the smaller first.
+    /// Returns the ends of each edge, the smaller index first.
     pub(crate) fn edges(&self) -> impl Iterator<Item = [u32; 2]> {
         let edges = (0..self.twins.len()).filter(|&edge| edge as u32 <= self.twins[edge]);
         edges.map(|edge| {
@@ -119,7 +118,8 @@ impl QuadMesh {
         })
     }
 
-    /// Triangles: each quadrangle cut from corner 0 to 2, or from 1 to 3 where `from_second` holds for its number.
+    /// Returns triangles: each quadrangle is cut from corner 0 to 2, or from 1 to 3 if `from_second` is true for its
+    /// index.
     #[must_use]
     pub fn triangles(&self, from_second: impl Fn(usize) -> bool) -> Mesh {
         let cut = |(q, &[a, b, c, d]): (usize, &[u32; 4])| {
@@ -129,7 +129,8 @@ impl QuadMesh {
     }
 }
 
-/// The corners of a voxel's face, counter-clockwise seen from outside; a voxel's own corner 0 has its number.
+/// Returns the corners of a voxel's face, counter-clockwise seen from outside; corner 0 of a voxel has the voxel's own
+/// coordinates.
 fn face_corners(voxel: [i32; 3], face: usize) -> [[i32; 3]; 4] {
     let (axis, high) = (face / 2, face.is_multiple_of(2));
     let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
@@ -144,16 +145,16 @@ fn face_corners(voxel: [i32; 3], face: usize) -> [[i32; 3]; 4] {
     if high { ring } else { [ring[0], ring[3], ring[2], ring[1]] }
 }
 
-/// The neighbour beyond each edge.
+/// Returns the twin of each edge.
 fn twins(corners: &[[[i32; 3]; 4]], voxels: &[usize]) -> Vec<u32> {
-    // Edges by their position in the lattice: two or four at each.
+    // Edges sorted by their position in the lattice: two or four at each.
     let ends = |edge: u32| {
         let quad = &corners[edge as usize / 4];
         let (a, b) = (quad[edge as usize % 4], quad[(edge as usize + 1) % 4]);
         (a.min(b), a.max(b))
     };
     let mut edges: Vec<u32> = (0..4 * corners.len() as u32).collect();
-    // Then by voxel, which pairs those of the same one.
+    // Then by voxel, which pairs the edges of the same voxel.
     edges.sort_unstable_by_key(|&edge| (ends(edge), voxels[edge as usize / 4], edge));
     let mut twins = vec![0; edges.len()];
     for pair in edges.chunks_exact(2) {
@@ -164,7 +165,7 @@ fn twins(corners: &[[[i32; 3]; 4]], voxels: &[usize]) -> Vec<u32> {
     twins
 }
 
-/// The vertex of each corner 4 q + k, and the position of each vertex.
+/// Returns the vertex of each corner 4 q + k, and the position of each vertex.
 fn vertices(corners: &[[[i32; 3]; 4]], twins: &[u32]) -> (Vec<u32>, Vec<[i32; 3]>) {
     let mut of = vec![u32::MAX; twins.len()];
     let mut places = Vec::new();
@@ -174,12 +175,12 @@ fn vertices(corners: &[[[i32; 3]; 4]], twins: &[u32]) -> (Vec<u32>, Vec<[i32; 3]
         }
         let vertex = places.len() as u32;
         places.push(corners[start / 4][start % 4]);
-        // Around the vertex, from quadrangle to quadrangle over the edge that arrives in it.
+        // Goes around the vertex from quadrangle to quadrangle, across the edge that ends in it.
         let mut corner = start;
         while of[corner] == u32::MAX {
             of[corner] = vertex;
             let arriving = corner / 4 * 4 + (corner + 3) % 4;
-            // The neighbour has the edge the other way: it leaves the vertex there.
+            // The neighbour has the edge in the other direction, so it starts at the vertex there.
             corner = twins[arriving] as usize;
         }
     }

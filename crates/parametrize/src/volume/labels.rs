@@ -25,21 +25,21 @@ pub struct LabelVolume {
 }
 
 impl LabelVolume {
-    /// Reads a volume: NIfTI-1 and -2, FreeSurfer's, NRRD, stacks of TIFF, arrays of NumPy, gzipped or not. Its labels
-    /// must fit into 32 bits.
+    /// Reads a volume: NIfTI-1 and -2, FreeSurfer, NRRD, TIFF stacks or NumPy arrays, gzipped or not. Its labels must
+    /// fit into 32 bits.
     ///
     /// # Errors
     ///
     /// [`Io`](ParametrizeError::Io); [`VertexMap`](ParametrizeError::VertexMap) for a FreeSurfer file of values on
-    /// vertices; [`NoVoxelSize`](ParametrizeError::NoVoxelSize) for one that doesn't say how large its voxels are;
-    /// [`NotAVolume`](ParametrizeError::NotAVolume) for a file of another format, that is shorter than its header
-    /// says, or has more than three dimensions or values that aren't whole numbers;
+    /// vertices; [`NoVoxelSize`](ParametrizeError::NoVoxelSize) for one that doesn't specify the size of its voxels;
+    /// [`NotAVolume`](ParametrizeError::NotAVolume) for a file of another format, one shorter than its header says, or
+    /// one with more than three dimensions or values that aren't whole numbers;
     /// [`Interrupted`](ParametrizeError::Interrupted).
     pub fn read(path: impl AsRef<Path>, monitor: &dyn Monitor) -> Result<Self, ParametrizeError> {
         Self::read_with(path, None, monitor)
     }
 
-    /// As [`read`](Self::read), with the size of the voxels along x, y, z in place of what the file says of it.
+    /// Same as [`read`](Self::read), with the size of the voxels along x, y, z instead of the one in the file.
     ///
     /// # Errors
     ///
@@ -59,11 +59,11 @@ impl LabelVolume {
         Ok(Self::of(path.to_owned(), found))
     }
 
-    /// A volume from memory: `values` are (size), x fastest.
+    /// Returns a volume made in memory: `values` are (size), with x varying fastest.
     ///
     /// # Panics
     ///
-    /// When the number of values isn't that of the voxels, or there is no memory for their labels.
+    /// When the number of values isn't that of the voxels, or memory doesn't suffice for their labels.
     #[must_use]
     pub fn new(size: [usize; 3], values: Vec<i32>, affine: Affine) -> Self {
         assert_eq!(values.len(), size.iter().product::<usize>(), "values of {size:?} voxels");
@@ -76,31 +76,31 @@ impl LabelVolume {
         Self { path, affine, size, found: labels, extents }
     }
 
-    /// The file; "the volume" for one that was made in memory.
+    /// Returns the path of the file; "the volume" for one made in memory.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// The labels and their numbers of voxels, without 0 (the background).
+    /// Returns the labels and their numbers of voxels, without 0 (the background).
     #[must_use]
     pub fn labels(&self) -> BTreeMap<i64, usize> {
         self.extents.iter().map(|(&label, extent)| (i64::from(label), extent.voxels)).collect()
     }
 
-    /// Whether a label has voxels at the border of the volume, which may have cut it.
+    /// Returns whether a label has voxels at the border of the volume, which may have cut it off.
     #[must_use]
     pub fn touches_border(&self, label: i64) -> bool {
         let extent = i32::try_from(label).ok().and_then(|label| self.extents.get(&label));
         extent.is_some_and(|extent| (0..3).any(|k| extent.low[k] == 0 || extent.high[k] + 1 == self.size[k]))
     }
 
-    /// `label`, if the volume has it; for `None` the only label.
+    /// Returns `label`, if the volume has it; for `None` the only label.
     ///
     /// # Errors
     ///
     /// [`NoLabel`](ParametrizeError::NoLabel), with the labels of the volume;
-    /// [`NotAVolume`](ParametrizeError::NotAVolume) where there are none.
+    /// [`NotAVolume`](ParametrizeError::NotAVolume) if it has none.
     pub fn choose(&self, label: Option<i64>) -> Result<i64, ParametrizeError> {
         let labels = self.labels();
         match (label, labels.len()) {
@@ -114,11 +114,11 @@ impl LabelVolume {
         }
     }
 
-    /// A label's voxels. Takes time by the size of the label's box, not of the volume.
+    /// Returns a label's voxels. The time is proportional to the size of the label's box, not of the volume.
     ///
     /// # Errors
     ///
-    /// [`NoLabel`](ParametrizeError::NoLabel) where no voxel has the label.
+    /// [`NoLabel`](ParametrizeError::NoLabel) if no voxel has the label.
     pub fn mask(&self, label: i64) -> Result<Mask, ParametrizeError> {
         let found = i32::try_from(label).ok().and_then(|label| Some((label, self.extents.get(&label)?)));
         let Some((label, extent)) = found else {
@@ -136,7 +136,7 @@ impl LabelVolume {
     }
 }
 
-/// The first labels with their voxels, for an error message.
+/// Lists the first labels with their numbers of voxels, for an error message.
 fn listed(labels: &BTreeMap<i64, usize>) -> String {
     let voxels = |n: usize| if n == 1 { "1 voxel".to_owned() } else { format!("{n} voxels") };
     let mut listed: Vec<String> =

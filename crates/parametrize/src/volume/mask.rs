@@ -1,20 +1,20 @@
 //! The voxels of one label.
 
-/// A box of voxels, inside or outside, with a rim of background at least one voxel wide: no neighbour of an inner voxel
-/// ever falls out of it.
+/// A box of voxels, each inside or outside, with a rim of background at least one voxel wide, so that no neighbour of
+/// an inner voxel lies outside of the box.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Mask {
-    /// Voxels along x, y, z, rim included.
+    /// Number of voxels along x, y, z, including the rim.
     pub size: [usize; 3],
-    /// The volume's voxel at (0, 0, 0) of the box.
+    /// Coordinates in the volume of the box's voxel (0, 0, 0).
     pub origin: [i64; 3],
-    /// (size), x fastest.
+    /// Whether each voxel is inside; (size), with x varying fastest.
     pub inside: Vec<bool>,
 }
 
 impl Mask {
-    /// The box around the voxels for which `inside` holds, of a volume of `size`, with a rim around it; where they
-    /// touch the volume's border the rim lies beyond.
+    /// Returns the box around the voxels for which `inside` is true, in a volume of `size`, with a rim around it. If
+    /// they touch the volume's border, the rim lies outside of the volume.
     pub fn new(size: [usize; 3], inside: impl Fn([usize; 3]) -> bool) -> Self {
         let mut low = [usize::MAX; 3];
         let mut high = [0; 3];
@@ -34,13 +34,13 @@ impl Mask {
         Self::of_box(low, high, inside)
     }
 
-    /// The box from voxel `low` to voxel `high`, both included, with a rim around it, and nothing inside.
+    /// Returns the box from voxel `low` to voxel `high`, inclusive, with a rim around it and nothing inside.
     pub(super) fn around(low: [usize; 3], high: [usize; 3]) -> Self {
         let own: [usize; 3] = std::array::from_fn(|k| high[k] - low[k] + 3);
         Self { size: own, origin: low.map(|x| x as i64 - 1), inside: vec![false; own.iter().product()] }
     }
 
-    /// The box from voxel `low` to voxel `high`, both included, with a rim around it.
+    /// Returns the box from voxel `low` to voxel `high`, inclusive, with a rim around it.
     fn of_box(low: [usize; 3], high: [usize; 3], inside: impl Fn([usize; 3]) -> bool) -> Self {
         let mut mask = Self::around(low, high);
         for_each(mask.size.map(|n| n - 2), |at| {
@@ -50,7 +50,7 @@ impl Mask {
         mask
     }
 
-    /// Number of voxels inside.
+    /// Returns the number of voxels inside.
     #[must_use]
     pub fn count(&self) -> usize {
         self.inside.iter().filter(|&&inside| inside).count()
@@ -71,7 +71,7 @@ impl Mask {
         (0..3).any(|k| at[k] == 0 || at[k] + 1 == self.size[k])
     }
 
-    /// The difference of index to the neighbour at (dx, dy, dz), each of -1, 0, 1.
+    /// Returns the offset of the index of the neighbour at (dx, dy, dz), each of -1, 0, 1.
     pub(super) fn step(&self, [dx, dy, dz]: [isize; 3]) -> isize {
         dx + self.size[0] as isize * (dy + self.size[1] as isize * dz)
     }
@@ -87,7 +87,7 @@ fn for_each(size: [usize; 3], mut f: impl FnMut([usize; 3])) {
     }
 }
 
-/// The offsets of the 26 neighbours and of the voxel itself, x fastest: 13 is the voxel.
+/// Returns the offsets of the 26 neighbours and of the voxel itself, with x varying fastest: number 13 is the voxel.
 pub(super) fn around() -> impl Iterator<Item = [isize; 3]> {
     (0..27).map(|i| [i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1])
 }

@@ -6,7 +6,7 @@
 //! | 0, i32 | version, 1 |
 //! | 4, 4 x i32 | width, height, depth, frames |
 //! | 20, i32 | type: 0 u8, 1 i32, 3 f32, 4 i16 |
-//! | 28, i16 | whether what follows is valid |
+//! | 28, i16 | whether the following fields are valid |
 //! | 30, 3 x f32 | voxel sizes |
 //! | 42, 9 x f32 | directions of the three axes in RAS |
 //! | 78, 3 x f32 | RAS of the centre, voxel (width / 2, height / 2, depth / 2) |
@@ -23,12 +23,12 @@ use crate::error::ParametrizeError;
 /// Bytes of the header.
 const HEADER: usize = 284;
 
-/// The number of sizes that are 1.
+/// Returns the number of sizes that are 1.
 fn ones(sizes: [i32; 3]) -> usize {
     sizes.iter().filter(|&&n| n == 1).count()
 }
 
-/// Parses a stream that holds at most `most` bytes.
+/// Parses a stream of at most `most` bytes.
 pub(super) fn parse(
     path: &Path,
     mut stream: impl Read,
@@ -45,7 +45,7 @@ pub(super) fn parse(
         return Err(not_mgh(format!("version {}", int(0))));
     }
     let dims = [4, 8, 12].map(int);
-    // A map over a surface, which has more vertices than a volume has voxels in a row, and often several frames.
+    // A map over a surface, which has more vertices than a volume has voxels along an axis, and often several frames.
     if let (Ok(vertices @ 2..), 2) = (usize::try_from(dims[0].max(dims[1]).max(dims[2])), ones(dims)) {
         return Err(ParametrizeError::VertexMap { path: path.to_owned(), vertices });
     }
@@ -70,7 +70,7 @@ pub(super) fn parse(
         return Err(not_mgh(found));
     }
     let labels = layout.read(path, &mut stream, monitor)?;
-    // On to the end of what was compressed, where its checksum is; tags may follow the values.
+    // Reads to the end of the compressed data, where its checksum is; tags may follow the values.
     let rest = std::io::copy(&mut (&mut stream).take(1 << 20), &mut std::io::sink());
     rest.map_err(|error| cut_short(path, &error.to_string()))?;
     let placed = i16::from_be_bytes([header[28], header[29]]) > 0;

@@ -1,4 +1,4 @@
-//! From a label volume to the closed surface around a label.
+//! Computes the closed surface around a label of a label volume.
 //!
 //! ```
 //! use spharm_monitor::Silent;
@@ -19,28 +19,28 @@
 //! | module | |
 //! |---|---|
 //! | `labels` | a label volume: its labels, and the mask of each |
-//! | `open`, `source` | a file: which format it is in, its bytes |
+//! | `open`, `source` | a file: its format, its bytes |
 //! | `nifti`, `nifti2`, `mgh`, `nrrd`, `tiff`, `npy`, `values` | the formats: the values, and the voxels' positions in space |
-//! | `runs` | the labels while they are read and after: runs of equal ones, so that background takes no room |
+//! | `runs` | the labels, during and after reading, as runs of equal ones, so that background takes no memory |
 //! | `mask` | the voxels of one label, with a rim of background around them |
 //! | `pieces` | connected pieces, and the cavities inside |
 //! | `boundary` | the quadrangles between inside and outside, as a closed surface |
 //! | `surface` | a label's surface: checked, repaired on request |
-//! | `relax` | the same without the voxels' steps |
-//! | `simple` | whether a voxel may change sides without the topology changing |
-//! | `repair` | from any label to one piece without cavities, handles and bare contacts |
+//! | `relax` | a label's surface without the voxels' steps |
+//! | `simple` | tests whether a voxel may change sides without changing the topology |
+//! | `repair` | reduces any label to one piece without cavities, handles and bare contacts |
 //!
 //! # Connectivity
 //!
-//! Voxels are connected when they share a face (6-connectivity), and the background when it shares a face, an edge or a
-//! corner (26). Where two voxels touch in an edge or a corner only, the surface passes between them, and its vertices
-//! there are doubled. This is the choice under which the boundary is a closed surface that doesn't touch itself but in
-//! such places. A repaired label has none of them and is the same in every connectivity, (18,6) among them.
+//! Voxels are connected if they share a face (6-connectivity), and the background if it shares a face, an edge or a
+//! corner (26). If two voxels touch only in an edge or a corner, the surface passes between them, and its vertices
+//! there are doubled. With this choice the boundary is a closed surface that doesn't touch itself except at such
+//! places. A repaired label has none of them and is the same in every connectivity, including (18,6).
 //!
 //! # Units
 //!
-//! Voxels are counted from 0; voxel (i, j, k) is the unit cube around (i, j, k). The file's matrix (of NIfTI the sform,
-//! else the qform, else the voxel sizes) takes that to RAS+ mm.
+//! Voxels are counted from 0; voxel (i, j, k) is the unit cube around (i, j, k). The file's matrix (for NIfTI the
+//! sform, otherwise the qform, otherwise the voxel sizes) maps voxel coordinates to RAS+ mm.
 
 mod affine;
 mod boundary;

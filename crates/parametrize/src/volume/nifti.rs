@@ -1,7 +1,7 @@
 //! NIfTI-1 files (`.nii`, `.nii.gz`).
 //!
-//! The header is read by crate `nifti`. The values are taken from the file's bytes here: the header's sizes are
-//! compared with the bytes that are there before anything is allocated for them.
+//! The crate `nifti` reads the header. The values are read from the file's bytes here: the header's sizes are compared
+//! with the number of bytes before anything is allocated for them.
 
 use std::io::Read;
 use std::path::Path;
@@ -17,7 +17,7 @@ use crate::geometry::Vec3;
 /// Bytes of a NIfTI-1 header.
 const HEADER: usize = 348;
 
-/// Parses a stream that holds at most `most` bytes.
+/// Parses a stream of at most `most` bytes.
 pub(super) fn parse(
     path: &Path,
     mut stream: impl Read,
@@ -59,10 +59,10 @@ pub(super) fn parse(
         return Err(not_nifti(&found));
     }
     let broken = |error: std::io::Error| cut_short(path, &error.to_string());
-    // Extensions between header and values.
+    // Skips extensions between header and values.
     std::io::copy(&mut (&mut stream).take(offset - HEADER as u64), &mut std::io::sink()).map_err(broken)?;
     let labels = layout.read(path, &mut stream, monitor)?;
-    // On to the end of what was compressed, where its checksum is; files may have something after their values.
+    // Reads to the end of the compressed data, where its checksum is; a file may have data after its values.
     std::io::copy(&mut (&mut stream).take(1 << 20), &mut std::io::sink()).map_err(broken)?;
     let affine = Forms::of(&header).affine();
     if !affine.is_valid() {
@@ -71,11 +71,11 @@ pub(super) fn parse(
     Ok(Volume { size, affine, labels })
 }
 
-/// What a header says of the voxels' positions.
+/// A header's description of the voxels' positions.
 pub(super) struct Forms {
-    /// Rows of the sform's matrix, where its code is above 0.
+    /// Rows of the sform's matrix, if its code is above 0.
     pub(super) sform: Option<[[f64; 4]; 3]>,
-    /// Quaternion (b, c, d) and offset of the qform, where its code is above 0.
+    /// Quaternion (b, c, d) and offset of the qform, if its code is above 0.
     pub(super) qform: Option<([f64; 3], [f64; 3])>,
     /// Sizes of the voxels.
     pub(super) sizes: [f64; 3],
@@ -97,8 +97,8 @@ impl Forms {
         }
     }
 
-    /// The matrix from voxels to mm: the sform where its code is above 0, else the qform, else the voxel sizes alone
-    /// (the NIfTI standard's methods 3, 2, 1).
+    /// Returns the matrix from voxels to mm: the sform if its code is above 0, otherwise the qform, otherwise the voxel
+    /// sizes alone (the NIfTI standard's methods 3, 2, 1).
     pub(super) fn affine(&self) -> Affine {
         if let Some(rows) = self.sform {
             return Affine(rows);
@@ -120,7 +120,7 @@ impl Forms {
     }
 }
 
-/// The types that can hold a label.
+/// Returns the value types that can hold a label.
 fn scalar(kind: NiftiType) -> Option<Scalar> {
     Some(match kind {
         NiftiType::Uint8 => Scalar::U8,

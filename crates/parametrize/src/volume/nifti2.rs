@@ -3,11 +3,11 @@
 //! | bytes | field |
 //! |---|---|
 //! | 0, i32 | size of the header, 540 |
-//! | 4, 8 bytes | `n+2\0` and a line break in four ways |
+//! | 4, 8 bytes | `n+2\0` and line breaks in four variants |
 //! | 12, i16 | type |
 //! | 16, 8 x i64 | number of dimensions, sizes |
 //! | 104, 8 x f64 | handedness, voxel sizes |
-//! | 168, i64 | where the values begin |
+//! | 168, i64 | offset of the values |
 //! | 176, 2 x f64 | slope and intercept |
 //! | 344, 2 x i32 | qform code, sform code |
 //! | 352, 6 x f64 | quaternion and offset |
@@ -24,7 +24,7 @@ use crate::error::ParametrizeError;
 
 const HEADER: usize = 540;
 
-/// A header's numbers.
+/// The fields of a header.
 struct Fields {
     bytes: [u8; HEADER],
     little: bool,
@@ -53,7 +53,7 @@ impl Fields {
     }
 }
 
-/// Parses a stream that holds at most `most` bytes.
+/// Parses a stream of at most `most` bytes.
 pub(super) fn parse(
     path: &Path,
     mut stream: impl Read,
@@ -89,7 +89,7 @@ pub(super) fn parse(
         1280 => Scalar::U64,
         _ => return Err(wrong("whole numbers as labels", format!("values of type {kind}"))),
     };
-    // More than 2^16 voxels along an axis are no volume of labels that fits in memory.
+    // A label volume with more than 2^16 voxels along an axis doesn't fit in memory.
     let claimed = [dimensions[1], dimensions[2], dimensions[3]];
     let [Ok(x), Ok(y), Ok(z)] = claimed.map(u16::try_from) else {
         return Err(not_nifti(format!("{claimed:?} voxels")));

@@ -1,8 +1,8 @@
 //! NRRD files (`.nrrd`, and `.nhdr` with its values in another file): a header of lines `field: value` up to an empty
-//! one, then the values, raw or gzipped.
+//! line, then the values, raw or gzipped.
 //!
-//! Positions are RAS+: of a file in left-posterior-superior space, as 3D Slicer and ITK write them, x and y change
-//! their sign. Source: <https://teem.sourceforge.net/nrrd/format.html>.
+//! Positions are converted to RAS+: for a file in left-posterior-superior space, as written by 3D Slicer and ITK, x and
+//! y change sign. Source: <https://teem.sourceforge.net/nrrd/format.html>.
 
 use std::collections::HashMap;
 use std::io::Read;
@@ -15,14 +15,14 @@ use super::source::{Source, load};
 use super::values::{Layout, Scalar, Volume, cut_short};
 use crate::error::ParametrizeError;
 
-/// A header is far shorter.
+/// Longest header that is read; real ones are far shorter.
 const LONGEST_HEADER: usize = 1 << 20;
 
 /// The fields of a header, by their names in lower case.
 struct Header<'a>(HashMap<String, &'a str>);
 
 impl<'a> Header<'a> {
-    /// Reads a header; also where the values of an attached file begin.
+    /// Reads a header; also returns the offset of the values in an attached file.
     fn read(bytes: &'a [u8]) -> Option<(Self, usize)> {
         let mut fields = HashMap::new();
         let mut at = 0;
@@ -30,7 +30,7 @@ impl<'a> Header<'a> {
             let rest = bytes.get(at..).filter(|_| at < LONGEST_HEADER)?;
             let end = rest.iter().position(|&byte| byte == b'\n');
             let line = std::str::from_utf8(&rest[..end.unwrap_or(rest.len())]).ok()?.trim_end();
-            // A detached header may end with its file.
+            // A detached header may end at the end of its file.
             at += end.map_or(rest.len(), |end| end + 1);
             if line.is_empty() || end.is_none() {
                 return Some((Self(fields), at));
@@ -84,7 +84,7 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
             _ => {
                 let mut stream = flate2::bufread::MultiGzDecoder::new(values);
                 let labels = layout.read(source.path, &mut stream, source.monitor)?;
-                // On to the end, where the checksum is.
+                // Reads to the end, where the checksum is.
                 let rest = std::io::copy(&mut stream.take(1 << 20), &mut std::io::sink());
                 rest.map_err(|error| cut_short(source.path, &error.to_string()))?;
                 labels
@@ -96,7 +96,7 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
     Ok(Volume { size, affine, labels })
 }
 
-/// The values of a detached header: one file in its folder, or in one beneath.
+/// Reads the values of a detached header: a single file in the header's folder or below.
 fn beside(source: &Source<'_>, name: &str) -> Result<Vec<u8>, ParametrizeError> {
     let path = Path::new(name);
     let plain = path.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
@@ -122,7 +122,7 @@ fn scalar(kind: &str) -> Option<Scalar> {
     })
 }
 
-/// The matrix from voxels to RAS+: directions and origin, else spacings.
+/// Returns the matrix from voxels to RAS+: from directions and origin, or else from spacings.
 fn affine(source: &Source<'_>, header: &Header<'_>) -> Result<Affine, ParametrizeError> {
     let Some(directions) = header.get("spacedirections") else {
         let spacings: Option<Vec<f64>> =

@@ -1,4 +1,4 @@
-//! Which format a volume is in, by its name and by its first bytes.
+//! Determines a volume's format, by its name and by its first bytes.
 
 use std::io::Read;
 use std::path::Path;
@@ -11,20 +11,20 @@ use super::values::Volume;
 use super::{mgh, nifti, nifti2, npy as array, nrrd, tiff};
 use crate::error::ParametrizeError;
 
-/// Endings of volumes.
+/// Endings of volume files.
 const ENDINGS: [&str; 10] = [".nii", ".nii.gz", ".mgh", ".mgz", ".nrrd", ".nhdr", ".tif", ".tiff", ".npy", ".npy.gz"];
 
-/// Whether a path has the name of a volume: NIfTI, FreeSurfer, NRRD, TIFF, NumPy.
+/// Returns whether a path has the name of a volume: NIfTI, FreeSurfer, NRRD, TIFF, NumPy.
 ///
-/// FreeSurfer keeps maps over surfaces in `.mgh` and `.mgz` files, too; which of the two a file is, its sizes show, and
-/// [`LabelVolume::read`](super::LabelVolume::read) refuses a map.
+/// FreeSurfer also stores maps over surfaces in `.mgh` and `.mgz` files. A file's sizes show which of the two it is,
+/// and [`LabelVolume::read`](super::LabelVolume::read) rejects a map.
 #[must_use]
 pub fn is_volume(path: &Path) -> bool {
     let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     ENDINGS.iter().any(|ending| name.ends_with(ending))
 }
 
-/// Reads the volume, by the format that its first bytes tell.
+/// Reads the volume in the format indicated by its first bytes.
 pub(super) fn read(source: &Source<'_>) -> Result<Volume, ParametrizeError> {
     let bytes = load(source.path)?;
     let mut volume = if bytes.starts_with(&[0x1f, 0x8b]) {
@@ -43,11 +43,11 @@ pub(super) fn read(source: &Source<'_>) -> Result<Volume, ParametrizeError> {
     Ok(volume)
 }
 
-/// The formats that are read as a stream: NIfTI begins with its header's size, in either byte order, MGH with its
+/// Reads the formats that are read as a stream: NIfTI begins with its header's size, in either byte order, MGH with its
 /// version.
 fn stream(source: &Source<'_>, mut stream: impl Read, most: u64) -> Result<Volume, ParametrizeError> {
     let mut magic = Vec::with_capacity(6);
-    // A stream that breaks off here is an empty or damaged one, which the parsers name.
+    // A stream that ends here is empty or damaged, which the parsers report.
     let _ = (&mut stream).take(6).read_to_end(&mut magic);
     let first: Option<[u8; 4]> = magic.first_chunk().copied();
     let is_npy = magic == npy::MAGIC;

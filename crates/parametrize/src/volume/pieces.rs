@@ -1,19 +1,19 @@
-//! Connected pieces of a label, and the cavities in it.
+//! Connected pieces of a label, and its cavities.
 
 use spharm_monitor::{Interrupted, Monitor};
 
 use super::mask::{FACES, Mask, around};
 
-/// Pieces, numbered from 1 by size, the largest first (of equal ones, the one that comes first in the volume).
+/// Pieces, numbered from 1 by size, the largest first (in case of ties, the first in the volume).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Pieces {
-    /// Number of voxels of each.
+    /// Number of voxels of each piece.
     pub sizes: Vec<usize>,
-    /// The piece of each voxel of the mask's box; 0 for none.
+    /// The piece of each voxel of the mask's box; 0 if it belongs to none.
     pub of: Vec<u32>,
 }
 
-/// The label's pieces: voxels that share faces.
+/// Returns the label's pieces: voxels connected by faces.
 ///
 /// # Errors
 ///
@@ -22,11 +22,11 @@ pub fn pieces(mask: &Mask, monitor: &dyn Monitor) -> Result<Pieces, Interrupted>
     fill(mask, true, &FACES, monitor)
 }
 
-/// The parts of the background, connected over faces, edges and corners, that the outside doesn't reach.
+/// Returns the parts of the background, connected by faces, edges and corners, that aren't connected to the outside.
 pub(super) fn cavities(mask: &Mask, monitor: &dyn Monitor) -> Result<Pieces, Interrupted> {
     let neighbours: Vec<[isize; 3]> = around().filter(|d| *d != [0; 3]).collect();
     let mut found = fill(mask, false, &neighbours, monitor)?;
-    // The rim is one piece of background with all that it reaches; the first voxel is of it.
+    // The rim and all background connected to it are one piece, which contains the first voxel.
     let outside = found.of[0];
     for piece in &mut found.of {
         *piece = match (*piece).cmp(&outside) {
@@ -39,7 +39,7 @@ pub(super) fn cavities(mask: &Mask, monitor: &dyn Monitor) -> Result<Pieces, Int
     Ok(found)
 }
 
-/// Voxels between which the monitor is asked.
+/// Number of voxels between checks of the monitor.
 const CHUNK: usize = 1 << 18;
 
 fn fill(mask: &Mask, side: bool, neighbours: &[[isize; 3]], monitor: &dyn Monitor) -> Result<Pieces, Interrupted> {
@@ -63,7 +63,7 @@ fn fill(mask: &Mask, side: bool, neighbours: &[[isize; 3]], monitor: &dyn Monito
             }
             let at = mask.place(voxel);
             for d in neighbours {
-                // Background reaches the box's border, where there are no neighbours beyond.
+                // Background extends to the box's border, beyond which there are no neighbours.
                 let within = (0..3).all(|k| at[k].checked_add_signed(d[k]).is_some_and(|x| x < mask.size[k]));
                 if !within {
                     continue;
@@ -77,7 +77,7 @@ fn fill(mask: &Mask, side: bool, neighbours: &[[isize; 3]], monitor: &dyn Monito
         }
         sizes.push(size);
     }
-    // Stable: equal ones stay in the volume's order.
+    // A stable sort keeps pieces of equal size in the volume's order.
     let mut order: Vec<usize> = (0..sizes.len()).collect();
     order.sort_by_key(|&i| std::cmp::Reverse(sizes[i]));
     let mut rank = vec![0_u32; sizes.len() + 1];

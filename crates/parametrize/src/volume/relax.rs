@@ -1,14 +1,14 @@
-//! A label's surface without the voxels' steps: that of least bending within the voxels' own uncertainty.
+//! A label's surface without the voxels' steps: the surface of least bending within the voxels' own uncertainty.
 //!
 //! ```text
 //! min |L x|^2   with   |x_v - c_v| <= 1/2 along each axis,   (L x)_v = x_v - mean of its neighbours
 //! ```
 //!
-//! in voxels, c_v the corner of the lattice that vertex v was. The bilaplacian, in place of the Laplacian, doesn't
-//! shrink (S. Gibson, "Constrained elastic surface nets", MICCAI 1998, has the boxes and the Laplacian). Solved by
-//! projected gradients with Nesterov's momentum; 60 flops a vertex and step. Small bodies lose up to 8 % of their
-//! volume even so, which is given back: all vertices move along their normals, within the boxes, until the volume is
-//! that of the voxels.
+//! in voxels, where c_v is the lattice corner at which vertex v lies initially. Unlike the Laplacian, the bilaplacian
+//! doesn't shrink the surface (S. Gibson, "Constrained elastic surface nets", MICCAI 1998, has the boxes and the
+//! Laplacian). It is solved by projected gradients with Nesterov's momentum; 60 flops per vertex and step. Small bodies
+//! still lose up to 8 % of their volume, which is restored: all vertices move along their normals, within the boxes,
+//! until the volume is that of the voxels.
 
 use spharm_surface::geometry::{Vec3, add, cross, dot, scale, sub, unit};
 use spharm_surface::topology::signed_volume;
@@ -19,16 +19,15 @@ use super::boundary::QuadMesh;
 const STEPS: usize = 300;
 /// Step length: the largest eigenvalue of `L^T L` is about 4, and exactly 4 if L is symmetric.
 const STEP: f64 = 0.22;
-/// Moves along the normals; each leaves a tenth of the missing volume or less, unless most vertices are at the ends of
-/// their boxes.
+/// Moves along the normals; each leaves at most a tenth of the missing volume, unless most vertices are at the limits
+/// of their boxes.
 const MOVES: usize = 8;
 /// Half the width of a box, in voxels.
 const HALF: f64 = 0.5;
 
 impl QuadMesh {
-    /// Returns the surface of least bending of which each vertex is within half a voxel, along each axis, of where it
-    /// is here, with the volume that it has here. The vertices are counted in voxels, as [`around`](Self::around) gives
-    /// them.
+    /// Returns the surface of least bending with the volume of this one, in which each vertex is within half a voxel of
+    /// its position here, along each axis. The vertices are in voxels, as returned by [`around`](Self::around).
     #[must_use]
     pub fn relaxed(&self) -> Self {
         let rings = Rings::of(self);
@@ -73,7 +72,7 @@ impl QuadMesh {
         relaxed
     }
 
-    /// Unit normals of the vertices, and the area.
+    /// Returns unit normals of the vertices, and the area.
     fn normals(&self) -> (Vec<Vec3>, f64) {
         let (mut normals, mut area) = (vec![[0.0; 3]; self.vertices.len()], 0.0);
         for quad in &self.quads {
@@ -87,7 +86,7 @@ impl QuadMesh {
     }
 }
 
-/// The neighbours of each vertex by edges.
+/// The neighbours of each vertex along edges.
 struct Rings {
     starts: Vec<usize>,
     near: Vec<u32>,
@@ -112,7 +111,7 @@ impl Rings {
         &self.near[self.starts[v]..self.starts[v + 1]]
     }
 
-    /// `L x`.
+    /// Returns `L x`.
     fn off_mean(&self, x: &[[f64; 3]]) -> Vec<[f64; 3]> {
         let of = |(v, x_v): (usize, &[f64; 3])| {
             let ring = self.row(v);
@@ -122,7 +121,7 @@ impl Rings {
         x.iter().enumerate().map(of).collect()
     }
 
-    /// `L^T x`.
+    /// Returns `L^T x`.
     fn transposed(&self, x: &[[f64; 3]]) -> Vec<[f64; 3]> {
         let of = |(v, x_v): (usize, &[f64; 3])| {
             let share = |w: u32| 1.0 / self.row(w as usize).len().max(1) as f64;

@@ -1,16 +1,16 @@
-//! From any label to one ball without bare contacts.
+//! Reduces any label to a single ball without bare contacts.
 //!
-//! The largest piece is kept and its cavities are filled. Handles are opened in one of two ways, the one that changes
+//! The largest piece is kept and its cavities are filled. Handles are opened in one of two ways, whichever changes
 //! fewer voxels:
 //!
-//! - *cutting*: from its innermost voxel a ball grows through the label, the deepest voxels first, and takes each one
-//!   that is simple and leaves no bare contact ([`simple`](super::simple)). What it can't take without closing a ring
-//!   stays out: a cut through the handle, where it is thinnest.
-//! - *filling*: the box around the label shrinks onto it, the furthest voxels of the background first, by the same
-//!   rules from the other side. What it can't give up without opening a ring stays in: a lid over the hole.
+//! - *cutting*: from its innermost voxel a ball grows through the label, the deepest voxels first. It takes each voxel
+//!   that is simple and leaves no bare contact ([`simple`](super::simple)). Voxels that would close a ring stay out: a
+//!   cut through the handle, where it is thinnest.
+//! - *filling*: the box around the label shrinks onto it, removing the furthest voxels of the background first, by the
+//!   same rules from the other side. Voxels whose removal would open a ring stay in: a lid over the hole.
 //!
-//! Both end in a set with the topology of the ball that they began with, whatever the label is; the report has the
-//! number of changed voxels. O(n log n) for n voxels of the box.
+//! Both result in a set with the topology of the initial ball, for any label; the report gives the number of changed
+//! voxels. O(n log n) for n voxels of the box.
 
 use std::collections::BinaryHeap;
 
@@ -22,7 +22,7 @@ use super::mask::{Mask, around};
 use super::pieces::{cavities, pieces};
 use super::simple::{Around, has_bare_contact, is_simple};
 
-/// How handles and bare contacts were removed.
+/// The method by which handles and bare contacts were removed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum HandleRepair {
@@ -36,32 +36,32 @@ pub enum HandleRepair {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[non_exhaustive]
 pub struct Repair {
-    /// Number of pieces dropped, all but the largest.
+    /// Number of pieces dropped: all except the largest.
     pub pieces_dropped: usize,
-    /// Their voxels.
+    /// Number of voxels of these pieces.
     pub voxels_dropped: usize,
     /// Number of cavities filled.
     pub cavities_filled: usize,
-    /// Their voxels.
+    /// Number of voxels of these cavities.
     pub voxels_filled: usize,
-    /// Handles of the largest piece, which were removed.
+    /// Number of handles of the largest piece, which were removed.
     #[serde(rename = "handles")]
     pub handles_removed: usize,
-    /// How handles and bare contacts were removed.
+    /// The method by which handles and bare contacts were removed.
     #[serde(rename = "way")]
     pub handles: HandleRepair,
-    /// Voxels changed for that.
+    /// Number of voxels changed to remove them.
     pub voxels_changed: usize,
 }
 
 impl Repair {
-    /// All voxels whose side changed.
+    /// Returns the number of all voxels that changed sides.
     #[must_use]
     pub fn voxels(&self) -> usize {
         self.voxels_dropped + self.voxels_filled + self.voxels_changed
     }
 
-    /// Returns what to say where handles should have been kept, to be cut, and the repair has removed them.
+    /// Returns the message for the case that handles should have been kept, to be cut, but the repair has removed them.
     #[must_use]
     pub fn no_handle_left(&self) -> Option<String> {
         let (number, kept) = match self.handles_removed {
@@ -96,7 +96,7 @@ impl std::fmt::Display for Repair {
     }
 }
 
-/// The largest piece of a mask, made a ball.
+/// Reduces the largest piece of a mask to a ball.
 ///
 /// # Errors
 ///
@@ -129,11 +129,11 @@ pub fn repair(mask: &Mask, monitor: &dyn Monitor) -> Result<(Mask, Repair), Inte
     Ok((repaired, repair))
 }
 
-/// A ball grown within the label.
+/// Grows a ball within the label.
 fn cut(label: &Mask, monitor: &dyn Monitor) -> Result<Mask, Interrupted> {
     let depth = distance(label, true, monitor)?;
     let mut ball = Mask { inside: vec![false; label.inside.len()], ..label.clone() };
-    // The deepest voxel; of several, the first.
+    // The deepest voxel, the first in case of ties.
     let seed = (0..depth.len()).max_by_key(|&i| (depth[i], std::cmp::Reverse(i)));
     let Some(seed) = seed.filter(|&i| label.inside[i]) else { return Ok(ball) };
     ball.inside[seed] = true;
@@ -141,7 +141,7 @@ fn cut(label: &Mask, monitor: &dyn Monitor) -> Result<Mask, Interrupted> {
     Ok(ball)
 }
 
-/// The box, shrunk onto the label.
+/// Shrinks the box onto the label.
 fn fill(label: &Mask, monitor: &dyn Monitor) -> Result<Mask, Interrupted> {
     let depth = distance(label, false, monitor)?;
     let mut ball = Mask { inside: (0..label.inside.len()).map(|i| !label.is_rim(i)).collect(), ..label.clone() };
@@ -150,10 +150,10 @@ fn fill(label: &Mask, monitor: &dyn Monitor) -> Result<Mask, Interrupted> {
     Ok(ball)
 }
 
-/// Voxels between which the monitor is asked.
+/// Number of voxels between checks of the monitor.
 const CHUNK: usize = 1 << 14;
 
-/// Moves voxels to the side of `seeds`, the deepest first: those for which `wanted` holds and that may change sides.
+/// Moves voxels for which `wanted` is true to the side of `seeds`, the deepest first, if they may change sides.
 fn change_sides(
     ball: &mut Mask,
     seeds: &[usize],
@@ -164,7 +164,7 @@ fn change_sides(
     let Some(&first) = seeds.first() else { return Ok(()) };
     let side = ball.inside[first];
     let offsets: Vec<isize> = around().map(|d| ball.step(d)).collect();
-    // A voxel is looked at again whenever one of its 26 neighbours has changed.
+    // A voxel is tested again whenever one of its 26 neighbours has changed.
     let mut heap = BinaryHeap::new();
     let push = |heap: &mut BinaryHeap<_>, ball: &Mask, voxel: usize| {
         let at = ball.place(voxel);
@@ -185,7 +185,7 @@ fn change_sides(
         if looked_at % CHUNK == 0 {
             monitor.check()?;
         }
-        // Queued more than once, and changed since.
+        // It was queued more than once, and has changed since.
         if ball.inside[voxel] == side {
             continue;
         }
@@ -203,10 +203,10 @@ fn change_sides(
     Ok(())
 }
 
-/// Distance of each voxel of a side from the other side, in steps of about 1/3 voxel (the 3-4-5 chamfer: G. Borgefors,
-/// "Distance transformations in digital images", 1986); 0 on the other side.
+/// Returns the distance of each voxel of a side from the other side, in steps of about 1/3 voxel (the 3-4-5 chamfer: G.
+/// Borgefors, "Distance transformations in digital images", 1986); 0 on the other side.
 fn distance(label: &Mask, side: bool, monitor: &dyn Monitor) -> Result<Vec<u32>, Interrupted> {
-    // Outside, the box's border is no end of the background.
+    // Outside, the background continues beyond the box's border.
     let far = u32::MAX / 2;
     let mut depth: Vec<u32> = label.inside.iter().map(|&inside| if inside == side { far } else { 0 }).collect();
     let cost = |d: [isize; 3]| 2 + d.iter().map(|x| x.unsigned_abs() as u32).sum::<u32>();

@@ -1,22 +1,22 @@
-//! Labels as runs: what is kept of a volume takes room by its labels, and not by its voxels.
+//! Labels stored as runs: memory is proportional to the labels' extent, not to the volume's number of voxels.
 //!
-//! Most of a label volume is background, and most neighbours have one label. A volume is read as a stream, of which the
-//! runs of equal labels along x are kept; a file that holds nothing but background leaves nothing.
+//! Most of a label volume is background, and most neighbours have the same label. A volume is read as a stream, of
+//! which only the runs of equal labels along x are kept; a file of nothing but background takes no memory.
 
 use std::collections::BTreeMap;
 
 use spharm_surface::io::{NoRoom, check_room};
 
-/// Voxels of one label other than 0, side by side along x.
+/// Adjacent voxels along x with the same label other than 0.
 #[derive(Clone, Copy, Debug)]
 struct Run {
-    /// The first voxel, x fastest.
+    /// Index of the first voxel, with x varying fastest.
     start: usize,
     length: u32,
     label: i32,
 }
 
-/// A label's number of voxels and the box around them, both ends included.
+/// A label's number of voxels and their bounding box, inclusive.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Extent {
     pub(super) voxels: usize,
@@ -28,19 +28,19 @@ pub(super) struct Extent {
 #[derive(Clone, Debug)]
 pub(super) struct Runs {
     size: [usize; 3],
-    /// In the order of the voxels; none goes on into the next row.
+    /// In the order of the voxels; no run continues into the next row.
     runs: Vec<Run>,
 }
 
 impl Runs {
-    /// The labels of values, x fastest.
+    /// Makes runs of labels from values, with x varying fastest.
     pub(super) fn of(size: [usize; 3], values: &[i32]) -> Result<Self, NoRoom> {
         let mut builder = Builder::new(size);
         values.iter().try_for_each(|&label| builder.push(label))?;
         builder.finish()
     }
 
-    /// The extent of every label, in one pass.
+    /// Returns the extent of every label, in one pass.
     pub(super) fn extents(&self) -> BTreeMap<i32, Extent> {
         let mut extents = BTreeMap::new();
         for run in &self.runs {
@@ -57,8 +57,7 @@ impl Runs {
         extents
     }
 
-    /// Calls `f` with the first and the last voxel, and the label, of each run as far as it is in a box, both ends
-    /// included.
+    /// Calls `f` with the first and the last voxel and the label of each run, restricted to a box, inclusive.
     pub(super) fn within(&self, low: [usize; 3], high: [usize; 3], mut f: impl FnMut([usize; 3], usize, i32)) {
         let [nx, ny, _] = self.size;
         for z in low[2]..=high[2] {
@@ -74,7 +73,8 @@ impl Runs {
         }
     }
 
-    /// The same labels with the axes in the other order: of values of which z runs fastest, those with x fastest.
+    /// Returns the same labels with the axes reversed: from values with z varying fastest to values with x varying
+    /// fastest.
     pub(super) fn transposed(&self) -> Result<Self, NoRoom> {
         let [nz, ny, nx] = self.size;
         let mut builder = Builder::new([nx, ny, nz]);
@@ -85,7 +85,7 @@ impl Runs {
             return builder.finish();
         };
         let high = extents.values().fold([0; 3], |a: [usize; 3], b| std::array::from_fn(|k| a[k].max(b.high[k])));
-        // Of the box around all labels alone.
+        // Only the bounding box of all labels.
         let own: [usize; 3] = std::array::from_fn(|k| high[k] - low[k] + 1);
         let count = own.iter().product::<usize>();
         check_room(4 * count as u64)?;
@@ -108,12 +108,12 @@ impl Runs {
     }
 }
 
-/// Makes runs of labels as they come, x fastest.
+/// Builds runs from labels in sequence, with x varying fastest.
 pub(super) struct Builder {
     runs: Runs,
-    /// Voxels so far.
+    /// Number of voxels so far.
     at: usize,
-    /// Voxels to the end of the row.
+    /// Number of voxels to the end of the row.
     left: usize,
     /// The label of the voxels from `began` on.
     label: i32,
@@ -125,17 +125,17 @@ impl Builder {
         Self { runs: Runs { size, runs: Vec::new() }, at: 0, left: size[0], label: 0, began: 0 }
     }
 
-    /// Voxels so far.
+    /// Returns the number of voxels so far.
     pub(super) fn len(&self) -> usize {
         self.at
     }
 
-    /// Says how many slices there are, where it wasn't known at first.
+    /// Sets the number of slices, if it wasn't known initially.
     pub(super) fn slices(&mut self, count: usize) {
         self.runs.size[2] = count;
     }
 
-    /// Takes the next voxel's label.
+    /// Adds the next voxel's label.
     pub(super) fn push(&mut self, label: i32) -> Result<(), NoRoom> {
         if label != self.label || self.left == 0 {
             self.close()?;
@@ -149,7 +149,7 @@ impl Builder {
         Ok(())
     }
 
-    /// Takes background for all voxels up to this one.
+    /// Adds background for all voxels up to this one.
     pub(super) fn to(&mut self, voxel: usize) -> Result<(), NoRoom> {
         self.close()?;
         let width = self.runs.size[0].max(1);
@@ -157,7 +157,7 @@ impl Builder {
         Ok(())
     }
 
-    /// Ends the run of the last voxels.
+    /// Ends the current run.
     fn close(&mut self) -> Result<(), NoRoom> {
         let runs = &mut self.runs.runs;
         while self.began < self.at && self.label != 0 {

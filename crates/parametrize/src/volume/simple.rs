@@ -1,22 +1,22 @@
-//! Whether a voxel may change sides without the topology changing.
+//! Tests whether a voxel may change sides without changing the topology.
 //!
-//! A voxel is *simple* when neither side is joined, cut, filled or pierced by its changing sides (G. Bertrand and G.
-//! Malandain, "A new characterization of three-dimensional simple points", Pattern Recognition Letters 15, 1994): for
-//! (6, 26)-connectivity, when within its 26 neighbours
+//! A voxel is *simple* if changing its side joins, cuts, fills or pierces neither side (G. Bertrand and G. Malandain,
+//! "A new characterization of three-dimensional simple points", Pattern Recognition Letters 15, 1994): for (6,
+//! 26)-connectivity, if within its 26 neighbours
 //!
-//! - one piece of the inside, over faces within the 18 neighbours, shares a face with it, and
-//! - the outside is one piece over faces, edges and corners.
+//! - exactly one piece of the inside, connected by faces within the 18 neighbours, shares a face with it, and
+//! - the outside is one piece, connected by faces, edges and corners.
 //!
-//! Beyond that a change may be asked to leave no *bare contact*: two voxels of one side that share an edge or a corner
-//! while all others around it are of the other side. Without them a boundary is a surface without any doubled vertex
-//! (L. Latecki, U. Eckhardt, A. Rosenfeld, "Well-composed sets", CVIU 61, 1995).
+//! A change may also be required to leave no *bare contact*: two voxels of one side that share an edge or a corner
+//! while all others around it are on the other side. Without bare contacts a boundary is a surface without doubled
+//! vertices (L. Latecki, U. Eckhardt, A. Rosenfeld, "Well-composed sets", CVIU 61, 1995).
 
 use std::sync::LazyLock;
 
-/// Which of a voxel's 27 (itself at 13) are inside, as bits; x fastest.
+/// The voxels inside among a voxel's 27 (with itself at 13), as bits; x varies fastest.
 pub(super) type Around = u32;
 
-/// For each of the 27: the others of them that share a face, and those that share at least a corner.
+/// For each of the 27, the others among them that share a face, and those that share at least a corner.
 struct Neighbours {
     face: [Around; 27],
     any: [Around; 27],
@@ -37,7 +37,7 @@ static NEIGHBOURS: LazyLock<Neighbours> = LazyLock::new(|| {
 
 const CENTRE: usize = 13;
 
-/// The 18 that share a face or an edge with the centre: all but the corners.
+/// The 18 that share a face or an edge with the centre: all except the corners.
 const EIGHTEEN: Around = {
     let mut bits = 0;
     let mut i = 0;
@@ -53,7 +53,7 @@ const EIGHTEEN: Around = {
 
 const ALL: Around = ((1 << 27) - 1) & !(1 << CENTRE);
 
-/// What is reached from `seed` within `set`.
+/// Returns the voxels connected to `seed` within `set`.
 fn reach(seed: Around, set: Around, neighbours: &[Around; 27]) -> Around {
     let (mut reached, mut front) = (seed, seed);
     while front != 0 {
@@ -81,17 +81,17 @@ pub(super) fn is_simple(around: Around) -> bool {
     touching & !piece == 0 && reach(lowest(outside), outside, &n.any) == outside
 }
 
-/// Whether there is a bare contact in an edge or a corner of the voxel in the middle.
+/// Whether there is a bare contact at an edge or a corner of the voxel in the middle.
 pub(super) fn has_bare_contact(around: Around) -> bool {
     let inside = |[x, y, z]: [i32; 3]| around >> (x + 3 * y + 9 * z) & 1 == 1;
-    // The eight blocks of 2 x 2 x 2 that hold the middle.
+    // The eight blocks of 2 x 2 x 2 that contain the middle.
     (0..8).any(|block| {
         let low = [block & 1, block >> 1 & 1, block >> 2];
         let of = |corner: i32| inside([low[0] + (corner & 1), low[1] + (corner >> 1 & 1), low[2] + (corner >> 2)]);
         let sides: u8 = (0..8).fold(0, |bits, corner| bits | u8::from(of(corner)) << corner);
-        // Opposite corners alone, inside or outside.
+        // Only two opposite corners are inside, or only two are outside.
         let corner = |sides: u8| matches!(sides, 0b1000_0001 | 0b0100_0010 | 0b0010_0100 | 0b0001_1000);
-        // On a face of the block: diagonal voxels of one side, the others of the other.
+        // On a face of the block: two diagonal voxels on one side, the other two on the other side.
         let face = |[a, b, c, d]: [u8; 4]| {
             let side = |i: u8| sides >> i & 1;
             side(a) == side(d) && side(b) == side(c) && side(a) != side(b)

@@ -1,4 +1,4 @@
-//! A volume's file, and what its format leaves open.
+//! A volume's file, and the settings that its format leaves open.
 
 use std::io::Read;
 use std::path::Path;
@@ -10,17 +10,17 @@ use super::affine::Affine;
 use super::values::no_room;
 use crate::error::ParametrizeError;
 
-/// A file that is read.
+/// A file to read.
 #[derive(Clone, Copy)]
 pub(super) struct Source<'a> {
     pub(super) path: &'a Path,
-    /// Size of the voxels, where the format doesn't tell, or tells wrong.
+    /// Size of the voxels, if the format doesn't specify it, or the file gives a wrong one.
     pub(super) voxel_size: Option<[f64; 3]>,
     pub(super) monitor: &'a dyn Monitor,
 }
 
 impl Source<'_> {
-    /// The matrix of a file that has only the size of its voxels, or not even that.
+    /// Returns the matrix of a file that specifies at most the size of its voxels.
     pub(super) fn affine(&self, found: Option<[f64; 3]>, format: &'static str) -> Result<Affine, ParametrizeError> {
         let size = self
             .voxel_size
@@ -35,7 +35,7 @@ impl Source<'_> {
     }
 }
 
-/// Reads a regular file whole; opening a pipe would wait for whoever writes it.
+/// Reads an entire regular file; opening a pipe would wait for its writer.
 pub(super) fn load(path: &Path) -> Result<Vec<u8>, ParametrizeError> {
     let io = |cause| ParametrizeError::Io { path: path.to_owned(), cause };
     if let Some(found) = spharm_files::other_kind(std::fs::metadata(path).map_err(io)?.file_type()) {
@@ -43,7 +43,7 @@ pub(super) fn load(path: &Path) -> Result<Vec<u8>, ParametrizeError> {
         return Err(ParametrizeError::NotAVolume { path: path.to_owned(), expected, found });
     }
     let mut file = spharm_files::open(path).map_err(io)?;
-    // A sparse file takes no room on a disk.
+    // A sparse file needs no space on disk, so its size may exceed the memory.
     check_room(file.metadata().map_err(io)?.len()).map_err(|room| no_room(path, room))?;
     let mut bytes = Vec::new();
     file.read_to_end(&mut bytes).map_err(io)?;

@@ -1,9 +1,9 @@
-//! Whether a model of a label resolves the voxels' steps.
+//! Warns if a model of a label resolves the voxels' steps.
 //!
-//! The surface around a label is that of its voxels. A model of degree L bends over `pi r / L` on a body of radius r;
-//! below one and a half voxels it follows the steps between them, and area and sphericity grow with the degree: a ball
-//! of radius 10.3 voxels has an area 0.8 % too large at degree 8, 1.1 % at 12 and 2.1 % at 20, and an ellipsoid of axes
-//! 4, 2 and 2 in voxels of 0.2, 0.2 and 0.6 has 0.3, 5.1 and 18.1 %.
+//! The surface around a label is that of its voxels. A model of degree L resolves lengths of `pi r / L` on a body of
+//! radius r. Below one and a half voxels it follows the steps between them, and area and sphericity grow with the
+//! degree: the area of a ball of radius 10.3 voxels is 0.8 % too large at degree 8, 1.1 % at 12 and 2.1 % at 20, and
+//! that of an ellipsoid of axes 4, 2 and 2 in voxels of 0.2, 0.2 and 0.6 is 0.3, 5.1 and 18.1 % too large.
 
 use std::fmt;
 
@@ -11,24 +11,24 @@ use serde::{Deserialize, Serialize};
 
 use super::surface::VolumeSurface;
 
-/// Voxels that a model may bend over.
+/// Resolved length, in voxels, below which a model follows the steps.
 const VOXELS: f64 = 1.5;
 
-/// A model that resolves the voxels that its surface was made of.
+/// A model that resolves the voxels from which its surface was made.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct VoxelSteps {
     /// Degree of the model, L.
     pub max_degree: usize,
-    /// Length that it bends over, `pi r / L` with r the radius of a ball of the label's volume, mm.
+    /// Length that it resolves, `pi r / L` with r the radius of a ball of the label's volume, in mm.
     pub resolved: f64,
-    /// The longest edge of a voxel, mm.
+    /// The longest edge of a voxel, in mm.
     pub voxel: f64,
     /// The highest degree that doesn't resolve the voxels.
     pub suitable_degree: usize,
 }
 
 impl VolumeSurface {
-    /// Returns the steps that a model of a degree follows, if it resolves the voxels.
+    /// Returns the voxel steps that a model of a degree would follow; `None` if it doesn't resolve the voxels.
     #[must_use]
     pub fn steps(&self, max_degree: usize) -> Option<VoxelSteps> {
         let volume = self.voxels as f64 * self.voxel_size.iter().product::<f64>();
@@ -51,7 +51,7 @@ impl fmt::Display for VoxelSteps {
     }
 }
 
-/// Returns one warning for several labels by their names, at most 5 of them; none for no label.
+/// Returns one warning for several labels, with the names of at most 5 of them; `None` if there are no labels.
 #[must_use]
 pub fn steps_of_labels(found: &[(String, VoxelSteps)]) -> Option<String> {
     const NAMED: usize = 5;

@@ -15,10 +15,10 @@ use crate::error::ParametrizeError;
 pub struct VolumeParams {
     /// The label; `None` (default) for the only one of the volume.
     pub label: Option<i64>,
-    /// Whether to repair a label that isn't a ball, in place of refusing it. Default false.
+    /// Whether to repair a label that isn't a ball, instead of rejecting it. Default false.
     pub fix: bool,
     /// Whether the surface may have handles, for [`without_handles`](crate::Input::without_handles) to cut. Default
-    /// false. A repair opens them, so that with `fix` none are left.
+    /// false. A repair opens handles, so with `fix` none remain.
     pub handles: bool,
 }
 
@@ -26,21 +26,22 @@ pub struct VolumeParams {
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct VolumeSurface {
-    /// Closed, of genus 0 unless handles were allowed, wound outward; vertices in mm.
+    /// Closed surface, of genus 0 unless handles were allowed, wound outwards; vertices in mm.
     pub quads: QuadMesh,
     /// The label.
     pub label: i64,
-    /// Number of its voxels in the file.
+    /// Number of the label's voxels in the file.
     pub voxels: usize,
-    /// Lengths of a voxel's edges, mm.
+    /// Lengths of a voxel's edges, in mm.
     pub voxel_size: [f64; 3],
-    /// The changes made; `None` where nothing had to be repaired.
+    /// The changes made; `None` if no repair was needed.
     pub repair: Option<Repair>,
 }
 
 impl LabelVolume {
-    /// The surface around a label without the voxels' steps, of whatever topology, in mm: of least bending within half
-    /// a voxel of the steps ([`QuadMesh::relaxed`]). It is for what needs no sphere, such as registration.
+    /// Returns the surface around a label without the voxels' steps, of any topology, in mm: the surface of least
+    /// bending within half a voxel of the steps ([`QuadMesh::relaxed`]). It is for uses that need no sphere, such as
+    /// registration.
     ///
     /// # Errors
     ///
@@ -50,12 +51,12 @@ impl LabelVolume {
         Ok(steps.relaxed().to_world(&self.affine).triangles(|_| false))
     }
 
-    /// The closed surface around a label.
+    /// Returns the closed surface around a label.
     ///
     /// # Errors
     ///
-    /// [`NoLabel`](ParametrizeError::NoLabel); [`BadVolume`](ParametrizeError::BadVolume) where the label isn't one
-    /// ball (with how many pieces, cavities, handles, bare contacts it has) and `fix` isn't set;
+    /// [`NoLabel`](ParametrizeError::NoLabel); [`BadVolume`](ParametrizeError::BadVolume) if the label isn't a single
+    /// ball (with its numbers of pieces, cavities, handles and bare contacts) and `fix` isn't set;
     /// [`Interrupted`](ParametrizeError::Interrupted).
     pub fn surface(&self, params: &VolumeParams, monitor: &dyn Monitor) -> Result<VolumeSurface, ParametrizeError> {
         let label = self.choose(params.label)?;
@@ -71,7 +72,7 @@ impl LabelVolume {
             (false, false) => return refuse(problems, true),
             (false, true) => {
                 let (repaired, repair) = repair(&mask, monitor)?;
-                // The repair keeps to simple points, so this can't happen; a surface of another kind must not go on.
+                // The repair only changes simple points, so this can't happen; any other surface must be rejected.
                 let left = self::problems(&repaired, false, monitor)?;
                 if !left.phrases.is_empty() {
                     return refuse(left, false);
@@ -86,13 +87,13 @@ impl LabelVolume {
 
 /// The reasons why voxels aren't one ball.
 struct Problems {
-    /// A phrase each.
+    /// One phrase per reason.
     phrases: Vec<String>,
-    /// How many of them are handles.
+    /// Number of handles among them.
     handles: usize,
 }
 
-/// The reasons why the voxels aren't one ball; with `allowed` handles are none.
+/// Returns the reasons why the voxels aren't one ball; with `allowed`, handles aren't among them.
 fn problems(mask: &Mask, allowed: bool, monitor: &dyn Monitor) -> Result<Problems, Interrupted> {
     let mut problems = Vec::new();
     let found = pieces(mask, monitor)?;

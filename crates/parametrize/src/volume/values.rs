@@ -1,4 +1,4 @@
-//! Voxel values of a file as labels: whole numbers of 32 bits.
+//! Converts a file's voxel values to labels: 32-bit integers.
 
 use std::io::Read;
 use std::path::Path;
@@ -11,7 +11,7 @@ use super::affine::Affine;
 use super::runs::{Builder, Runs};
 use crate::error::ParametrizeError;
 
-/// A volume as a file has it: number of voxels along x, y, z, their positions, their labels.
+/// A volume from a file: the numbers of voxels along x, y, z, their positions, their labels.
 pub(super) struct Volume {
     pub(super) size: [usize; 3],
     pub(super) affine: Affine,
@@ -34,7 +34,7 @@ pub(super) enum Scalar {
 }
 
 impl Scalar {
-    /// Bytes of a value.
+    /// Returns the bytes per value.
     pub(super) fn width(self) -> usize {
         match self {
             Self::U8 | Self::I8 => 1,
@@ -44,7 +44,7 @@ impl Scalar {
         }
     }
 
-    /// A value from its bytes, little-endian, the unused ones 0.
+    /// Returns the value of little-endian bytes, with the unused ones 0.
     fn number(self, raw: [u8; 8]) -> f64 {
         let [a, b, c, d, ..] = raw;
         match self {
@@ -62,36 +62,37 @@ impl Scalar {
     }
 }
 
-/// The values of a file, as its header describes them.
+/// Layout of a file's values, as described by its header.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Layout {
-    /// Number of voxels, that of the fastest axis first.
+    /// Numbers of voxels, starting with the fastest axis.
     pub(super) size: [usize; 3],
     /// Type of a value.
     pub(super) scalar: Scalar,
-    /// Whether the least significant byte comes first.
+    /// Whether the values are little-endian.
     pub(super) little_endian: bool,
-    /// Slope and intercept, where values are scaled.
+    /// Slope and intercept, if values are scaled.
     pub(super) scaling: Option<(f64, f64)>,
 }
 
-/// Bytes read at a time, between which the monitor is asked; a multiple of every width.
+/// Bytes read between checks of the monitor; a multiple of every width.
 const CHUNK: usize = 1 << 20;
 
 impl Layout {
-    /// Bytes of all values.
+    /// Returns the bytes of all values.
     pub(super) fn bytes(&self) -> u64 {
         self.size.iter().fold(self.scalar.width() as u64, |bytes, &n| bytes.saturating_mul(n as u64))
     }
 
-    /// Reads the values from a stream, and keeps the labels. The caller has compared their size with that of the file.
+    /// Reads the values from a stream, and stores the labels. The caller must have compared their size with that of the
+    /// file.
     pub(super) fn read(
         &self,
         path: &Path,
         mut stream: impl Read,
         monitor: &dyn Monitor,
     ) -> Result<Runs, ParametrizeError> {
-        // A label and a place in its mask, if every voxel had one.
+        // A label and a voxel of its mask for every voxel, in the worst case.
         let room = |room| no_room(path, room);
         check_room(self.bytes() / self.scalar.width() as u64 * 5).map_err(room)?;
         monitor.begin(Stage::bytes("reading"), self.bytes());
@@ -133,7 +134,7 @@ impl Layout {
     }
 }
 
-/// A label from a number.
+/// Converts a number to a label.
 pub(super) fn whole(path: &Path, index: usize, value: f64) -> Result<i32, ParametrizeError> {
     if value.fract() == 0.0 && value.abs() <= f64::from(i32::MAX) {
         return Ok(value as i32);
@@ -142,12 +143,12 @@ pub(super) fn whole(path: &Path, index: usize, value: f64) -> Result<i32, Parame
     Err(ParametrizeError::NotAVolume { path: path.to_owned(), expected: "whole numbers as labels", found })
 }
 
-/// The error for a volume that takes more memory than there is.
+/// Returns the error for a volume that needs more memory than is free.
 pub(super) fn no_room(path: &Path, room: NoRoom) -> ParametrizeError {
     SurfaceError::NoRoom { path: path.to_owned(), room }.into()
 }
 
-/// The error for a file that ends too early.
+/// Returns the error for a file that ends too early.
 pub(super) fn cut_short(path: &Path, found: &str) -> ParametrizeError {
     let found = format!("a file that is cut short or damaged ({found})");
     ParametrizeError::NotAVolume { path: path.to_owned(), expected: "a label volume", found }
