@@ -1,9 +1,9 @@
-//! Regular files, opened without waiting and read whole within a bound.
+//! Opens regular files without blocking, and reads them completely within a size limit.
 //!
-//! Opening a FIFO waits for whoever writes it, reading one or a terminal waits for data, and a device may have no end.
-//! None of them holds a table, a list, a study or a model that is to be read again, so they are refused: before they
-//! are opened, and once more when they are open, as a path may be replaced in between. What is read whole has a bound,
-//! which also holds for files that grow while they are read and for those whose size isn't known, as in `/proc`.
+//! Opening a FIFO waits for its writer, reading from one or from a terminal waits for data, and a device may have no
+//! end. None of them is a valid table, list, study or model that is to be read again, so they are rejected: before they
+//! are opened, and again once they are open, since a path may be replaced in between. Reading an entire file has a
+//! limit, which also applies to files that grow while they are read and to those of unknown size, as in `/proc`.
 //!
 //! ```
 //! # fn main() -> std::io::Result<()> {
@@ -29,7 +29,7 @@ pub fn open(path: impl AsRef<Path>) -> io::Result<File> {
     open_with(path, OpenOptions::new().read(true))
 }
 
-/// Opens a regular file with some options, such as those to append to it; options may create it.
+/// Opens a regular file with the given options, for example to append to it; the options may create it.
 ///
 /// # Errors
 ///
@@ -38,7 +38,7 @@ pub fn open_with(path: impl AsRef<Path>, options: &OpenOptions) -> io::Result<Fi
     let path = path.as_ref();
     match std::fs::metadata(path) {
         Ok(found) => check(found.file_type())?,
-        // `options` may create it; else opening it fails with the same error.
+        // `options` may create the file; otherwise opening it fails with the same error.
         Err(error) if error.kind() == io::ErrorKind::NotFound => {}
         Err(error) => return Err(error),
     }
@@ -57,7 +57,7 @@ pub fn open_with(path: impl AsRef<Path>, options: &OpenOptions) -> io::Result<Fi
 ///
 /// # Errors
 ///
-/// Those of [`open`]; for a longer file, with its length; when reading fails.
+/// Those of [`open`]; for a longer file, with its length; if reading fails.
 pub fn read(path: impl AsRef<Path>, most: u64) -> io::Result<Vec<u8>> {
     let file = open(path)?;
     let length = file.metadata()?.len();
@@ -87,7 +87,7 @@ pub fn read_text(path: impl AsRef<Path>, most: u64) -> io::Result<String> {
     Ok(text.strip_prefix('\u{feff}').map(str::to_owned).unwrap_or(text))
 }
 
-/// Returns the kind of a file that isn't a regular one, in words.
+/// Describes the kind of a file that isn't a regular one; `None` for a regular file.
 #[must_use]
 pub fn other_kind(found: FileType) -> Option<&'static str> {
     if found.is_file() {

@@ -1,7 +1,7 @@
 //! Moments of tables of samples, in bounded memory.
 //!
-//! A chunk is read while the one before is converted and spread. Memory is that of [`Accumulator`] and three chunks,
-//! whatever the size of the tables.
+//! One chunk is read while the previous one is converted and spread. Memory is that of [`Accumulator`] and three
+//! chunks, for tables of any size.
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
@@ -23,36 +23,36 @@ use crate::moments::{Moments, Shard, Source};
 use crate::samples::{BadRow, Chunk, Columns, Opened, Plan, Positions, STDIN, is_table, open, open_over_scheme};
 
 const KEY_CONTEXT: &str = "spharm-rs 2026-11 samples v1";
-/// Bytes of either end of a file that its key depends on.
+/// Bytes at either end of a file that are included in its key.
 const END: u64 = 1 << 16;
-/// Samples of a chunk, of any number of threads, and of each thread: enough for all of them, and few enough that a
-/// chunk stays in the cache of a core from one step to the next. Sums are the same bits, as these are multiples of
-/// blocks.
+/// Most samples in a chunk, and samples per thread: enough to occupy all threads, and few enough that a thread's share
+/// stays in the cache of a core from one step to the next. The sums are bit-identical for any number of threads, as
+/// both are multiples of the block size.
 const CHUNK: usize = 1 << 19;
 const CHUNK_OF_THREAD: usize = 1 << 16;
 
-/// What moments are of, and to which degree.
+/// The samples whose moments are computed, and the degree.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Request {
-    /// The tables, one after the other; `-` is standard input.
+    /// The tables, in order; `-` is standard input.
     pub files: Vec<PathBuf>,
-    /// Which of their columns are what.
+    /// Names of the columns for positions, values and weights.
     pub columns: Columns,
     /// Highest degree of fits, L.
     pub max_degree: usize,
-    /// The part of each table.
+    /// The part of each table to read.
     pub shard: Shard,
-    /// Bytes of memory that may be used; by default what it takes.
+    /// Bytes of memory that may be used; `None` (default) for as much as needed.
     pub memory: Option<usize>,
 }
 
 impl Request {
-    /// Returns a request for the moments of whole tables, whose values have yet to be named.
+    /// Returns a request for the moments of entire tables. The names of the values must still be set.
     pub fn new(files: Vec<PathBuf>, max_degree: usize) -> Self {
         Self { files, columns: Columns::default(), max_degree, shard: Shard::WHOLE, memory: None }
     }
 
-    /// The sampling scheme that each table has a row for each direction of.
+    /// Returns the sampling scheme, if positions are given by one; each table then has one row per direction.
     fn scheme(&self) -> Option<&Directions> {
         match &self.columns.positions {
             Some(Positions::Scheme(directions)) => Some(directions),
@@ -61,22 +61,22 @@ impl Request {
     }
 }
 
-/// Moments, and what is worth knowing about how they were found.
+/// Moments, with warnings and timings.
 #[derive(Debug, Clone)]
 pub struct Accumulated {
     /// The moments.
     pub moments: Moments,
-    /// What may be wrong with the samples.
+    /// Possible problems of the samples.
     pub warnings: Vec<Warning>,
     /// Wall times.
     pub seconds: Seconds,
 }
 
-/// What may be wrong with samples.
+/// A possible problem of the samples.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Warning {
-    /// Longitudes and latitudes that could be angles in radians.
+    /// Longitudes and latitudes that may be angles in radians.
     #[error("longitudes to {longitude} and latitudes to {latitude}: degrees are expected, these look like radians")]
     LooksLikeRadians {
         /// The largest longitude, in absolute value.
@@ -84,17 +84,17 @@ pub enum Warning {
         /// The largest latitude, in absolute value.
         latitude: f64,
     },
-    /// Samples that count for nothing.
+    /// Samples of weight zero.
     #[error("{zeros} of {rows} samples have the weight 0")]
     ZeroWeights {
-        /// How many.
+        /// Number of these samples.
         zeros: u64,
-        /// Of how many.
+        /// Number of all samples.
         rows: u64,
     },
 }
 
-/// Wall time by kind of work. Reading goes on beside the rest.
+/// Wall time by kind of work. Reading runs concurrently with the rest.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 pub struct Seconds {
     /// Reading and parsing.
@@ -103,22 +103,22 @@ pub struct Seconds {
     pub convert: f64,
     /// Placing samples on the grids, and sorting them.
     pub place: f64,
-    /// Spreading them.
+    /// Spreading samples onto the grids.
     pub spread: f64,
-    /// From grids to coefficients.
+    /// Transforming grids to coefficients.
     pub transform: f64,
-    /// All of it.
+    /// Total.
     pub total: f64,
 }
 
-/// Forms the moments of a shard of tables.
+/// Computes the moments of a shard of tables.
 ///
-/// The monitor gets the stage `moments`, in rows where their number is known.
+/// The monitor gets the stage `moments`, in rows if their number is known.
 ///
 /// # Errors
 ///
-/// [`MomentsError`]: tables that can't be read or lack columns, rows that can't be used, too little memory. Nothing is
-/// returned of tables that are in part good.
+/// [`MomentsError`]: tables that can't be read or lack columns, invalid rows, too little memory. If any row is invalid,
+/// nothing is returned.
 pub fn accumulate(request: &Request, monitor: &dyn Monitor) -> Result<Accumulated, MomentsError> {
     let started = Instant::now();
     request.shard.check()?;
@@ -128,7 +128,7 @@ pub fn accumulate(request: &Request, monitor: &dyn Monitor) -> Result<Accumulate
     let scheme = request.scheme();
     let scheme_key = scheme.map(|directions| SchemeKey::of(directions, Scalar::F64));
     let mut key = Key::new(&request.columns, scheme_key);
-    // Rows that are used of what is opened.
+    // Range of rows used among those opened.
     let used = scheme.map_or(0..u64::MAX, |directions| request.shard.range(directions.len() as u64));
     let (mut seconds, mut largest) = (Seconds::default(), [0.0f64; 2]);
     let mut has_values = vec![false; channels];
@@ -191,15 +191,15 @@ pub fn accumulate(request: &Request, monitor: &dyn Monitor) -> Result<Accumulate
     Ok(Accumulated { moments, warnings, seconds })
 }
 
-/// Returns the bytes that moments of tables with these channels take.
+/// Returns the bytes needed to compute moments of tables with this number of channels.
 pub fn bytes(max_degree: usize, channels: usize) -> usize {
-    // Rows as they are read, twice, and samples.
+    // Rows as read, twice, and samples.
     let row = 8 * (5 + channels);
     Accumulator::bytes(max_degree, channels) + CHUNK * (3 * row + 8 * (4 + channels))
 }
 
 fn check_memory(request: &Request, channels: usize) -> Result<(), MomentsError> {
-    // Over a scheme its directions, and values on vertices, which are read whole.
+    // Over a scheme, also its directions, and values on vertices, which are read as a whole.
     let directions = request.scheme().map_or(0, |directions| std::mem::size_of_val(directions.as_slice()));
     let values = request.files.iter().filter(|path| directions > 0 && !is_table(path)).map(|path| bytes_to_read(path));
     let values = usize::try_from(values.max().unwrap_or(0)).unwrap_or(usize::MAX);
@@ -211,7 +211,7 @@ fn check_memory(request: &Request, channels: usize) -> Result<(), MomentsError> 
     }
 }
 
-/// Hash of what is read.
+/// Hash of the input.
 struct Key(blake3::Hasher);
 
 impl Key {
@@ -257,7 +257,7 @@ impl Key {
         Ok(())
     }
 
-    /// The first and last bytes of a file, which tell files of one name and size apart.
+    /// Adds the first and last bytes of a file, which distinguish files of the same name and size.
     fn ends(&mut self, path: &Path, size: u64) -> io::Result<()> {
         let mut file = File::open(path)?;
         for start in [0, size.saturating_sub(END)] {
@@ -283,16 +283,16 @@ impl Key {
     }
 }
 
-/// One table's way into the sums.
+/// The processing of one table.
 struct Reading<'a> {
     path: &'a PathBuf,
     plan: &'a Plan,
-    /// Its rows that are used, by their numbers from 0 in what is read.
+    /// Indices, from 0, of the rows used among those read.
     used: Range<u64>,
     sums: &'a mut Accumulator,
     seconds: &'a mut Seconds,
     largest: &'a mut [f64; 2],
-    /// Whether each channel has a value other than zero, of a sample with weight.
+    /// Whether each channel has a nonzero value at a sample of nonzero weight.
     has_values: &'a mut [bool],
 }
 
@@ -306,7 +306,8 @@ impl Reading<'_> {
             monitor.check()?;
             next.clear();
             let started = Instant::now();
-            // In the caller's threads, of which there may be a single one: neither waits for the other before its end.
+            // Runs on the caller's threads, of which there may be only one: neither side waits for the other before it
+            // ends.
             let (count, done) = rayon::join(
                 || table.read(most, &mut next).map(|count| (count, started.elapsed().as_secs_f64())),
                 || self.one(&rows, before, &mut chunk),
@@ -330,7 +331,7 @@ impl Reading<'_> {
         Ok(before)
     }
 
-    /// Adds the samples of a chunk of rows that `before` others precede.
+    /// Adds the samples of a chunk of rows; `before` is the number of rows before the chunk.
     fn one(&mut self, rows: &[f64], before: u64, chunk: &mut Chunk) -> Result<Option<BadRow>, MomentsError> {
         let started = Instant::now();
         let columns = self.plan.columns();
@@ -347,7 +348,7 @@ impl Reading<'_> {
     }
 }
 
-/// Takes note of the channels that have a value other than zero of a sample with weight: their squares may underflow.
+/// Records the channels that have a nonzero value at a sample of nonzero weight, since their squares may underflow.
 fn note_values(has: &mut [bool], weights: Option<&[f64]>, values: ArrayView2<'_, f64>) {
     let counts = |row: usize| weights.is_none_or(|weights| weights[row] != 0.0);
     for (has, column) in has.iter_mut().zip(values.columns()) {

@@ -1,9 +1,8 @@
-//! Moments of samples that are in memory: a chunk of a larger whole, which somebody else holds together.
+//! Moments of samples in memory: a chunk of a larger set of samples that the caller manages.
 //!
-//! Tables know which samples they are by their names, sizes and ends; arrays are known by a name that the caller gives
-//! to the whole that they are part of, or by all their bytes. So [`merge`](mod@crate::merge) finds that a chunk is
-//! missing, or there twice, as it does for shards of tables. Memory is that of [`Accumulator`] and a chunk of converted
-//! samples.
+//! Tables are identified by their names, sizes and first and last bytes; arrays are identified by a name that the
+//! caller gives to the whole set, or by all their bytes. So [`merge`](mod@crate::merge) detects missing and repeated
+//! chunks, as it does for shards of tables. Memory is that of [`Accumulator`] and a chunk of converted samples.
 
 use ndarray::{ArrayView1, ArrayView2, Axis, s};
 use rayon::prelude::*;
@@ -15,26 +14,26 @@ use crate::MomentsError;
 use crate::moments::{Moments, Shard, Source};
 
 const KEY_CONTEXT: &str = "spharm-rs 2026-11 samples in memory v1";
-/// Samples that are converted at a time.
+/// Number of samples converted at a time.
 const CHUNK: usize = 1 << 18;
 
-/// Samples in memory. Strides are as they may be.
+/// Samples in memory. Strides may be arbitrary.
 #[derive(Debug, Clone, Copy)]
 pub struct Samples<'a> {
-    /// Vectors of any length but zero, (n, 3).
+    /// Vectors of any nonzero length, (n, 3).
     pub directions: ArrayView2<'a, f64>,
     /// Values, (n, c), finite.
     pub values: ArrayView2<'a, f64>,
-    /// Weights, (n), finite and at least 0; all 1 where there are none.
+    /// Weights, (n), finite and nonnegative; `None` for 1 everywhere.
     pub weights: Option<ArrayView1<'a, f64>>,
 }
 
-/// Which samples of a whole those in memory are.
+/// The part of a whole set of samples that those in memory are.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Part {
-    /// The name of the whole; by default the samples' own bytes tell them apart from others.
+    /// Name of the whole set; by default the samples' own bytes identify them.
     pub whole: Option<String>,
-    /// The part.
+    /// The part of the whole set.
     pub shard: Shard,
 }
 
@@ -44,14 +43,14 @@ impl Default for Part {
     }
 }
 
-/// Forms the moments of samples in memory, for fits to degree `max_degree` of the channels with these names, (c).
+/// Computes the moments of samples in memory, for fits to degree `max_degree` of the channels with these names, (c).
 ///
-/// The monitor gets the stage `moments`, in samples. No samples at all are a part, too: of a whole that was cut into
-/// more parts than some of them have.
+/// The monitor gets the stage `moments`, in samples. An empty set of samples is a valid part: the whole set may be
+/// divided into more parts than it has samples for.
 ///
 /// # Errors
 ///
-/// [`MomentsError::Arrays`] for arrays that don't belong together, [`MomentsError::Sample`] for one that can't be used,
+/// [`MomentsError::Arrays`] for arrays that don't belong together, [`MomentsError::Sample`] for an invalid sample,
 /// [`MomentsError::Shard`], [`MomentsError::Transform`] for a degree that is too high.
 pub fn accumulate_samples(
     samples: &Samples<'_>,
@@ -97,7 +96,7 @@ fn units(directions: ArrayView2<'_, f64>, start: usize) -> Result<Vec<[f64; 3]>,
         }
         Err(_) => Some(row),
     });
-    // The first bad one, whichever thread met one first.
+    // The first invalid sample, regardless of which thread found one first.
     match bad.min() {
         None => Ok(units),
         Some(row) => Err(MomentsError::Sample {

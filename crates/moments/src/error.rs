@@ -1,4 +1,4 @@
-//! What can go wrong with samples and with files of moments.
+//! Errors of samples and files of moments.
 
 use std::io;
 use std::ops::RangeInclusive;
@@ -8,61 +8,61 @@ use spharm_monitor::Interrupted;
 use spharm_surface::SurfaceError;
 use spharm_transform::TransformError;
 
-/// Errors of this crate. Rows of tables are counted from 1, as the data have them, without a header.
+/// Errors of this crate. Rows of tables are counted from 1, in the order of the data, without a header.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum MomentsError {
-    /// The operating system refused something.
+    /// The operating system reported an error.
     #[error("{}: cannot {action}: {source}", .path.display())]
     Io {
         /// The file.
         path: PathBuf,
-        /// What was being done.
+        /// The attempted action.
         action: &'static str,
-        /// Why it failed.
+        /// The system's error.
         source: io::Error,
     },
-    /// A table whose bytes break the rules of its format.
+    /// A table whose bytes violate its format.
     #[error("{}: {format}: expected {expected}, found {found}", .path.display())]
     Malformed {
         /// The file.
         path: PathBuf,
         /// The format.
         format: &'static str,
-        /// What its rules demand.
+        /// The format's requirement.
         expected: String,
-        /// What is there.
+        /// What the file contains there.
         found: String,
     },
-    /// A file whose name has the ending of no format that is read.
+    /// A file whose name has no supported ending.
     #[error("{}: expected a file whose name ends in {}, found another ending", .path.display(), .expected.join(", "))]
     UnknownFormat {
         /// The file.
         path: PathBuf,
-        /// The endings.
+        /// The supported endings.
         expected: Vec<&'static str>,
     },
-    /// A table without the columns that are needed.
+    /// A table without a required column.
     #[error("{}: no column {wanted}; it has {}", .path.display(), named(.there))]
     NoColumn {
         /// The file.
         path: PathBuf,
-        /// What was looked for.
+        /// The column that is missing.
         wanted: String,
-        /// The columns that it has.
+        /// The table's columns.
         there: Vec<String>,
     },
-    /// Columns that don't say where the samples are, or what they are.
+    /// Columns that don't determine the samples' positions or values.
     #[error("{}: {problem}; it has {}", .path.display(), named(.there))]
     Columns {
         /// The file.
         path: PathBuf,
         /// What is unclear.
         problem: &'static str,
-        /// The columns that it has.
+        /// The table's columns.
         there: Vec<String>,
     },
-    /// A row that can't be used.
+    /// An invalid row.
     #[error("{}: row {row}: {column}: expected {expected}, found {found}", .path.display())]
     Row {
         /// The file.
@@ -71,31 +71,31 @@ pub enum MomentsError {
         row: u64,
         /// The column.
         column: String,
-        /// What it may hold.
+        /// Accepted values.
         expected: &'static str,
-        /// What it holds.
+        /// The value found.
         found: String,
     },
-    /// A sample in memory that can't be used.
+    /// An invalid sample in memory.
     #[error("sample {row}: {what}: expected {expected}, found {found}")]
     Sample {
-        /// Its number, counted from 0.
+        /// Index of the sample, counted from 0.
         row: usize,
-        /// What of it.
+        /// The invalid part of the sample.
         what: &'static str,
-        /// What that may be.
+        /// Accepted values.
         expected: &'static str,
-        /// What it is.
+        /// The value found.
         found: String,
     },
     /// Arrays that don't belong together.
     #[error("{what}: expected {expected}, found {found}")]
     Arrays {
-        /// What doesn't fit.
+        /// The array or size that doesn't match.
         what: &'static str,
-        /// How many there should be.
+        /// The required size.
         expected: usize,
-        /// How many there are.
+        /// The size found.
         found: usize,
     },
     /// Values, or weights, whose sum of squares leaves the range of f64.
@@ -112,14 +112,14 @@ pub enum MomentsError {
         /// The file.
         path: PathBuf,
     },
-    /// A table over a sampling scheme that hasn't a row for each of its vertices.
+    /// A table over a sampling scheme whose number of rows isn't the number of vertices.
     #[error("{}: expected {expected} rows, one for each vertex of the sphere, found {found}; give the sphere that the values are of", .path.display())]
     Rows {
         /// The file.
         path: PathBuf,
-        /// Vertices of the sphere.
+        /// Number of vertices of the sphere.
         expected: u64,
-        /// Rows of the whole table.
+        /// Number of rows of the entire table.
         found: u64,
     },
     /// Values on vertices that can't be read.
@@ -130,12 +130,12 @@ pub enum MomentsError {
     Changed {
         /// The file.
         path: PathBuf,
-        /// Bytes at first.
+        /// Bytes when it was opened.
         was: u64,
-        /// Bytes in the end.
+        /// Bytes after it was read.
         now: u64,
     },
-    /// A shard that isn't one of its number.
+    /// A shard whose index isn't below the number of shards.
     #[error("shard {index} of {of}: expected 0 to {} of at most {}", .of.saturating_sub(1), crate::moments::MOST_SHARDS)]
     Shard {
         /// The shard, counted from 0.
@@ -143,7 +143,7 @@ pub enum MomentsError {
         /// The number of shards.
         of: u32,
     },
-    /// A shard of what can be read only once, from its beginning.
+    /// A shard of a stream, which can only be read once, from its beginning.
     #[error("standard input can't be read in shards; write it to a file, or give each shard its own part")]
     ShardOfStream,
     /// A memory budget that is too small.
@@ -156,19 +156,19 @@ pub enum MomentsError {
         /// Bytes allowed.
         budget: usize,
     },
-    /// A file that isn't one of moments, or is damaged.
+    /// A file that isn't a file of moments, or is damaged.
     #[error("{}: damaged or not a file of moments: {what}: expected {expected}, found {found}; make this part again", .path.display())]
     Corrupt {
         /// The file.
         path: PathBuf,
         /// The field or check.
         what: &'static str,
-        /// What the format demands.
+        /// The format's requirement.
         expected: String,
-        /// What the file has.
+        /// What the file contains.
         found: String,
     },
-    /// A version of the format that this program doesn't know.
+    /// A version of the format that this program doesn't support.
     #[error("{}: moments of format version {found}, this program reads versions {} to {}; use the program that wrote it, or make this part again", .path.display(), .expected.start(), .expected.end())]
     Version {
         /// The file.
@@ -181,15 +181,15 @@ pub enum MomentsError {
     /// Parts that can't be added.
     #[error("{second} and {first}: {what} differ: {found}, not {expected}; only parts of one kind add up")]
     Differ {
-        /// What differs.
+        /// The property that differs.
         what: &'static str,
-        /// Name of the part that the other was compared with.
+        /// Name of the part that the other part was compared with.
         first: String,
         /// Name of the part that differs.
         second: String,
-        /// What the first has.
+        /// The property of the first part.
         expected: String,
-        /// What the second has.
+        /// The property of the second part.
         found: String,
     },
     /// Parts that have samples in common.
@@ -199,25 +199,25 @@ pub enum MomentsError {
         first: String,
         /// Name of the other.
         second: String,
-        /// What both have.
+        /// The samples in common.
         what: String,
     },
-    /// Parts of which some aren't there.
+    /// Parts that don't make up the whole.
     #[error("{} missing: {}", .missing.len(), .missing.join(", "))]
     Missing {
-        /// The shards that no part has.
+        /// The missing shards.
         missing: Vec<String>,
     },
-    /// A table of Parquet, Arrow or LAS, in a program that was built without them.
+    /// A table in Parquet, Arrow or LAS format, in a program built without support for them.
     #[error("{}: this build doesn't read Parquet, Arrow and LAS; the program that cargo installs does, and all read .npy and .csv", .path.display())]
     LeftOut {
         /// The file.
         path: PathBuf,
     },
-    /// No parts at all.
+    /// An empty list of parts.
     #[error("no parts to add")]
     NoParts,
-    /// A degree that transforms can't be made to.
+    /// A degree that transforms don't support.
     #[error(transparent)]
     Transform(#[from] TransformError),
     /// A file of moments that can't be written.

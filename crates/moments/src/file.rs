@@ -34,34 +34,34 @@ const CELLS_AT: usize = NAMES_AT + 4;
 const ROWS_AT: usize = CELLS_AT + 4;
 const COUNT_AT: usize = ROWS_AT + 8;
 const WEIGHT_AT: usize = COUNT_AT + 8;
-/// From version 2 on; zeros without a scheme. Version 1 has reserved bytes from here on.
+/// Present from version 2 on; zeros without a scheme. Version 1 has reserved bytes from here on.
 const SCHEME_AT: usize = WEIGHT_AT + 8;
 const RESERVED_AT: usize = SCHEME_AT + 32;
 const HEADER_LEN: usize = 160;
 const HEADER_LEN_V1: usize = 128;
-/// Bytes of a hash: that of the header is its end, that of the file the file's.
+/// Bytes of a hash. The header ends with its hash, and the file with the file's.
 const HASH: usize = 32;
 /// Bytes of an entry of the list of sources.
 const SOURCE: usize = 48;
 const MOST_SOURCES: usize = 1 << 24;
 const LONGEST_NAMES: usize = 1 << 24;
-/// What errors call the moments that aren't in a file.
+/// Name in errors for moments that aren't in a file.
 const IN_MEMORY: &str = "the moments";
 
 impl Moments {
-    /// The most channels.
+    /// Largest number of channels.
     pub const MOST_CHANNELS: usize = 1 << 16;
 
-    /// Writes a file of moments: whole or not at all. A file that is there is only replaced with `overwrite`.
+    /// Writes a file of moments, completely or not at all. An existing file is only replaced with `overwrite`.
     ///
     /// # Errors
     ///
-    /// [`MomentsError::Output`] where it exists, or can't be written.
+    /// [`MomentsError::Output`] if it exists, or can't be written.
     pub fn write(&self, path: &Path, overwrite: bool) -> Result<(), MomentsError> {
         Ok(write_new(path, overwrite, |out| self.encode(out))?)
     }
 
-    /// Reads a file of moments; every byte is checked against the file's hash.
+    /// Reads a file of moments; every byte is verified by the file's hash.
     ///
     /// # Errors
     ///
@@ -76,14 +76,14 @@ impl Moments {
     ///
     /// # Errors
     ///
-    /// [`MomentsError::Io`] for sizes that the format has no room for.
+    /// [`MomentsError::Io`] for sizes that the format can't represent.
     pub fn to_bytes(&self) -> Result<Vec<u8>, MomentsError> {
         let mut bytes = Vec::new();
         self.encode(&mut bytes).map_err(MomentsError::io(Path::new(IN_MEMORY), "write"))?;
         Ok(bytes)
     }
 
-    /// Returns the moments of a file's bytes, checked as [`read`](Self::read) does.
+    /// Parses a file's bytes, verified as in [`read`](Self::read).
     ///
     /// # Errors
     ///
@@ -145,7 +145,7 @@ impl Moments {
     }
 }
 
-/// The sizes of what a file holds, from which its length follows.
+/// The sizes of a file's contents, which determine its length.
 struct Sizes {
     max_degree: usize,
     channels: usize,
@@ -159,13 +159,13 @@ impl Sizes {
         self.channels + basis_size(2 * self.max_degree) + basis_size(self.max_degree) * self.channels
     }
 
-    /// Below 2^60, as all sizes have been held against their bounds.
+    /// Below 2^60, since all sizes have been checked against their bounds.
     fn file_len(&self, header: usize) -> u64 {
         (header + 8 * self.numbers() + SOURCE * self.sources + self.cells + self.names + HASH) as u64
     }
 }
 
-/// Passes on bytes, and hashes them.
+/// Passes bytes on, and hashes them.
 struct Hashing<'a> {
     out: &'a mut dyn Write,
     hasher: blake3::Hasher,
@@ -216,7 +216,7 @@ fn corrupt(path: &Path, what: &'static str, expected: &dyn ToString, found: &dyn
     MomentsError::Corrupt { path, what, expected, found }
 }
 
-/// Reads the header of a file of so many bytes. Its version is one that is read, and its hash is right.
+/// Reads the header of a file of `length` bytes, and checks its version and hash.
 fn read_header(input: &mut dyn Read, length: u64, path: &Path) -> Result<Vec<u8>, MomentsError> {
     let mut header = Vec::new();
     let mut read_to = |end: usize, header: &mut Vec<u8>| {
@@ -275,7 +275,7 @@ fn decode(input: &mut dyn Read, length: u64, path: &Path) -> Result<Moments, Mom
     if u32_at(CONVENTION_AT) != CONVENTION {
         return Err(corrupt("convention", &CONVENTION, &u32_at(CONVENTION_AT)));
     }
-    // Version 1 has no scheme, and reserved bytes in its place.
+    // Version 1 has no scheme, but reserved bytes in its place.
     let scheme = if u32_at(VERSION_AT) == 1 { None } else { fields[SCHEME_AT..].first_chunk() };
     let reserved = if scheme.is_none() { SCHEME_AT } else { RESERVED_AT };
     let scheme = scheme.copied().filter(|key| *key != [0; 32]).map(SchemeKey);
@@ -285,7 +285,7 @@ fn decode(input: &mut dyn Read, length: u64, path: &Path) -> Result<Moments, Mom
     if sizes.file_len(header.len()) != length || u64_at(FILE_LEN_AT) != length {
         return Err(corrupt("length", &sizes.file_len(header.len()), &length));
     }
-    // The file is as long as it says, so that as much may be allocated.
+    // The file's length matches its header, so this much may be allocated.
     let mut body = Vec::with_capacity(length as usize - header.len());
     input.read_to_end(&mut body).map_err(MomentsError::io(path, "read"))?;
     if body.len() != length as usize - header.len() {

@@ -1,20 +1,20 @@
-//! Fits of more samples than fit in memory, or on one machine: their moments, as files that add up.
+//! Fits of more samples than fit in memory, or on one machine, by moments of the samples: files that can be added.
 //!
-//! A least-squares fit of samples f at directions x with weights w depends on them through the moments of the weights
-//! to degree 2L, the right-hand sides `A^T W f` to degree L, `sum w f^2` and their number alone. All of these are sums
-//! over the samples, so that they can be formed in one pass over the data, in parts, anywhere: [`accumulate()`] reads
-//! tables in chunks, [`Moments::write`] keeps what it found, and [`merge()`] adds parts and refuses those that don't
-//! belong together. `docs/moments-format.md` is the authority on the file's bytes.
+//! A least-squares fit of samples f at directions x with weights w depends on them only through the moments of the
+//! weights to degree 2L, the right-hand sides `A^T W f` to degree L, `sum w f^2`, and the number of samples. All of
+//! these are sums over the samples, so they can be computed in one pass over the data, in parts, anywhere:
+//! [`accumulate()`] reads tables in chunks, [`Moments::write`] stores the result, and [`merge()`] adds parts and
+//! rejects those that don't belong together. `docs/moments-format.md` is the authority on the file's bytes.
 //!
 //! # Modules
 //!
 //! | module | contents |
 //! |---|---|
-//! | [`samples`] | tables of samples, a file format a module; columns to directions, weights and values |
+//! | [`samples`] | tables of samples, one module per file format; conversion of columns to directions, weights and values |
 //! | [`mod@accumulate`] | moments of tables, in bounded memory |
 //! | [`arrays`] | moments of samples that are in memory |
-//! | [`moments`] | [`Moments`]: the sums, and what they are of |
-//! | [`merge()`](mod@merge) | parts that make a whole |
+//! | [`moments`] | [`Moments`]: the sums, and the samples they were computed from |
+//! | [`merge()`](mod@merge) | sum of the moments of several parts |
 //! | `file` | the file format |
 //!
 //! # Example

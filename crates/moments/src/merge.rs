@@ -1,26 +1,26 @@
-//! Adding the moments of parts.
+//! Adds the moments of parts.
 
 use std::collections::BTreeMap;
 
 use crate::moments::{Moments, Shard, Source};
 use crate::{MomentsError, Source as PartSource};
 
-/// Adds the moments of parts; to rounding, their order doesn't matter. With `partial` shards may be missing.
+/// Adds the moments of parts; except for rounding, their order doesn't matter. With `partial`, shards may be missing.
 ///
-/// The sum keeps the key of a sampling scheme that all parts have. Parts of different schemes, or without one, add up
-/// to moments without a key.
+/// The sum keeps the key of a sampling scheme that all parts share. If parts have different schemes, or any has none,
+/// the sum has no key.
 ///
 /// # Errors
 ///
 /// [`MomentsError::Differ`], [`MomentsError::Overlap`], [`MomentsError::Missing`], [`MomentsError::NoParts`]. Parts are
-/// named by their number in the list, from 1.
+/// identified by their number in the list, from 1.
 pub fn merge(parts: Vec<Moments>, partial: bool) -> Result<Moments, MomentsError> {
     let names = (1..=parts.len()).map(|number| format!("part {number}")).collect();
     merge_named(parts.into_iter().map(Ok), names, partial)
 }
 
-/// As [`merge()`], for parts that are read one after the other as they are needed, with names for errors. Two parts are
-/// in memory at a time.
+/// Same as [`merge()`], for parts that are read one by one as needed, with names for errors. At most two parts are in
+/// memory at a time.
 ///
 /// # Errors
 ///
@@ -78,7 +78,7 @@ fn add(all: &mut Moments, part: Moments) {
     all.weight += part.weight;
 }
 
-/// The sources of all parts, those whose shards are all there as a whole.
+/// Returns the sources of all parts; a source with all its shards is joined to a whole.
 fn joined(held: Vec<(Source, usize)>, names: &[String], partial: bool) -> Result<Vec<Source>, MomentsError> {
     let mut by_key: BTreeMap<[u8; 32], Vec<(Source, usize)>> = BTreeMap::new();
     for (source, part) in held {
@@ -86,7 +86,7 @@ fn joined(held: Vec<(Source, usize)>, names: &[String], partial: bool) -> Result
     }
     let (mut joined, mut missing) = (Vec::new(), Vec::new());
     for (key, mut shards) in by_key {
-        // By where they begin; fractions are compared exactly.
+        // Sorted by start; fractions are compared exactly.
         shards.sort_by(|(a, _), (b, _)| start(a.shard).cmp_to(start(b.shard)));
         for pair in shards.windows(2) {
             let [(a, first), (b, second)] = pair else { continue };
@@ -114,7 +114,7 @@ fn joined(held: Vec<(Source, usize)>, names: &[String], partial: bool) -> Result
     if missing.is_empty() || partial { Ok(joined) } else { Err(MomentsError::Missing { missing }) }
 }
 
-/// Names what lies between two ends of shards, as shards of `of`.
+/// Describes the gap between the ends of two shards, as shards of `of`.
 fn gap(from: Fraction, to: Fraction, of: u32, missing: &mut Vec<String>) {
     if !from.cmp_to(to).is_lt() {
         return;

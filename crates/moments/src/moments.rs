@@ -1,17 +1,17 @@
-//! The sums over samples that a fit needs, and what they are of.
+//! The sums over samples that a fit needs, and the samples they were computed from.
 
 use spharm_store::SchemeKey;
 use spharm_transform::{Occupied, SampleSums};
 
 use crate::MomentsError;
 
-/// The most shards of a whole.
+/// Largest number of shards of a whole.
 pub const MOST_SHARDS: u32 = 1 << 24;
 
-/// A part of the samples: number `index` of `of`, counted from 0.
+/// A part of the samples: number `index` of `of` parts, counted from 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Shard {
-    /// Its number, from 0.
+    /// Index of the shard, from 0.
     pub index: u32,
     /// The number of shards.
     pub of: u32,
@@ -21,7 +21,7 @@ impl Shard {
     /// All samples.
     pub const WHOLE: Self = Self { index: 0, of: 1 };
 
-    /// Returns the part of `0..count` that belongs to the shard. The shards' parts make up the whole.
+    /// Returns the part of `0..count` that belongs to the shard. The parts of all shards make up the whole.
     pub fn range(self, count: u64) -> std::ops::Range<u64> {
         let at = |index: u32| (u128::from(count) * u128::from(index) / u128::from(self.of)) as u64;
         at(self.index)..at(self.index + 1)
@@ -33,14 +33,14 @@ impl Shard {
     }
 }
 
-/// Samples that moments are of.
+/// The samples that moments were computed from.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Source {
-    /// Hash of what was read: columns, or the sampling scheme; names, sizes, first and last bytes of the files.
+    /// Hash of the input: columns, or the sampling scheme; names, sizes, first and last bytes of the files.
     pub key: [u8; 32],
-    /// The part of it.
+    /// The part of the input.
     pub shard: Shard,
-    /// Number of samples of the part.
+    /// Number of samples in the part.
     pub rows: u64,
 }
 
@@ -51,19 +51,21 @@ pub struct Moments {
     pub channels: Vec<String>,
     /// The sums: moments to degree 2L, right-hand sides to degree L, `sum w f^2`, number of samples.
     pub sums: SampleSums,
-    /// Number of samples, those of weight 0 among them.
+    /// Number of samples, including those of weight 0.
     pub rows: u64,
-    /// Where samples with weight are.
+    /// The regions that contain samples of nonzero weight.
     pub occupied: Occupied,
-    /// Key of the sampling scheme whose vertices all samples are at, with the scalar f64; none where they are anywhere.
+    /// Key, with the scalar f64, of the sampling scheme whose vertices all samples are at; `None` if they aren't at
+    /// such vertices.
     pub scheme: Option<SchemeKey>,
-    /// The samples that they are of, sorted by key and shard.
+    /// The samples that the moments were computed from, sorted by key and shard.
     pub sources: Vec<Source>,
 }
 
 impl Moments {
-    /// Returns the first channel whose sum of squares has left the range of f64 or is too small to have its digits,
-    /// although it has values: no fit could tell how far off it is. `of the weights` where it is theirs.
+    /// Returns the first channel whose sum of squares has left the range of f64, or is too small to have all its digits
+    /// although the channel has nonzero values: a fit couldn't tell its error. Returns `of the weights` if the weights'
+    /// sums have.
     pub fn out_of_range(&self) -> Option<&str> {
         let sums = &self.sums;
         let weights_are = sums.weight.is_normal() && sums.moments.iter().all(|moment| moment.is_finite());

@@ -1,4 +1,5 @@
-//! Tables of samples, read in chunks: which columns are positions, weights and values, and what they may hold.
+//! Tables of samples, read in chunks: selection of the columns for positions, weights and values, and their valid
+//! ranges.
 
 #[cfg(feature = "tables")]
 mod arrow;
@@ -28,24 +29,24 @@ use crate::MomentsError;
 pub use crate::samples::open::ENDINGS;
 pub(crate) use crate::samples::open::{Opened, STDIN, is_table, open, open_over_scheme};
 
-/// The value that is a sample's distance from the centre, for positions that are vectors.
+/// Name of the value that is a sample's distance from the centre, for positions given as vectors.
 pub const RADIUS: &str = "radius";
 
-/// What says where samples are: columns, or a sampling scheme.
+/// Source of the samples' positions: columns, or a sampling scheme.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Positions {
     /// Colatitude and azimuth, in radians.
     Angles([String; 2]),
     /// Longitude and latitude, in degrees.
     LonLat([String; 2]),
-    /// x, y and z: unit vectors, or vectors of any length where [`RADIUS`] is a value.
+    /// x, y and z: unit vectors, or vectors of any length if [`RADIUS`] is a value.
     Vectors([String; 3]),
     /// The directions of a sampling scheme, such as the vertices of a sphere: row i of each table is at direction i.
     Scheme(Arc<Directions>),
 }
 
 impl Positions {
-    /// Returns the positions of columns by their usual names, in any case: x, y, z; lon, lat; theta, phi.
+    /// Returns positions from columns with the usual names, in any case: x, y, z; lon, lat; theta, phi.
     pub(crate) fn guess(columns: &[String]) -> Option<Self> {
         let found = |name: &str| columns.iter().find(|column| column.eq_ignore_ascii_case(name)).cloned();
         let first = |names: &[&str]| names.iter().find_map(|name| found(name));
@@ -67,28 +68,28 @@ impl Positions {
     }
 }
 
-/// Which columns of a table are what.
+/// Names of a table's columns for positions, values and weights.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Columns {
-    /// Where samples are; by default the columns x, y, z, or lon, lat, or theta, phi, whichever there are.
+    /// Positions of the samples; by default the columns x, y, z, or lon, lat, or theta, phi, whichever exist.
     pub positions: Option<Positions>,
-    /// Values, a channel each; [`RADIUS`] is the distance from the centre.
+    /// Values, one channel each; [`RADIUS`] is the distance from the centre.
     pub values: Vec<String>,
     /// Weights; by default all are 1.
     pub weight: Option<String>,
-    /// The centre that vectors begin at; by default the origin.
+    /// Origin of the vectors; by default the coordinates' origin.
     pub centre: [f64; 3],
 }
 
-/// Where the columns are in the rows that a table gives.
+/// Positions of the columns in the rows that a table returns.
 #[derive(Debug, Clone)]
 pub(crate) struct Plan {
     positions: Positions,
-    /// Place of each value, none for the radius.
+    /// Position in the row of each value; `None` for the radius.
     values: Vec<Option<usize>>,
     weight: Option<usize>,
     centre: [f64; 3],
-    /// Names of the columns that are read, in the order of a row.
+    /// Names of the columns read, in the order of a row.
     names: Vec<String>,
 }
 
@@ -102,7 +103,7 @@ pub(crate) struct Chunk {
     pub(crate) largest: [f64; 2],
 }
 
-/// A row that can't be used, counted from 0 within its chunk.
+/// An invalid row, counted from 0 within its chunk.
 #[derive(Debug)]
 pub(crate) struct BadRow {
     pub(crate) row: usize,
@@ -112,7 +113,7 @@ pub(crate) struct BadRow {
 }
 
 impl Columns {
-    /// Settles which columns of a table are read, and returns their numbers, in the order of the rows to come.
+    /// Determines the columns of a table to read, and returns their indices in the order in which rows will have them.
     pub(crate) fn plan(&self, path: &std::path::Path, there: &[String]) -> Result<(Plan, Vec<usize>), MomentsError> {
         let unclear = |problem| MomentsError::Columns { path: path.to_owned(), problem, there: there.to_vec() };
         let positions = match &self.positions {
@@ -143,7 +144,7 @@ impl Columns {
         if (1..named.len()).any(|i| named[..i].contains(&named[i])) {
             return Err(unclear("a column is named twice as a position"));
         }
-        // First, and in their order: a row begins with its position.
+        // Added first, in this order, since a row begins with its position.
         for name in positions.names() {
             place(name)?;
         }
@@ -155,17 +156,17 @@ impl Columns {
     }
 }
 
-/// Samples that a thread converts at a time.
+/// Number of samples that a thread converts at a time.
 const PIECE: usize = 1 << 13;
 
 impl Plan {
-    /// Number of values of a row.
+    /// Returns the number of values in a row.
     pub(crate) fn columns(&self) -> usize {
         self.names.len()
     }
 
-    /// Converts rows to samples, and checks them. `start` is the number of the first one in its table, from 0; over a
-    /// scheme it has a direction for each of them.
+    /// Converts rows to samples, and checks them. `start` is the index of the first row in its table, from 0; over a
+    /// scheme, each row must have a direction.
     pub(crate) fn samples(&self, rows: &[f64], start: usize, chunk: &mut Chunk) -> Result<(), BadRow> {
         let (columns, channels) = (self.columns(), self.values.len());
         let n = rows.len() / columns;
@@ -174,7 +175,7 @@ impl Plan {
         values.resize(n * channels, 0.0);
         let mut weights = chunk.weights.take().unwrap_or_default();
         weights.resize(if self.weight.is_some() { n } else { 0 }, 0.0);
-        // A piece of nothing for each piece of samples, where there are no weights.
+        // Without weights, each piece of samples gets an empty piece.
         let piece_of_weights = if self.weight.is_some() { PIECE } else { 0 };
         let mut rest = &mut weights[..];
         let mut weight_pieces = Vec::new();
@@ -277,8 +278,8 @@ impl Plan {
     }
 }
 
-/// Returns the direction and the length of a finite vector, unless it is zero: the bits of [`normalise`], which scales
-/// all vectors lest their squares overflow or underflow.
+/// Returns the direction and the length of a finite, nonzero vector. The result is bit-identical to that of
+/// [`normalise`], which scales all vectors so that their squares don't overflow or underflow.
 #[inline]
 fn unit(vector: [f64; 3]) -> Option<([f64; 3], f64)> {
     let [x, y, z] = vector;
@@ -290,10 +291,10 @@ fn unit(vector: [f64; 3]) -> Option<([f64; 3], f64)> {
     normalise(vector, 0).ok()
 }
 
-/// pi, and 2 pi, with room for what single precision makes of them.
+/// pi and 2 pi, with a margin for rounding to single precision.
 const MOST_THETA: f64 = std::f64::consts::PI + 1e-6;
 const MOST_PHI: f64 = std::f64::consts::TAU + 1e-6;
-/// What vectors may be off from length 1, in single precision and with few digits.
+/// Largest deviation of unit vectors from length 1, allowing for single precision and few digits.
 const UNIT: f64 = 1e-3;
 
 #[cfg(test)]

@@ -1,16 +1,16 @@
-//! Points sorted into the cells of a grid, so that those within a cell's width of a place are in 27 cells.
+//! Points sorted into the cells of a grid, so that all points within a cell's width of a position are in 27 cells.
 
 use spharm_surface::geometry::{Vec3, bounds};
 
 use crate::exponential::Columns;
 
-/// Most cells along an axis: their starts take at most 8 MB.
+/// Most cells along an axis; the table of their starts takes at most 8 MB.
 const MOST: f64 = 100.0;
 
 /// Points with normals in the order of their cells.
 pub(crate) struct Cells {
     pub(crate) columns: Columns,
-    /// The index of each in the order in which they were given.
+    /// For each point, its index in the original order.
     pub(crate) index: Vec<u32>,
     starts: Vec<u32>,
     low: Vec3,
@@ -42,7 +42,7 @@ impl Cells {
         cells
     }
 
-    /// Calls `run` for each range of points that may lie within a cell's width of a place.
+    /// Calls `run` for each range of points that may lie within a cell's width of `place`.
     pub(crate) fn near(&self, place: Vec3, mut run: impl FnMut(std::ops::Range<usize>)) {
         let reach = |k: usize| -> Option<(usize, usize)> {
             let at = (place[k] - self.low[k]) / self.width;
@@ -52,7 +52,7 @@ impl Cells {
         let (Some(x), Some(y), Some(z)) = (reach(0), reach(1), reach(2)) else { return };
         for k in z.0..=z.1 {
             for j in y.0..=y.1 {
-                // Cells of one row follow each other.
+                // Cells of one row are contiguous.
                 let from = self.starts[self.number([x.0, j, k])] as usize;
                 let to = self.starts[self.number([x.1, j, k]) + 1] as usize;
                 if from < to {

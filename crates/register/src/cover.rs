@@ -1,4 +1,4 @@
-//! How well a registered template and a subject's surface cover each other.
+//! Measures how well a registered template and a subject's surface cover each other.
 
 use rayon::prelude::*;
 use spharm_surface::geometry::Vec3;
@@ -7,7 +7,7 @@ use spharm_surface::nearest::TriangleTree;
 use crate::subject::Subject;
 use crate::template::Template;
 
-/// Points on the subject from which distances are measured.
+/// Number of points on the subject from which distances are measured.
 const POINTS: usize = 5000;
 
 /// Distances of a subject's surface from the registered template, in their unit.
@@ -15,16 +15,16 @@ const POINTS: usize = 5000;
 pub struct Cover {
     /// Root mean square over the subject's area.
     pub rms: f64,
-    /// The distance below which 99 % of the subject's area is.
+    /// 99th percentile over the subject's area.
     pub most: f64,
-    /// The largest distance found.
+    /// The largest distance measured.
     pub farthest: f64,
-    /// Share of the subject's area that is farther from the template than a reach.
+    /// Share of the subject's area whose distance from the template exceeds `reach`.
     pub unreached: f64,
 }
 
 impl Cover {
-    /// Measures from points spread over the subject's area to the template with its vertices moved.
+    /// Measures distances from points spread over the subject's area to the template with its vertices at `vertices`.
     #[must_use]
     pub fn measure(template: &Template, vertices: &[Vec3], subject: &Subject, reach: f64) -> Self {
         let tree = TriangleTree::new(&template.mesh.with_vertices(vertices.to_vec()));
@@ -43,8 +43,8 @@ impl Cover {
     }
 }
 
-/// Distances of vertices that aren't masked from the subject, and of the subject from them: the root mean square, and
-/// the largest.
+/// Returns the root mean square and the largest of the distances, from unmasked vertices to the subject and from the
+/// subject to them.
 pub(crate) fn apart(template: &Template, vertices: &[Vec3], subject: &Subject) -> (f64, f64) {
     let kept = (0..vertices.len()).into_par_iter().filter(|v| !template.masked[*v]);
     let distances = kept.map(|v| subject.tree.nearest(vertices[v]).map_or(0.0, |found| found.distance));
@@ -55,8 +55,8 @@ pub(crate) fn apart(template: &Template, vertices: &[Vec3], subject: &Subject) -
     ((0.5 * (there + back.rms * back.rms)).sqrt(), farthest)
 }
 
-/// The vertices that nothing of the subject draws, (n): masked ones, and those of which the nearest point, farther than
-/// `reach`, is on the border of an open surface, as the subject lacks what they are.
+/// Returns the free vertices, (n), to which the subject doesn't pull anything: masked ones, and those whose nearest
+/// point is farther than `reach` and on the border of an open surface, where the subject lacks the corresponding part.
 pub(crate) fn free(template: &Template, vertices: &[Vec3], subject: &Subject, reach: f64) -> Vec<bool> {
     let lacks = |point: &Vec3| {
         let found = subject.tree.nearest(*point);
@@ -65,8 +65,8 @@ pub(crate) fn free(template: &Template, vertices: &[Vec3], subject: &Subject, re
     vertices.par_iter().zip(&template.masked).map(|(point, masked)| *masked || lacks(point)).collect()
 }
 
-/// Whether each vertex, before its projection, has a counterpart on the subject: a point within `reach` that isn't on
-/// the border of an open surface.
+/// Returns whether each vertex, before its projection, has a counterpart on the subject: a point within `reach` that
+/// isn't on the border of an open surface.
 pub(crate) fn reached(free: &[bool], vertices: &[Vec3], subject: &Subject, reach: f64) -> Vec<bool> {
     let reached = |(point, free): (&Vec3, &bool)| {
         let found = subject.tree.nearest(*point);

@@ -1,21 +1,22 @@
-//! Coherent point drift: points of the template are the centres of Gaussians of one width, to which the subject's
-//! points belong by shares, and move together, by a smooth displacement, to where these points are.
+//! Coherent point drift: points of the template are the centres of Gaussians of one width. Each of the subject's points
+//! is assigned to them by shares (responsibilities), and the centres move together, by a smooth displacement, towards
+//! the points assigned to them.
 //!
 //! A. Myronenko and X. Song, "Point set registration: coherent point drift", IEEE Trans. Pattern Anal. Mach. Intell. 32
-//! (2010), with a factor of low rank of the kernel (`v = F a`, [`crate::low_rank`]) in place of its eigenvectors, and
-//! responsibilities times `exp(kappa (n_x . n_y - 1))`:
+//! (2010), with a low-rank factor of the kernel (`v = F a`, [`crate::low_rank`]) instead of its eigenvectors, and with
+//! responsibilities multiplied by `exp(kappa (n_x . n_y - 1))`:
 //!
 //! ```text
 //! p_ij = exp(-|x_j - y_i - v_i|^2 / (2 sigma^2) + kappa (n_j . n_i - 1)) / (sum_i ... + c)
 //! (F^T diag(P 1) F + lambda sigma^2 I) a = F^T (P x - diag(P 1) y)
 //! ```
 //!
-//! The subject's points are samples of its surface: they show where it is, and not which place along it corresponds.
-//! Each point of the template is therefore pulled towards `x` in full across the surface, and by the share `(sigma / (2
-//! sigma_0))^2` along it, sigma_0 the first width. Pulled in full along it, places scatter on surfaces that coincide:
-//! the variance of five boxes with a growing bump is ten times as large.
+//! The subject's points are samples of its surface: they show its position, but not which points along it correspond.
+//! Each point of the template is therefore pulled towards `x` fully across the surface, but along it only by the share
+//! `(sigma / (2 sigma_0))^2`, with sigma_0 the first width. With a full pull along the surface, points scatter on
+//! surfaces that coincide: the variance of five boxes with a growing bump is ten times as large.
 //!
-//! Cost of an iteration: 25 flops for each pair within `CUT_OFF` sigma, and `n r^2` for the normal matrix.
+//! An iteration costs 25 flops for each pair within `CUT_OFF` sigma, and `n r^2` for the normal matrix.
 
 use faer::linalg::matmul::matmul;
 use faer::linalg::solvers::Solve;
@@ -34,19 +35,19 @@ use crate::params::RegisterParams;
 use crate::subject::Subject;
 use crate::template::{Stage, Template};
 
-/// Cut-off in units of sigma: pairs beyond it, with responsibilities below 4e-4 of the largest, are left out.
+/// Cut-off in units of sigma. Pairs beyond it, with responsibilities below 4e-4 of the largest, are ignored.
 const CUT_OFF: f64 = 5.0;
-/// Runs into which sums are divided, whatever the number of threads.
+/// Number of runs into which sums are divided, for any number of threads.
 const RUNS: usize = 16;
-/// Iterations after which the template's normals are computed again.
+/// Number of iterations after which the template's normals are recomputed.
 const NORMALS: usize = 5;
-/// Sigma, in parts of the first one, at which the pull along the surface counts as much as that across it.
+/// Sigma, relative to the first one, at which the pull along the surface is as strong as the pull across it.
 const ALONG: f64 = 2.0;
-/// Growth of sigma from one kernel to the next, narrower one.
+/// Factor by which sigma is increased from one kernel to the next, narrower one.
 const AGAIN: f64 = 1.3;
 
-/// Returns the template's vertices moved near the subject by all stages of the drift; those that are `free`, (n),
-/// follow the others.
+/// Returns the template's vertices moved near the subject by all stages of the drift; `free` vertices, (n), follow the
+/// others.
 ///
 /// # Errors
 ///
@@ -71,9 +72,8 @@ pub fn drift(
     Ok(mesh.vertices)
 }
 
-/// Responsibilities of each template point: their sum, that of the subject's points times them, and over all points the
-/// sum of
-/// |x|^2 times them.
+/// Sums of responsibilities. For each template point: the responsibilities, and the subject's points weighted by them.
+/// Over all points: |x|^2 weighted by them.
 struct Sums {
     shares: Vec<f64>,
     weighted: Vec<Vec3>,
@@ -124,7 +124,7 @@ fn run_stage(
         if !next.is_finite() {
             return Err(RegisterError::Singular);
         }
-        // Below this no pair is left within the cut-off, and the points are on the surface.
+        // At a smaller sigma no pair would be within the cut-off, and the points are on the surface.
         let next = next.max(1e-4 * params.sigma * start_extent(low, high));
         let done = (next - sigma).abs() < params.drift_tolerance * sigma;
         sigma = next;
@@ -139,8 +139,8 @@ fn start_extent(low: Vec3, high: Vec3) -> f64 {
     (0..3).map(|k| high[k] - low[k]).fold(0.0, f64::max)
 }
 
-/// Landmarks: rows of the kernel's factor at their places, (count, r), and from there to the subject's points, (count,
-/// 3).
+/// Landmarks: the rows of the kernel's factor at their places, (count, r), and the vectors from there to the subject's
+/// points, (count, 3).
 struct Held {
     rows: Mat<f64>,
     off: Mat<f64>,
@@ -155,14 +155,14 @@ impl Held {
         Self { rows, off: Mat::from_fn(guides.len(), 3, |i, k| off[i][k]), weight }
     }
 
-    /// Adds their part of the normal equations.
+    /// Adds the landmarks' part of the normal equations.
     fn add(&self, matrix: &mut Mat<f64>, right: &mut Mat<f64>) {
         matmul(matrix, Accum::Add, self.rows.transpose(), &self.rows, self.weight, Par::Seq);
         matmul(right, Accum::Add, self.rows.transpose(), &self.off, self.weight, Par::Seq);
     }
 }
 
-/// The template's vertices, displaced.
+/// Returns the template's displaced vertices.
 fn moved(kernel: &LowRank, mesh: &Mesh, coefficients: &[Vec3]) -> Vec<Vec3> {
     let displacements = LowRank::displacements(kernel.rank, &kernel.places, coefficients);
     mesh.vertices.iter().zip(displacements).map(|(y, v)| add(*y, v)).collect()
@@ -182,7 +182,7 @@ fn expectation(
     let n = points.len();
     let length = targets.points.len().div_ceil(RUNS).max(1);
     let runs = targets.points.par_chunks(length).zip(targets.normals.par_chunks(length)).map(|(xs, ns)| {
-        // In the order of the cells: share, and x times it.
+        // In the order of the cells: the share, and x weighted by it.
         let mut sums = vec![[0.0; 4]; kept.len()];
         let (mut squares, mut values, mut ranges) = (0.0, vec![0.0; kept.len()], Vec::new());
         for (x, normal) in xs.iter().zip(ns) {
@@ -221,7 +221,8 @@ fn expectation(
     found
 }
 
-/// Where each point is pulled, times its share, as `P x`: with the part along the surface scaled.
+/// Returns the point towards which each point is pulled, times its share, in place of `P x`: the part along the surface
+/// is scaled.
 fn pulled(sums: &Sums, points: &[Vec3], normals: &[Vec3], along: f64) -> Vec<Vec3> {
     let of = |(((weighted, share), point), normal): (((&Vec3, &f64), &Vec3), &Vec3)| {
         let here = scale(*point, *share);
@@ -232,7 +233,7 @@ fn pulled(sums: &Sums, points: &[Vec3], normals: &[Vec3], along: f64) -> Vec<Vec
     sums.weighted.iter().zip(&sums.shares).zip(points).zip(normals).map(of).collect()
 }
 
-/// The coefficients a of the displacement.
+/// Returns the coefficients a of the displacement.
 fn maximisation(
     kernel: &LowRank,
     start: &[Vec3],

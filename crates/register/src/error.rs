@@ -1,52 +1,52 @@
-//! What can go wrong with a registration.
+//! Errors of a registration.
 
 use spharm_monitor::Interrupted;
 
-/// A registration that couldn't be done.
+/// Errors of preparing or computing a registration.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RegisterError {
     /// A mesh without area, or with coordinates that aren't finite.
     #[error("{what} has no area to register: expected triangles with finite coordinates and an area above 0")]
     NoArea {
-        /// Which mesh, in words.
+        /// The mesh, in words.
         what: &'static str,
     },
-    /// A triangle of the template that names a vertex that isn't there, or one twice.
+    /// A triangle of the template whose index is out of range, or that uses a vertex twice.
     #[error("triangle {face} of the template is {found:?}: expected three different vertices below {vertices}")]
     Triangle {
         /// The triangle, counted from 0.
         face: usize,
         /// Its corners.
         found: [u32; 3],
-        /// The number of the template's vertices.
+        /// Number of the template's vertices.
         vertices: usize,
     },
-    /// A number per vertex, of another number of vertices.
+    /// A list of numbers per vertex whose length isn't the number of vertices.
     #[error("expected {expected} values, one a vertex of the template, found {found}")]
     Values {
-        /// The number of vertices.
+        /// Number of vertices.
         expected: usize,
-        /// The number of values.
+        /// Number of values.
         found: usize,
     },
-    /// A landmark that isn't finite, or is at a vertex of the template that isn't there.
+    /// A landmark that isn't finite, or is at a vertex outside of the template's range.
     #[error(
         "landmark {index} of a registration: expected finite coordinates and a place of a template of {vertices} vertices"
     )]
     Guide {
         /// The landmark, counted from 0.
         index: usize,
-        /// The number of the template's vertices.
+        /// Number of the template's vertices.
         vertices: usize,
     },
-    /// Nothing of the template is to be registered.
+    /// All of the template is masked.
     #[error("every triangle of the template is masked: expected some that have a counterpart on subjects")]
     AllMasked,
-    /// Equations without a solution in the range of numbers.
+    /// Equations without a finite solution.
     #[error("the registration's equations have no finite solution: coordinates may be too large or too small")]
     Singular,
-    /// Cancelled.
+    /// The monitor asked to stop.
     #[error(transparent)]
     Interrupted(#[from] Interrupted),
 }

@@ -1,15 +1,15 @@
-//! Exponentials of the pairs of one point and a run of others.
+//! Exponentials for the pairs of one point with a range of others.
 
 use multiversion::multiversion;
 
-/// Points with unit normals, by coordinate.
+/// Points with unit normals, stored by coordinate.
 #[derive(Default)]
 pub(crate) struct Columns {
     pub(crate) x: [Vec<f64>; 3],
     pub(crate) n: [Vec<f64>; 3],
 }
 
-/// A point, its unit normal, and the weights of both.
+/// A point and its unit normal, with the weights of both.
 pub(crate) struct Probe {
     pub(crate) x: [f64; 3],
     pub(crate) n: [f64; 3],
@@ -18,8 +18,8 @@ pub(crate) struct Probe {
     pub(crate) kappa: f64,
 }
 
-/// Writes `exp(-|x - y|^2 sharpness + kappa (n_x . n_y - 1))` for the points y of a range into `out`, and returns their
-/// sum. Some 25 flops a pair.
+/// Writes `exp(-|x - y|^2 sharpness + kappa (n_x . n_y - 1))` for the points y of a range to `out`, and returns their
+/// sum. About 25 flops per pair.
 #[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "aarch64+neon"))]
 pub(crate) fn exponentials(probe: &Probe, of: &Columns, from: usize, out: &mut [f64]) -> f64 {
     let to = from + out.len();
@@ -30,7 +30,7 @@ pub(crate) fn exponentials(probe: &Probe, of: &Columns, from: usize, out: &mut [
         let along = nx[i] * probe.n[0] + ny[i] * probe.n[1] + nz[i] * probe.n[2];
         out[i] = exp(probe.kappa * (along - 1.0) - (dx * dx + dy * dy + dz * dz) * probe.sharpness);
     }
-    // Four sums, which may be added at once.
+    // Four independent sums, which may be computed in parallel.
     let mut sums = [0.0; 4];
     let chunks = out.chunks_exact(4);
     let rest: f64 = chunks.remainder().iter().sum();
@@ -38,11 +38,11 @@ pub(crate) fn exponentials(probe: &Probe, of: &Columns, from: usize, out: &mut [
     (sums[0] + sums[1]) + (sums[2] + sums[3]) + rest
 }
 
-/// e^t to 1e-13 of itself for t from -700 to 700, in arithmetic alone, so that compilers vectorise it; beyond, that of
-/// the bound.
+/// Returns e^t to a relative accuracy of 1e-13 for t from -700 to 700; beyond, the value at the bound. It uses
+/// arithmetic alone, so that compilers vectorise it.
 #[inline(always)]
 fn exp(t: f64) -> f64 {
-    // Adding 1.5 2^52 rounds to an integer, which the lowest bits of the sum then hold.
+    // Adding 1.5 2^52 rounds to an integer, which is then in the lowest bits of the sum.
     const ROUND: f64 = 6_755_399_441_055_744.0;
     const LN_2: [f64; 2] = [0.693_147_180_369_123_8, 1.908_214_929_270_587_7e-10];
     let t = t.clamp(-700.0, 700.0);

@@ -1,4 +1,4 @@
-//! Landmarks that guide a registration: places of the template that are drawn to points of the subject.
+//! Landmarks that guide a registration: places of the template that are pulled to points of the subject.
 
 use spharm_surface::Place;
 use spharm_surface::geometry::Vec3;
@@ -6,8 +6,8 @@ use spharm_surface::geometry::Vec3;
 /// A place of the template, and the point of the subject that corresponds to it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Guide {
-    /// Where it is on the template.
+    /// Position on the template.
     pub place: Place,
-    /// The point of the subject, in the template's pose.
+    /// Corresponding point of the subject, in the template's pose.
     pub point: Vec3,
 }

@@ -1,18 +1,19 @@
-//! Registration in space: a template mesh is moved onto the surface of each subject of a group.
+//! Registration in space: moves a template mesh onto the surface of each subject of a group.
 //!
-//! The subject's surface is only a target of nearest points: it may have handles, holes, pieces and triangles in any
-//! order. The template's triangles stay what they are, so that all subjects get one triangulation, and with it one
-//! sphere. Subject and template have to lie in one pose.
+//! The subject's surface is only used as a target of nearest points: it may have handles, holes, several pieces, and
+//! triangles in any order. The template's triangles don't change, so all subjects get the same triangulation, and with
+//! it the same sphere. Subject and template must be in the same pose.
 //!
 //! # Steps
 //!
 //! 1. Coherent point drift ([`drift`](mod@drift)) with three Gaussian kernels, the widest first, brings the template
-//!    near where the pose leaves the surfaces apart.
-//! 2. Nearest points both ways ([`snap`](mod@snap)) under a thin plate that softens bring it onto the surface.
+//!    near the subject where the two differ after alignment.
+//! 2. Nearest points in both directions ([`snap`](mod@snap)), under a thin plate that becomes softer, bring it onto the
+//!    surface.
 //! 3. Its vertices are projected onto the surface, and evened within it around triangles that are turned over
 //!    ([`untangle`](mod@untangle)).
-//! 4. [`Cover`] says how far the subject's surface is from the registered template, and which vertices of the template
-//!    have no counterpart on the subject.
+//! 4. [`Cover`] gives the distance of the subject's surface from the registered template, and the vertices of the
+//!    template that have no counterpart on the subject.
 //!
 //! # Modules
 //!
@@ -25,10 +26,10 @@
 //! | [`mod@drift`] | coherent point drift |
 //! | `cells`, `exponential` | the pairs of points within a distance, and their exponentials |
 //! | [`plate`] | the thin plate of the template's triangles, and its factor |
-//! | [`mod@snap`] | nearest points both ways under a thin plate |
-//! | [`mod@untangle`] | projection, and triangles that are turned over |
+//! | [`mod@snap`] | nearest points in both directions under a thin plate |
+//! | [`mod@untangle`] | projection, and repair of triangles that are turned over |
 //! | [`cover`] | [`Cover`] |
-//! | [`guide`] | [`Guide`]: landmarks that draw places of the template |
+//! | [`guide`] | [`Guide`]: landmarks that pull places of the template |
 //! | [`error`] | [`RegisterError`] |
 
 pub mod cover;

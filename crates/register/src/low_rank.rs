@@ -1,29 +1,29 @@
 //! A Gaussian kernel as a product of low rank: `k(y, y') = exp(-|y - y'|^2 / (2 w^2))`, `K = F F^T`.
 //!
-//! By a Cholesky factorisation with pivots that ends where no diagonal entry of what is left exceeds a tolerance: N.
-//! Higham, "Analysis of the Cholesky decomposition of a semi-definite matrix" (1990). The rows of F at further places
-//! follow from the same pivots, so that a displacement `F a` of the points extends to any place of space. Cost: `(n +
-//! m) r^2` flops and `n + m` exponentials a column.
+//! It is computed by a pivoted Cholesky factorisation that ends when no diagonal entry of the remainder exceeds a
+//! tolerance: N. Higham, "Analysis of the Cholesky decomposition of a semi-definite matrix" (1990). The rows of F at
+//! further places follow from the same pivots, so that a displacement `F a` of the points extends to all of space.
+//! Cost: `(n + m) r^2` flops, and `n + m` exponentials per column.
 
 use rayon::prelude::*;
 use spharm_surface::geometry::{Vec3, dot, sub};
 
-/// A factor at the points of which the pivots are, and at further places.
+/// A factor at the points among which the pivots are chosen, and at further places.
 pub struct LowRank {
-    /// Columns, r.
+    /// Number of columns, r.
     pub rank: usize,
-    /// At the points, (n, r), row-major.
+    /// Rows at the points, (n, r), row-major.
     pub points: Vec<f64>,
-    /// At the places, (m, r), row-major.
+    /// Rows at the places, (m, r), row-major.
     pub places: Vec<f64>,
 }
 
-/// Rows that a thread computes at a time.
+/// Number of rows that a thread computes at a time.
 const ROWS: usize = 512;
 
 impl LowRank {
-    /// Factors the kernel of a width at `points`, with at most `most` columns, until the diagonal of what is left is at
-    /// most `tolerance`.
+    /// Factors the kernel of a width at `points`, with at most `most` columns, until no diagonal entry of the remainder
+    /// exceeds `tolerance`.
     #[must_use]
     pub fn new(points: &[Vec3], places: &[Vec3], width: f64, most: usize, tolerance: f64) -> Self {
         let all: Vec<Vec3> = points.iter().chain(places).copied().collect();

@@ -1,25 +1,25 @@
-//! The settings of a registration.
+//! Settings of a registration.
 
-/// The width of a kernel of the drift, and how stiff it is.
+/// A stage of the drift: the kernel's width and stiffness, and the number of points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DriftStage {
     /// Standard deviation of the Gaussian kernel, as a share of the square root of the template's area.
     pub width: f64,
     /// Weight of the displacements' energy, lambda.
     pub stiffness: f64,
-    /// Points on the template, and on the subject: at most half as many as the template has vertices.
+    /// Number of points on the template, and on the subject: at most half the number of the template's vertices.
     pub points: usize,
 }
 
-/// Settings of a registration. Lengths are shares of the square root of the template's area, which is the unit below.
+/// Settings of a registration. The unit of lengths is the square root of the template's area.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RegisterParams {
-    /// Stages of the drift, the widest kernel first. None for surfaces that lie together.
+    /// Stages of the drift, the widest kernel first. Empty for surfaces that are already close.
     pub drift: Vec<DriftStage>,
-    /// Root mean square distance of the surfaces, both ways, below which vertices are only projected, if none is
-    /// farther than `reach`: the drift would scatter places along surfaces that coincide.
+    /// Root mean square distance of the surfaces, in both directions, below which vertices are only projected, provided
+    /// that no distance exceeds `reach`. The drift would scatter points along surfaces that coincide.
     pub near: f64,
-    /// Standard deviation of the distances at which the drift starts.
+    /// Standard deviation of the distances at the start of the drift.
     pub sigma: f64,
     /// Weight of the normals in the drift's responsibilities, `exp(kappa (n_x . n_y - 1))`.
     pub kappa: f64,
@@ -27,29 +27,29 @@ pub struct RegisterParams {
     pub outliers: f64,
     /// Most iterations of a stage of the drift.
     pub drift_rounds: usize,
-    /// Change of sigma, as a share of it, below which a stage of the drift ends.
+    /// Relative change of sigma below which a stage of the drift ends.
     pub drift_tolerance: f64,
-    /// Weights of the thin plate, one a round of nearest points.
+    /// Weights of the thin plate, one per round of nearest points.
     pub stiffness: Vec<f64>,
-    /// Weight of the subject's points that pull the template, beside 1 of the template's own.
+    /// Weight of the subject's points that pull the template, relative to weight 1 of the template's own points.
     pub back: f64,
-    /// Weight of distances along the surface beside those across it.
+    /// Weight of distances along the surface, relative to distances across it.
     pub tangential: f64,
-    /// Length by which a difference of unit normals counts in a search for nearest points.
+    /// Length that corresponds to a unit difference of normals in a search for nearest points.
     pub normal: f64,
-    /// Distance from which pairs of points lose weight.
+    /// Distance from which the weight of a pair of points decreases.
     pub robust: f64,
-    /// Distance from which a vertex of the template has no counterpart on the subject, and a place of the subject isn't
-    /// reached by the template.
+    /// Distance beyond which a vertex of the template has no counterpart on the subject, and a point of the subject
+    /// isn't reached by the template.
     pub reach: f64,
-    /// Weight of a landmark that guides, beside one of the points in the drift and one of the vertices after it.
+    /// Weight of a guiding landmark, relative to one of the points in the drift, and to one of the vertices after it.
     pub landmark: f64,
-    /// Most rounds in which vertices around turned triangles are evened.
+    /// Most rounds of evening vertices around turned triangles.
     pub untangle_rounds: usize,
 }
 
 impl Default for RegisterParams {
-    /// Widths and weights are those of prototypes on vertebrae, hippocampi and cortices; nothing is tuned to one group.
+    /// The widths and weights come from prototypes on vertebrae, hippocampi and cortices; none is tuned to one group.
     fn default() -> Self {
         let stage = |width, stiffness, points| DriftStage { width, stiffness, points };
         Self {

@@ -1,5 +1,5 @@
-//! The thin plate of a template's triangles: `|L v|^2`, L the graph Laplacian with rows divided by their number of
-//! neighbours, whose triangles are nearly even.
+//! The thin plate of a template's triangles: `|L v|^2`, where L is the graph Laplacian with each row divided by the
+//! number of neighbours; the triangles are nearly even.
 
 use std::sync::Arc;
 
@@ -11,7 +11,7 @@ use spharm_surface::geometry::Vec3;
 
 use crate::error::RegisterError;
 
-/// A matrix of rows of columns, which begin at `starts`.
+/// A sparse pattern: the columns of each row, which begin at `starts`.
 pub(crate) struct Rows {
     pub(crate) starts: Vec<u32>,
     pub(crate) columns: Vec<u32>,
@@ -42,7 +42,7 @@ pub struct Plate {
     pub(crate) rings: Rows,
     /// The triangles of each vertex.
     of_vertices: Rows,
-    /// Of `L^T L`, symmetric: vertices two edges apart.
+    /// Pattern of `L^T L`, symmetric: vertices up to two edges apart.
     pattern: Rows,
     values: Vec<f64>,
     lower: Arc<SymbolicSparseColMat<usize>>,
@@ -55,7 +55,7 @@ pub(crate) struct PlateMatrix<'a> {
     values: Vec<f64>,
 }
 
-/// A factor of one, for three columns at once.
+/// The factor of such a matrix, applied to three columns at once.
 pub(crate) struct PlateFactor(Llt<usize, f64>);
 
 impl Plate {
@@ -64,7 +64,8 @@ impl Plate {
         let rings = Rows::from_pairs(edges.collect(), n);
         let corners = (0..).zip(faces).flat_map(|(index, face)| face.map(|v| (v, index)));
         let of_vertices = Rows::from_pairs(corners.collect(), n);
-        // L has -1 on its diagonal and 1 / degree at neighbours; L^T L sums over the rows that hold both.
+        // L has -1 on its diagonal and 1 / degree at neighbours. An entry of L^T L is a sum over the rows that contain
+        // both columns.
         let row = |v: usize| {
             let ring = rings.row(v);
             let weight = 1.0 / ring.len().max(1) as f64;
@@ -98,17 +99,17 @@ impl Plate {
         Ok(Self { rings, of_vertices, pattern, values: matrix, lower, symbolic })
     }
 
-    /// The triangles of a vertex.
+    /// Returns the triangles of a vertex.
     pub(crate) fn faces_of(&self, v: usize) -> &[u32] {
         self.of_vertices.row(v)
     }
 
-    /// The plate times a stiffness.
+    /// Returns the plate's matrix times a stiffness.
     pub(crate) fn times(&self, stiffness: f64) -> PlateMatrix<'_> {
         PlateMatrix { plate: self, values: self.values.iter().map(|value| stiffness * value).collect() }
     }
 
-    /// `L v`: where the neighbours' mean is, seen from each vertex.
+    /// Returns `(L v)` at a vertex: the vector from the vertex to the mean of its neighbours.
     pub(crate) fn to_mean(&self, v: usize, of: &[Vec3]) -> Vec3 {
         let ring = self.rings.row(v);
         let share = 1.0 / ring.len().max(1) as f64;
@@ -120,7 +121,7 @@ impl Plate {
     }
 }
 
-/// Where an entry is; the column of each row are sorted.
+/// Returns the position of an entry; the columns of each row are sorted.
 fn place(pattern: &Rows, row: u32, column: u32) -> Option<usize> {
     let range = pattern.range(row as usize);
     let at = pattern.columns[range.clone()].binary_search(&column).ok()?;
@@ -128,7 +129,7 @@ fn place(pattern: &Rows, row: u32, column: u32) -> Option<usize> {
 }
 
 impl PlateMatrix<'_> {
-    /// Adds to an entry within a triangle, or on the diagonal.
+    /// Adds to an entry within a triangle or on the diagonal.
     pub(crate) fn add(&mut self, row: u32, column: u32, value: f64) {
         if let Some(at) = place(&self.plate.pattern, row, column) {
             self.values[at] += value;

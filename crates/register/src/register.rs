@@ -1,4 +1,4 @@
-//! The registration of a template to one subject.
+//! Registers a template to one subject.
 
 use spharm_monitor::Monitor;
 use spharm_surface::geometry::Vec3;
@@ -18,15 +18,15 @@ use crate::untangle::untangle;
 pub struct Registered {
     /// The template's vertices, (n), on the subject's surface.
     pub vertices: Vec<Vec3>,
-    /// Whether each vertex has a counterpart on the subject, (n): where false, its place is a guess.
+    /// Whether each vertex has a counterpart on the subject, (n); if not, its position is a guess.
     pub reached: Vec<bool>,
-    /// How well the subject's surface is covered.
+    /// Distances of the subject's surface from the template.
     pub cover: Cover,
-    /// Triangles that are turned over; their vertices aren't counted as reached.
+    /// Number of triangles that are turned over; their vertices aren't marked as reached.
     pub turned: usize,
 }
 
-/// Moves a template onto a subject in the same pose. `guides` are places that are known to correspond.
+/// Moves a template onto a subject in the same pose. `guides` are corresponding places and points known in advance.
 ///
 /// # Errors
 ///

@@ -1,17 +1,17 @@
-//! A template drawn onto a surface by nearest points both ways, under a thin plate that softens.
+//! Pulls a template onto a surface by nearest points in both directions, under a thin plate that becomes softer.
 //!
 //! B. Amberg, S. Romdhani and T. Vetter, "Optimal step nonrigid ICP algorithms for surface registration", CVPR 2007.
-//! Points of the template have nearest ones on the subject, in position and normal, and points of the subject have
-//! nearest ones on the template; the latter draw it into tips, which no point of the template has as its nearest.
-//! Distances count across the surface, and a little along it. Each round solves
+//! Points of the template have nearest points on the subject, by position and normal, and points of the subject have
+//! nearest points on the template. The latter pull the template into tips, which aren't nearest to any point of the
+//! template. Distances across the surface have full weight, and those along it a small one. Each round solves
 //!
 //! ```text
 //! (S^T W S + stiffness / n L^T L) v = S^T W r,   W = w (n n^T + tangential I) a pair
 //! ```
 //!
-//! for the displacement v: S interpolates within triangles, r are the pairs' differences. By conjugate gradients, with
-//! the factor of that matrix for `W = w (1/3 + tangential) I` as the preconditioner. Cost of a round: that factor, some
-//! 200 flops a pair and 2,000 a vertex for each iteration.
+//! for the displacement v, where S interpolates within triangles and r are the pairs' differences. It uses conjugate
+//! gradients, with the factor of that matrix for `W = w (1/3 + tangential) I` as the preconditioner. A round costs that
+//! factor, and about 200 flops per pair and 2,000 per vertex for each iteration.
 
 use spharm_monitor::Monitor;
 use spharm_surface::geometry::{Vec3, add, dot, scale as times, sub, unit};
@@ -24,13 +24,14 @@ use crate::plate::{PlateFactor, PlateMatrix};
 use crate::subject::{PointTree, Subject};
 use crate::template::{Template, doubled_normal, length};
 
-/// The size of residuals, of the right-hand side's, at which the iteration ends.
+/// Residual, relative to the right-hand side, at which the iteration ends.
 const ACCURACY: f64 = 1e-2;
 const MOST_ITERATIONS: usize = 40;
-/// Points on the subject for each vertex of the template: those that it looks for, and those that look for it.
+/// Number of points on the subject per vertex of the template: those that the template searches, and those that search
+/// the template.
 const SOUGHT: usize = 4;
 const SEEKING: f64 = 1.5;
-/// Places in each triangle that points of the subject may find: the centres of its quarters.
+/// Places in each triangle that points of the subject are matched to: the centres of its quarters.
 const QUARTERS: [[f64; 3]; 4] = [
     [1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0],
     [2.0 / 3.0, 1.0 / 6.0, 1.0 / 6.0],
@@ -38,17 +39,17 @@ const QUARTERS: [[f64; 3]; 4] = [
     [1.0 / 6.0, 1.0 / 6.0, 2.0 / 3.0],
 ];
 
-/// A point of the template that is drawn to a plane of the subject.
+/// A point of the template that is pulled to a plane of the subject.
 struct Pair {
     vertices: [u32; 3],
     weights: [f64; 3],
-    /// From the template's point to the subject's.
+    /// Vector from the template's point to the subject's.
     off: Vec3,
     normal: Vec3,
     weight: f64,
 }
 
-/// Returns the template's vertices, drawn from `start` onto the subject; nothing draws those that are `free`, (n).
+/// Returns the template's vertices, pulled from `start` onto the subject; vertices that are `free`, (n), aren't pulled.
 ///
 /// # Errors
 ///
@@ -76,7 +77,7 @@ pub fn snap(
             let far = length(pair.off) / (params.robust * template.scale);
             pair.weight /= (1.0 + far * far).sqrt();
         }
-        // What a person says is no outlier, however far it is.
+        // A landmark set by a person is never an outlier, however far away it is.
         pairs.extend(guides.iter().flat_map(|guide| of_guide(guide, &vertices, params.landmark / n as f64)));
         let displacement = step(template, &pairs, stiffness / n as f64, params.tangential)?;
         vertices.iter_mut().zip(displacement).for_each(|(y, v)| *y = add(*y, v));
@@ -87,7 +88,7 @@ pub fn snap(
     Ok(vertices)
 }
 
-/// Pairs that draw a landmark's place in all directions alike.
+/// Returns pairs that pull a landmark's place equally in all directions.
 fn of_guide(guide: &Guide, vertices: &[Vec3], weight: f64) -> [Pair; 3] {
     let off = sub(guide.point, guide.place.of(vertices));
     let Place { corners, shares } = guide.place;
@@ -100,8 +101,9 @@ fn of_guide(guide: &Guide, vertices: &[Vec3], weight: f64) -> [Pair; 3] {
     })
 }
 
-/// Each vertex with its nearest point of the subject, weighted by its share of the area. A vertex whose nearest point
-/// is on the border of an open surface has none: what the subject lacks would be squeezed into the border.
+/// Pairs each vertex with its nearest point of the subject, weighted by its share of the area. A vertex whose nearest
+/// point is on the border of an open surface gets no pair; otherwise the part that the subject lacks would be squeezed
+/// into the border.
 fn to_subject(
     template: &Template,
     vertices: &[Vec3],
@@ -128,7 +130,7 @@ fn to_subject(
     .collect()
 }
 
-/// Each of some points of the subject with its nearest place of the template.
+/// Pairs each of the given points of the subject with its nearest place on the template.
 fn to_template(
     template: &Template,
     vertices: &[Vec3],
@@ -171,7 +173,7 @@ fn inside(vertices: &[Vec3], face: [u32; 3], weights: [f64; 3]) -> Vec3 {
     std::array::from_fn(|k| weights[0] * a[k] + weights[1] * b[k] + weights[2] * c[k])
 }
 
-/// Unit normals of the vertices, and their thirds of the triangles' areas.
+/// Returns unit normals of the vertices, and their thirds of the triangles' areas.
 pub(crate) fn normals_and_areas(vertices: &[Vec3], faces: &[[u32; 3]]) -> (Vec<Vec3>, Vec<f64>) {
     let (mut normals, mut areas) = (vec![[0.0; 3]; vertices.len()], vec![0.0; vertices.len()]);
     for face in faces {
@@ -186,7 +188,7 @@ pub(crate) fn normals_and_areas(vertices: &[Vec3], faces: &[[u32; 3]]) -> (Vec<V
     (normals, areas)
 }
 
-/// The displacement of one round.
+/// Returns the displacement of one round.
 fn step(template: &Template, pairs: &[Pair], stiffness: f64, tangential: f64) -> Result<Vec<Vec3>, RegisterError> {
     let plate = template.plate.times(stiffness);
     let mut middle = template.plate.times(stiffness);
@@ -205,7 +207,7 @@ fn step(template: &Template, pairs: &[Pair], stiffness: f64, tangential: f64) ->
 }
 
 impl Pair {
-    /// `W x`.
+    /// Returns `W x`.
     fn weighted(&self, x: Vec3, tangential: f64) -> Vec3 {
         let along = dot(self.normal, x);
         std::array::from_fn(|k| self.weight * (self.normal[k] * along + tangential * x[k]))
@@ -219,7 +221,7 @@ impl Pair {
         }
     }
 
-    /// `S x`.
+    /// Returns `S x`.
     fn gather(&self, x: &[Vec3]) -> Vec3 {
         let [a, b, c] = self.vertices.map(|v| x[v as usize]);
         std::array::from_fn(|k| self.weights[0] * a[k] + self.weights[1] * b[k] + self.weights[2] * c[k])

@@ -1,4 +1,4 @@
-//! A subject's surface: the target of nearest points.
+//! A subject's surface, the target of nearest points.
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use spharm_surface::geometry::Vec3;
@@ -12,12 +12,12 @@ use crate::error::RegisterError;
 pub struct Subject {
     pub(crate) mesh: Mesh,
     pub(crate) tree: TriangleTree,
-    /// Whether an edge of each triangle, opposite to its corners, has no other triangle, (m).
+    /// For each triangle, whether the edge opposite each corner belongs to no other triangle, (m).
     pub(crate) open: Vec<[bool; 3]>,
 }
 
 impl Subject {
-    /// Builds the search tree of a surface. One that is inside out is turned.
+    /// Builds the search tree of a surface. A surface that is inside out is reversed.
     ///
     /// # Errors
     ///
@@ -40,7 +40,7 @@ impl Subject {
     }
 }
 
-/// Edges that belong to one triangle, which are the border of an open surface.
+/// Finds edges that belong to a single triangle, which form the border of an open surface.
 fn open_edges(mesh: &Mesh) -> Vec<[bool; 3]> {
     let edge = |face: &[u32; 3], corner: usize| {
         let (a, b) = (face[(corner + 1) % 3], face[(corner + 2) % 3]);
@@ -60,7 +60,7 @@ fn open_edges(mesh: &Mesh) -> Vec<[bool; 3]> {
     open
 }
 
-/// A tree over points and their normals, in which normals count by a length.
+/// A tree over points and their normals, with normals scaled to a length.
 pub(crate) struct PointTree {
     tree: ImmutableKdTree<f64, 6>,
     normal: f64,
@@ -74,7 +74,7 @@ impl PointTree {
         Ok(Self { tree, normal })
     }
 
-    /// The nearest point's index.
+    /// Returns the index of the nearest point.
     pub(crate) fn nearest(&self, point: Vec3, normal: Vec3) -> usize {
         let place = place(point, normal, self.normal);
         self.tree.query(&place).nearest_one::<SquaredEuclidean<f64>>().execute().item as usize

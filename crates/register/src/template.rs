@@ -1,4 +1,4 @@
-//! A template: what registrations to all subjects of a group share.
+//! A template: the data shared by the registrations to all subjects of a group.
 
 use rayon::prelude::*;
 use spharm_monitor::Monitor;
@@ -12,17 +12,17 @@ use crate::low_rank::LowRank;
 use crate::params::RegisterParams;
 use crate::plate::Plate;
 
-/// Most columns of a kernel's factor.
+/// Largest number of columns of a kernel's factor.
 const RANK: usize = 200;
-/// The diagonal of what a kernel's factor leaves.
+/// Largest diagonal entry of the remainder of a kernel's factorisation.
 const LEFT: f64 = 1e-3;
 
-/// A mesh that is to be moved onto subjects, with the factors of its kernels and its thin plate.
+/// A mesh to be moved onto subjects, with the factors of its kernels and its thin plate.
 pub struct Template {
     pub(crate) mesh: Mesh,
     /// Vertices that have no counterpart on subjects, (n).
     pub(crate) masked: Vec<bool>,
-    /// The square root of the area, which is the unit of [`RegisterParams`].
+    /// The square root of the area, the unit of [`RegisterParams`].
     pub(crate) scale: f64,
     pub(crate) plate: Plate,
     pub(crate) stages: Vec<Stage>,
@@ -30,16 +30,16 @@ pub struct Template {
 
 /// A kernel of the drift.
 pub(crate) struct Stage {
-    /// Places on the template, of triangles that aren't masked.
+    /// Points on the unmasked triangles of the template.
     pub(crate) spread: SpreadPoints,
-    /// At these places, and at the template's vertices.
+    /// The kernel's factor at these points and at the template's vertices.
     pub(crate) kernel: LowRank,
     pub(crate) stiffness: f64,
 }
 
 impl Template {
-    /// Prepares a template. `masked`, (n), names vertices without a counterpart on subjects, such as the lids of holes
-    /// that were filled: nothing pulls at them.
+    /// Prepares a template. `masked`, (n), marks vertices without a counterpart on subjects, such as the lids of filled
+    /// holes: nothing pulls at them.
     ///
     /// # Errors
     ///
@@ -94,7 +94,7 @@ impl Template {
     }
 }
 
-/// Points on the triangles that aren't masked; their triangles are numbered as in the mesh.
+/// Spreads points over the unmasked triangles; the points' triangles are numbered as in the mesh.
 fn spread_over(mesh: &Mesh, masked_faces: &[bool], count: usize, seed: usize) -> SpreadPoints {
     let kept: Vec<u32> = (0..mesh.faces.len() as u32).filter(|face| !masked_faces[*face as usize]).collect();
     let faces = kept.iter().map(|face| mesh.faces[*face as usize]).collect();
@@ -103,8 +103,8 @@ fn spread_over(mesh: &Mesh, masked_faces: &[bool], count: usize, seed: usize) ->
     spread
 }
 
-/// Whether each vertex of a template is farther than `distance` from the surface that the template was made of, (n), or
-/// neighbours one that is: so are the lids of holes that were filled, and of handles that were cut.
+/// Returns, for each vertex of a template, (n), whether it or one of its neighbours is farther than `distance` from the
+/// surface from which the template was made. This is the case for the lids of filled holes and of cut handles.
 #[must_use]
 pub fn without_counterpart(template: &Mesh, original: &Mesh, distance: f64) -> Vec<bool> {
     let tree = TriangleTree::new(original);
@@ -117,7 +117,7 @@ pub fn without_counterpart(template: &Mesh, original: &Mesh, distance: f64) -> V
     masked
 }
 
-/// The cross product of a triangle's edges: its normal, twice its area long.
+/// Returns the cross product of a triangle's edges: its normal, with twice its area as length.
 pub(crate) fn doubled_normal(vertices: &[Vec3], face: [u32; 3]) -> Vec3 {
     let [a, b, c] = face.map(|v| vertices[v as usize]);
     cross(sub(b, a), sub(c, a))

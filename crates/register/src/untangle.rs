@@ -1,9 +1,9 @@
-//! Vertices projected onto a surface, without triangles that are turned over.
+//! Projects vertices onto a surface without leaving triangles turned over.
 //!
-//! A triangle is turned over where its normal points against that of the subject's triangle that is nearest to its
-//! centre. Around such triangles vertices move halfway to the mean of their neighbours, and are projected again, a few
-//! times. What is left of them is tried vertex by vertex: each corner goes where the fewest triangles around it are
-//! turned, of some places towards its neighbours. Free vertices stay where the thin plate left them.
+//! A triangle is turned over if its normal points against that of the subject's triangle nearest to its centre.
+//! Vertices around such triangles are moved halfway to the mean of their neighbours and projected again, several times.
+//! Remaining ones are treated vertex by vertex: each corner is tried at several positions towards its neighbours, and
+//! moved to the one with the fewest turned triangles around it. Free vertices stay where the thin plate left them.
 
 use rayon::prelude::*;
 use spharm_monitor::Monitor;
@@ -13,13 +13,13 @@ use crate::error::RegisterError;
 use crate::subject::Subject;
 use crate::template::{Template, doubled_normal};
 
-/// Times that vertices move in a round.
+/// Number of moves of the vertices in a round.
 const MOVES: usize = 12;
-/// Rings around turned triangles that move, round by round.
+/// Number of rings around turned triangles that are moved, by round.
 const RINGS: [usize; 6] = [1, 2, 1, 3, 2, 4];
-/// Sweeps over the corners of triangles that rounds didn't turn back.
+/// Number of sweeps over the corners of triangles that are still turned after the rounds.
 const SWEEPS: usize = 12;
-/// Shares of the way to each neighbour that a corner is tried at.
+/// Positions at which a corner is tried, as shares of the way to each neighbour.
 const TOWARDS: [f64; 3] = [0.25, 0.5, 0.9];
 
 /// Returns the vertices projected onto the subject, and the triangles that are still turned over.
@@ -68,7 +68,7 @@ pub fn untangle(
     Ok((vertices, left))
 }
 
-/// Moves corners of turned triangles, and a number of rings around them, one by one.
+/// Moves corners of turned triangles, and of a number of rings around them, one by one.
 fn one_by_one(
     template: &Template,
     vertices: &mut [Vec3],
@@ -107,7 +107,7 @@ fn between(from: Vec3, to: Vec3, share: f64) -> Vec3 {
     std::array::from_fn(|k| from[k] + share * (to[k] - from[k]))
 }
 
-/// Projects some of the vertices.
+/// Projects the given vertices.
 fn project(vertices: &mut [Vec3], some: &[usize], subject: &Subject) {
     let nearest = |v: &usize| subject.tree.nearest(vertices[*v]).map_or(vertices[*v], |found| found.point);
     let moved: Vec<Vec3> = some.par_iter().map(nearest).collect();
@@ -126,14 +126,14 @@ fn is_turned(face: [u32; 3], vertices: &[Vec3], free: &[bool], subject: &Subject
     dot(doubled_normal(vertices, face), theirs) < 0.0
 }
 
-/// The triangles that are turned over, but for free ones.
+/// Returns the triangles that are turned over, without free ones.
 fn turned_faces(template: &Template, vertices: &[Vec3], free: &[bool], subject: &Subject) -> Vec<u32> {
     let faces = &template.mesh.faces;
     let all = (0..faces.len() as u32).into_par_iter();
     all.filter(|face| is_turned(faces[*face as usize], vertices, free, subject)).collect()
 }
 
-/// The vertices of triangles and of a number of rings around them, without free ones, in order.
+/// Returns the vertices of the given triangles and of a number of rings around them, without free ones, in order.
 fn around(template: &Template, faces: &[u32], free: &[bool], rings: usize) -> Vec<usize> {
     let mut near = vec![false; template.mesh.vertices.len()];
     let mut border: Vec<usize> =

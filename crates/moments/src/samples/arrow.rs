@@ -1,5 +1,4 @@
-//! Tables by columns: Parquet, and Arrow's IPC files. Columns of numbers are read; what is missing in them is no
-//! number.
+//! Tables stored by columns: Parquet, and Arrow's IPC files. Columns of numbers are read; missing values become NaN.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -19,27 +18,27 @@ use super::{ipc, pages};
 use crate::MomentsError;
 use crate::moments::Shard;
 
-/// Rows of a batch of Parquet.
+/// Rows per batch of Parquet.
 const BATCH: usize = 1 << 16;
 
 type Rows = Box<dyn Iterator<Item = Result<RecordBatch, ArrowError>> + Send>;
-/// Starts reading columns, given in rising order.
+/// Starts reading columns, given in ascending order.
 type Start = Box<dyn FnOnce(Vec<usize>) -> Result<Rows, String> + Send>;
 
-/// A shard of a table by columns.
+/// A shard of a table stored by columns.
 pub(super) struct Batches {
     path: PathBuf,
     format: &'static str,
     names: Vec<String>,
     start: Option<Start>,
     rows: Option<Result<Rows, String>>,
-    /// For each place in a row the column of the batches.
+    /// For each position in a row, the column of the batches.
     places: Vec<usize>,
-    /// Rows of the batches that come before the shard.
+    /// Number of rows of the batches before the shard.
     skip: u64,
     before: u64,
     left: u64,
-    /// Rows that have been read, and not yet asked for.
+    /// Rows that have been read, but not yet requested.
     pending: Vec<f64>,
 }
 
@@ -71,7 +70,7 @@ pub(super) fn open_ipc(path: &Path, file: File, shard: Shard) -> Result<(Batches
     ipc::check(&file, bytes).map_err(|problem| malformed(path, format, &problem))?;
     let reader = FileReader::try_new_buffered(file, None).map_err(failed)?;
     let names = reader.schema().fields().iter().map(|field| field.name().clone()).collect();
-    // Without columns batches have their number of rows alone.
+    // Batches without columns still have their number of rows.
     let counts = FileReader::try_new_buffered(again, Some(Vec::new())).map_err(failed)?;
     let count = counts.map(|batch| batch.map(|batch| batch.num_rows() as u64)).sum::<Result<u64, _>>();
     let rows = shard.range(count.map_err(failed)?);
@@ -105,7 +104,7 @@ impl Batches {
         (Self { path, format, names, start: Some(start), rows: None, places, skip, before, left, pending }, left)
     }
 
-    /// Reads a batch more; false at the end.
+    /// Reads another batch; returns false at the end.
     fn more(&mut self) -> Result<bool, MomentsError> {
         let failed = |found: &dyn std::fmt::Display| malformed(&self.path, self.format, found);
         let batch = match &mut self.rows {
@@ -165,7 +164,7 @@ impl Table for Batches {
     }
 }
 
-/// Writes a column's numbers; false where it has none.
+/// Writes a column's numbers; returns false if it has none.
 fn numbers<'a>(array: &dyn Array, out: impl Iterator<Item = &'a mut f64>) -> bool {
     fn each<'a, T: ArrowPrimitiveType>(
         array: &dyn Array,

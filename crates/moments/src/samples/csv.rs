@@ -1,5 +1,5 @@
-//! Tables of text: a row a line, fields between commas, tabs, semicolons or blanks, names of the columns in the first
-//! line where they aren't numbers. Lines that are empty or begin with `#` are skipped.
+//! Text tables: one row per line, with fields separated by commas, tabs, semicolons or blanks. The first line has the
+//! names of the columns, unless it consists of numbers. Lines that are empty or begin with `#` are skipped.
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
@@ -13,35 +13,35 @@ use crate::MomentsError;
 use crate::moments::Shard;
 
 const FORMAT: &str = "table";
-/// Bytes that are read at a time, and then parsed by all threads.
+/// Bytes read at a time, and then parsed by all threads.
 const BLOCK: usize = 1 << 22;
-/// Bytes of a piece that one thread parses.
+/// Bytes that one thread parses at a time.
 const PIECE: usize = 1 << 16;
-/// The byte-order mark of UTF-8, with which some programs begin.
+/// The UTF-8 byte-order mark, with which some programs begin a file.
 const MARK: &[u8] = b"\xef\xbb\xbf";
-/// Longer lines are none of a table.
+/// Longest line of a table; longer ones are an error.
 const LONGEST_LINE: usize = 1 << 20;
 
-/// A shard of a table of text.
+/// A shard of a text table.
 pub(super) struct Text {
     path: PathBuf,
     input: Box<dyn Read + Send>,
     lines: Lines,
-    /// Bytes that have been read, and not yet parsed.
+    /// Bytes that have been read, but not yet parsed.
     pending: Vec<u8>,
-    /// Rows that have been parsed, and not yet asked for.
+    /// Rows that have been parsed, but not yet requested.
     parsed: Vec<f64>,
-    /// Bytes of the file's rows before the shard.
+    /// Byte range of the file's rows before the shard.
     before: Range<u64>,
-    /// Rows that have been parsed.
+    /// Number of rows that have been parsed.
     rows: u64,
     ended: bool,
 }
 
-/// How lines are rows.
+/// The layout of lines.
 struct Lines {
     names: Vec<String>,
-    /// What separates fields; blanks where it is none.
+    /// Separator of fields; `None` for blanks.
     separator: Option<u8>,
     selected: Vec<usize>,
 }
@@ -53,7 +53,7 @@ pub(super) fn open(path: &Path, file: File, bytes: u64, shard: Shard) -> Result<
     shard_of(path, input, header..bytes, Lines { names, separator, selected: Vec::new() }, shard)
 }
 
-/// Opens a shard of rows between bytes of a file, fields between blanks.
+/// Opens a shard of rows within a byte range of a file, with fields separated by blanks.
 pub(super) fn of_rows(
     path: &Path,
     file: File,
@@ -81,7 +81,7 @@ fn shard_of(
     Ok(Text::new(path, input, lines, bytes.start..start))
 }
 
-/// The first byte, from `from` on, at which a line begins.
+/// Returns the first byte, from `from` on, at which a line begins.
 fn line_from(input: &mut BufReader<File>, from: u64) -> io::Result<u64> {
     if from == 0 {
         return Ok(0);
@@ -91,18 +91,18 @@ fn line_from(input: &mut BufReader<File>, from: u64) -> io::Result<u64> {
     Ok(from - 1 + input.read_until(b'\n', &mut skipped)? as u64)
 }
 
-/// Takes a table from a stream.
+/// Opens a table from a stream.
 pub(super) fn of_stream(path: &Path, input: Box<dyn Read + Send>) -> Result<Text, MomentsError> {
     let mut input = BufReader::new(input);
     let mut first = Vec::new();
     let (names, separator, header) = head(path, &mut Kept { input: &mut input, kept: &mut first })?;
-    // Lines that have been read and aren't the header are rows.
+    // Lines that have been read and aren't part of the header are rows.
     let rows = first.split_off((header as usize).min(first.len()));
     let lines = Lines { names, separator, selected: Vec::new() };
     Ok(Text::new(path, Box::new(io::Cursor::new(rows).chain(input)), lines, header..header))
 }
 
-/// Keeps what is read through it.
+/// Reader that stores the bytes read through it.
 struct Kept<'a, R> {
     input: &'a mut R,
     kept: &'a mut Vec<u8>,
@@ -129,7 +129,7 @@ impl<R: BufRead> BufRead for Kept<'_, R> {
     }
 }
 
-/// The names of the columns, the separator, and the bytes before the first row.
+/// Returns the names of the columns, the separator, and the number of bytes before the first row.
 fn head(path: &Path, input: &mut dyn BufRead) -> Result<(Vec<String>, Option<u8>, u64), MomentsError> {
     let mut at = 0;
     loop {
@@ -169,12 +169,12 @@ fn fields(line: &[u8], separator: Option<u8>) -> impl Iterator<Item = &[u8]> {
         .filter(move |field| separator.is_some() || !field.is_empty())
 }
 
-/// NaN and infinity are numbers, which are refused later.
+/// Parses a number, including NaN and infinity, which are rejected later.
 fn number(word: &[u8]) -> Option<f64> {
     std::str::from_utf8(word).ok()?.parse().ok()
 }
 
-/// A line that is no row: its number among the rows, and what is wrong with it.
+/// An invalid line: its number among the rows, and the problem.
 struct BadLine {
     row: u64,
     column: String,
@@ -188,7 +188,7 @@ impl Text {
         Self { path: path.to_owned(), input, lines, pending, parsed, before, rows: 0, ended: false }
     }
 
-    /// Reads and parses a block more.
+    /// Reads and parses another block.
     fn more(&mut self) -> Result<(), MomentsError> {
         let before = self.pending.len();
         let count = self.input.by_ref().take(BLOCK as u64).read_to_end(&mut self.pending);
@@ -225,7 +225,7 @@ impl Text {
 }
 
 impl Lines {
-    /// Parses lines to rows, up to the first bad line.
+    /// Parses lines to rows, up to the first invalid line.
     fn parse(&self, lines: &[u8]) -> (Vec<f64>, Option<BadLine>) {
         let (columns, width) = (self.names.len(), self.selected.len().max(1));
         let mut rows = Vec::new();
@@ -276,7 +276,7 @@ impl Table for Text {
         Ok(count / width)
     }
 
-    /// Rows before the shard are counted when somebody wants to know.
+    /// Rows before the shard are only counted when this is called.
     fn number_of(&self, row: u64) -> u64 {
         let before = || -> io::Result<u64> {
             if self.before.is_empty() {

@@ -1,8 +1,7 @@
-//! What the blocks of an Arrow file say of their sizes, looked at before the crate `arrow-ipc` takes them at their
-//! word.
+//! Checks the sizes declared in the blocks of an Arrow file, before the crate `arrow-ipc` relies on them.
 //!
-//! The footer names the file's blocks with their lengths; the buffers of a compressed block begin with the number of
-//! bytes that they expand to, and as many are allocated. Source: Arrow columnar format, "IPC file format" and
+//! The footer lists the file's blocks with their lengths. The buffers of a compressed block begin with their
+//! uncompressed size, and this many bytes are allocated. Source: Arrow columnar format, "IPC file format" and
 //! "Compression".
 
 use std::fs::File;
@@ -12,22 +11,23 @@ use arrow_ipc::reader::read_footer_length;
 use arrow_ipc::{Block, root_as_footer, root_as_message};
 use spharm_surface::io::{check_room, most_expanded};
 
-/// Bytes of the length of the footer, and of the magic after it.
+/// Bytes of the footer's length and of the magic after it.
 const TAIL: usize = 10;
-/// Bytes before a message's metadata: a mark, which old files lack, and their length.
+/// Mark before the length of a message's metadata; old files lack it.
 const MARK: [u8; 4] = [0xff; 4];
-/// Bytes that a buffer takes beside its numbers of at most 64 bits: Arrow pads buffers.
+/// Bytes that a buffer may take in addition to its numbers of at most 64 bits: Arrow pads buffers.
 const PADDING: u64 = 64;
-/// Bytes that a compressed one stands for at most: zstd writes a run of 128 KiB in four bytes, LZ4 one of 255 in one.
+/// Most bytes that one compressed byte expands to: zstd writes a run of 128 KiB in four bytes, LZ4 one of 255 in one.
 const MOST_PER_BYTE: u64 = 1 << 15;
-/// The number of bytes of a buffer that isn't compressed, within a compressed block.
+/// Declared size of an uncompressed buffer within a compressed block.
 const PLAIN: i64 = -1;
 
-/// Checks a file of so many bytes: that its blocks lie in it, and that there is room for what they expand to.
+/// Checks that the blocks of a file of `bytes` bytes lie within it, and that memory suffices for their uncompressed
+/// size.
 ///
 /// # Errors
 ///
-/// What is wrong, as a text.
+/// The problem, as text.
 pub(super) fn check(file: &File, bytes: u64) -> Result<(), String> {
     let failed = |error: io::Error| error.to_string();
     let mut input = BufReader::new(file);
@@ -46,7 +46,7 @@ pub(super) fn check(file: &File, bytes: u64) -> Result<(), String> {
     Ok(())
 }
 
-/// Where a block's metadata and its buffers are.
+/// Positions of a block's metadata and its buffers.
 struct Place {
     start: u64,
     metadata: usize,
@@ -84,7 +84,7 @@ fn check_block(input: &mut BufReader<&File>, place: &Place) -> Result<(), String
             continue;
         }
         let expanded = u64::try_from(expanded).map_err(|_| "a buffer of less than no bytes")?;
-        // Constants compress to next to nothing, but to no more than their rows.
+        // Constants compress to almost nothing, but they can't exceed the size of their rows.
         let plausible = most_expanded(length).max(rows.saturating_mul(8).saturating_add(PADDING));
         if expanded > plausible.min(length.saturating_mul(MOST_PER_BYTE)) {
             return Err(format!("{expanded} bytes in a buffer of {length} compressed ones, for {rows} rows"));

@@ -1,8 +1,8 @@
-//! Point clouds of laser scanners (LAS): x, y, z and intensity of each point. The header is read by the crate `las`,
-//! whose reader of points can't go from thread to thread.
+//! Point clouds from laser scanners (LAS): x, y, z and intensity of each point. The header is read by the crate `las`,
+//! whose reader of points can't be sent between threads.
 //!
 //! Source: ASPRS, "LAS specification 1.4 R15": all point formats begin with X, Y and Z as 32-bit integers, to be
-//! scaled, and the intensity as one of 16 bits.
+//! scaled, followed by the intensity as a 16-bit integer.
 
 use std::fs::File;
 use std::io::{BufReader, Seek, SeekFrom};
@@ -17,9 +17,9 @@ use crate::moments::Shard;
 
 const FORMAT: &str = "LAS";
 const COLUMNS: [&str; 4] = ["x", "y", "z", "intensity"];
-/// Bytes of the fields above.
+/// Bytes of the four columns above.
 const LEAST: u16 = 14;
-/// Set in the point format of compressed files.
+/// Flag in the point format of compressed files.
 const COMPRESSED: u8 = 0x80;
 const BUFFER: usize = 1 << 18;
 

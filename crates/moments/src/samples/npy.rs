@@ -1,4 +1,4 @@
-//! Arrays of NumPy (`.npy`): a row a sample. Columns of a plain array are named by their numbers from 0, those of a
+//! NumPy arrays (`.npy`), one row per sample. Columns of a plain array are named by their indices from 0, those of a
 //! structured one by its fields.
 
 use std::fs::File;
@@ -13,20 +13,20 @@ use crate::moments::Shard;
 
 pub(super) use spharm_surface::npy::MAGIC;
 const FORMAT: &str = "NumPy array";
-/// Bytes read at a time: of several streams side by side, each has its own.
+/// Bytes read at a time. Each of several concurrent streams has its own buffer.
 const BUFFER: usize = 1 << 18;
 
-/// Most columns of a row.
+/// Largest number of columns in a row.
 const MOST_COLUMNS: usize = 1 << 16;
 
-/// What an array's header says of its samples.
+/// An array's header, interpreted as samples.
 pub(super) struct Header {
-    /// Bytes of the header, and all before it.
+    /// Length of the header in bytes, including everything before it.
     pub(super) length: u64,
     pub(super) rows: u64,
-    /// Names of the columns, none for a plain array's.
+    /// Names of the columns, `None` in a plain array.
     pub(super) names: Vec<Option<String>>,
-    /// Fields of a row as in C order.
+    /// Fields of a row, with their positions in C order.
     pub(super) fields: Vec<Field>,
     pub(super) row: usize,
     pub(super) fortran: bool,
@@ -37,7 +37,7 @@ impl Header {
         self.names.iter().enumerate().map(|(i, name)| name.clone().unwrap_or_else(|| i.to_string())).collect()
     }
 
-    /// Bytes of the values; `None` where there are more than can be.
+    /// Returns the bytes of the values; `None` on overflow.
     pub(super) fn bytes(&self) -> Option<u64> {
         self.rows.checked_mul(self.row as u64)
     }
@@ -57,7 +57,7 @@ pub(super) fn open(path: &Path, file: File, bytes: u64, shard: Shard) -> Result<
     let starts: Vec<(u64, usize, Vec<Field>)> = if header.fortran {
         let column = |field: &Field| {
             let size = field.kind.size() as u64;
-            // In Fortran order a field is a run of its own, and its place in a row tells which.
+            // In Fortran order each field is contiguous, and its position in a row determines where it starts.
             let at = header.length + field.at as u64 * header.rows + rows.start * size;
             (at, field.kind.size(), vec![Field { at: 0, ..*field }])
         };
@@ -75,7 +75,7 @@ pub(super) fn open(path: &Path, file: File, bytes: u64, shard: Shard) -> Result<
     Ok((Records::new(path.to_owned(), FORMAT, header.names(), streams, rows), count))
 }
 
-/// Takes an array from a stream.
+/// Opens an array from a stream.
 pub(super) fn of_stream(path: &Path, mut input: Box<dyn Read + Send>) -> Result<(Records, u64), MomentsError> {
     let header = read_header(path, &mut input)?;
     if header.bytes().is_none() {
@@ -109,7 +109,7 @@ pub(super) fn read_header(path: &Path, input: &mut dyn Read) -> Result<Header, M
     })
 }
 
-/// The columns of an array, if they are numbers.
+/// Returns the columns of an array, if they are numbers.
 fn of_samples(found: &npy::Header) -> Option<Header> {
     let (rows, columns) = match found.shape[..] {
         [rows] => (rows, 1),

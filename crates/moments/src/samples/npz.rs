@@ -1,5 +1,5 @@
-//! Archives of NumPy's (`.npz`): arrays side by side, with as many rows each. The column of a vector has its array's
-//! name, the columns of a matrix `name.0`, `name.1`, ..., the fields of a structured array their own names.
+//! NumPy archives (`.npz`): several arrays with the same number of rows. The column of a vector has its array's name,
+//! the columns of a matrix are `name.0`, `name.1`, ..., and the fields of a structured array have their own names.
 
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
@@ -16,7 +16,7 @@ use crate::moments::Shard;
 const FORMAT: &str = "NumPy archive";
 const BUFFER: usize = 1 << 18;
 
-/// Where an array is in the archive.
+/// Position of an array in the archive.
 struct Entry {
     name: String,
     start: u64,
@@ -48,7 +48,7 @@ pub(super) fn open(path: &Path, file: File, shard: Shard) -> Result<(Records, u6
             return Err(malformed("arrays with the same number of rows", found));
         }
         names.extend(named(&entry.name, &header));
-        // What comes before the shard has to be decompressed, and is dropped.
+        // Data before the shard must be decompressed, and is dropped.
         let before = shard.range(header.rows).start * header.row as u64;
         let skipped = io::copy(&mut input.by_ref().take(before), &mut io::sink());
         if skipped.map_err(MomentsError::io(path, "read"))? != before {

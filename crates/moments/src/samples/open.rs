@@ -1,4 +1,4 @@
-//! Tables by the names of their files.
+//! Opens tables in the format indicated by the file's name.
 
 use std::fs::File;
 use std::io::{self, BufReader, Read};
@@ -16,21 +16,21 @@ use crate::moments::Shard;
 
 /// The name of standard input.
 pub(crate) const STDIN: &str = "-";
-/// Endings of the names of files that are read.
+/// Endings of the names of supported files.
 pub const ENDINGS: [&str; 10] =
     [".npy", ".npz", ".csv", ".tsv", ".txt", ".parquet", ".arrow", ".feather", ".ply", ".las"];
 
-/// Endings of values on vertices, which are read over a sampling scheme; FreeSurfer's have none.
+/// Endings of files with values on vertices, which are read over a sampling scheme; FreeSurfer's have no fixed ending.
 const SIGNALS: [&str; 3] = [".gii", ".mgh", ".mgz"];
 
-/// A table, and what is known of it before it is read.
+/// An opened table, and the properties known before it is read.
 pub(crate) struct Opened {
     pub(crate) table: Box<dyn Table>,
-    /// Size of the file; none for standard input.
+    /// Size of the file; `None` for standard input.
     pub(crate) bytes: Option<u64>,
-    /// Rows of the shard, where they are known.
+    /// Number of rows of the shard, if known.
     pub(crate) rows: Option<u64>,
-    /// The hash of standard input, once it has been read.
+    /// The hash of standard input, which is complete once it has been read.
     pub(crate) hash: Option<Arc<Mutex<blake3::Hasher>>>,
 }
 
@@ -63,8 +63,8 @@ pub(crate) fn open(path: &Path, shard: Shard) -> Result<Opened, MomentsError> {
     Ok(Opened { table, bytes: Some(bytes), rows, hash: None })
 }
 
-/// Opens all of a table over a sampling scheme, of which a shard is used: shards of text are known by their bytes, and
-/// here the numbers of the rows count. Values on vertices are read as well.
+/// Opens an entire table over a sampling scheme, even if only a shard is used: shards of text are determined by bytes,
+/// but here the rows' indices matter. Values on vertices are supported as well.
 pub(crate) fn open_over_scheme(path: &Path, shard: Shard) -> Result<Opened, MomentsError> {
     if path.as_os_str() == STDIN {
         return standard_input(path, shard);
@@ -83,7 +83,7 @@ pub(crate) fn open_over_scheme(path: &Path, shard: Shard) -> Result<Opened, Mome
     Ok(Opened { table: Box::new(table), bytes: Some(bytes), rows, hash: None })
 }
 
-/// Whether a file has the name of a table.
+/// Whether a file's name is that of a table.
 pub(crate) fn is_table(path: &Path) -> bool {
     ending(path).is_some()
 }
@@ -93,7 +93,7 @@ fn ending(path: &Path) -> Option<&'static str> {
     ENDINGS.into_iter().find(|ending| name.ends_with(ending))
 }
 
-/// A regular file that isn't empty, and its size.
+/// Opens a regular, nonempty file, and returns it with its size.
 fn open_file(path: &Path) -> Result<(File, u64), MomentsError> {
     let file = spharm_files::open(path).map_err(MomentsError::io(path, "open"))?;
     let bytes = file.metadata().map_err(MomentsError::io(path, "open"))?.len();
@@ -103,7 +103,7 @@ fn open_file(path: &Path) -> Result<(File, u64), MomentsError> {
     Ok((file, bytes))
 }
 
-/// Standard input: an array of NumPy's where it begins like one, else text.
+/// Opens standard input: as a NumPy array if it begins like one, otherwise as text.
 fn standard_input(path: &Path, shard: Shard) -> Result<Opened, MomentsError> {
     if shard != Shard::WHOLE {
         return Err(MomentsError::ShardOfStream);
@@ -126,7 +126,7 @@ fn standard_input(path: &Path, shard: Shard) -> Result<Opened, MomentsError> {
     Ok(Opened { table, bytes: None, rows, hash: Some(hash) })
 }
 
-/// Hashes what is read through it.
+/// Reader that hashes the bytes read through it.
 struct Hashed<R> {
     input: R,
     hash: Arc<Mutex<blake3::Hasher>>,

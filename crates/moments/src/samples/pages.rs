@@ -1,8 +1,8 @@
-//! What the pages of a Parquet file say of their sizes, looked at before the crate `parquet` takes them at their word.
+//! Checks the sizes declared in the pages of a Parquet file, before the crate `parquet` relies on them.
 //!
-//! Each column of each group of rows is a run of pages: a header with the page's sizes, as it lies in the file and
-//! expanded, and as many bytes. As many as either says are allocated, up to 2 GiB. Source: Apache Parquet format, "Data
-//! Pages", and `PageHeader` in `parquet.thrift`; Apache Thrift, "Thrift Compact protocol encoding".
+//! Each column of each group of rows is a run of pages: a header with the page's compressed and uncompressed sizes,
+//! followed by the compressed bytes. As many bytes as either size are allocated, up to 2 GiB. Source: Apache Parquet
+//! format, "Data Pages", and `PageHeader` in `parquet.thrift`; Apache Thrift, "Thrift Compact protocol encoding".
 
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
@@ -10,19 +10,19 @@ use std::io::{self, BufReader, Read, Seek, SeekFrom};
 use parquet::file::metadata::{ColumnChunkMetaData, ParquetMetaData};
 use spharm_surface::io::{check_room, most_expanded};
 
-/// Bytes that a page takes beside 9 a row: a number of at most 64 bits, and its levels.
+/// Bytes that a page may take in addition to 9 per row, which are a number of at most 64 bits and its levels.
 const PADDING: u64 = 1 << 10;
-/// Structures within structures of a header, at most; the format has three.
+/// Deepest nesting of structures in a header; the format has three levels.
 const DEPTH: usize = 8;
-/// Bytes of a header, at most: smallest and largest values of text are in it.
+/// Longest header in bytes; it includes the smallest and largest values of text.
 const HEADER: u64 = 16 << 20;
 
-/// Checks the columns that are named, of all groups of rows: that their pages lie in the file, and that there is room
-/// for what they expand to. Pages of a column are read one after the other, those of several columns together.
+/// Checks the given columns of all groups of rows: that their pages lie within the file, and that memory suffices for
+/// their uncompressed size. Pages of one column are read one after another, but several columns are read together.
 ///
 /// # Errors
 ///
-/// What is wrong, as a text.
+/// The problem, as text.
 pub(super) fn check(file: &File, metadata: &ParquetMetaData, columns: &[usize]) -> Result<(), String> {
     let bytes = file.metadata().map_err(|error| error.to_string())?.len();
     let schema = metadata.file_metadata().schema_descr();
@@ -39,8 +39,8 @@ pub(super) fn check(file: &File, metadata: &ParquetMetaData, columns: &[usize]) 
     Ok(())
 }
 
-/// Checks the pages of a column of a group of so many rows. Returns the most bytes that one takes, with the dictionary,
-/// as it lies in the file and expanded.
+/// Checks the pages of a column of a group of `rows` rows. Returns the most bytes that a page needs, compressed plus
+/// uncompressed, including the dictionary.
 fn check_column(file: &File, bytes: u64, column: &ColumnChunkMetaData, rows: u64) -> Result<u64, String> {
     let start = column.dictionary_page_offset().unwrap_or(column.data_page_offset());
     let range = u64::try_from(start).ok().zip(u64::try_from(column.compressed_size()).ok());
@@ -58,7 +58,7 @@ fn check_column(file: &File, bytes: u64, column: &ColumnChunkMetaData, rows: u64
         let compressed = u64::try_from(page.compressed).map_err(|_| wrong())?;
         let expanded = u64::try_from(page.expanded).map_err(|_| "a page of less than no bytes")?;
         at = body.checked_add(compressed).filter(|&next| next <= end).ok_or_else(wrong)?;
-        // Constants compress to next to nothing, but to no more than their rows.
+        // Constants compress to almost nothing, but they can't exceed the size of their rows.
         if expanded > most_expanded(compressed) && expanded > rows.saturating_mul(9).saturating_add(PADDING) {
             return Err(format!("{expanded} bytes in a page of {compressed} compressed ones, for {rows} rows"));
         }
@@ -72,10 +72,10 @@ fn check_column(file: &File, bytes: u64, column: &ColumnChunkMetaData, rows: u64
     Ok(page_most.saturating_add(dictionary))
 }
 
-/// The kind of a page that has a dictionary.
+/// The kind of a page that holds a dictionary.
 const DICTIONARY: i64 = 2;
 
-/// What a header says of its page.
+/// Contents of a page's header.
 #[derive(Debug, Default, PartialEq)]
 struct Page {
     kind: i64,
@@ -83,15 +83,15 @@ struct Page {
     compressed: i64,
 }
 
-/// A structure in Thrift's compact protocol.
+/// Reader of a structure in Thrift's compact protocol.
 struct Compact<R> {
     input: R,
-    /// Bytes that have been read.
+    /// Number of bytes read so far.
     read: u64,
 }
 
 impl<R: Read> Compact<R> {
-    /// Reads a page's header, to its end.
+    /// Reads a page's header completely.
     fn page(&mut self) -> io::Result<Page> {
         let (mut page, mut field) = (Page::default(), 0);
         let mut found = [false; 3];
@@ -117,7 +117,7 @@ impl<R: Read> Compact<R> {
         if found == [true; 3] { Ok(page) } else { Err(invalid("no size in it")) }
     }
 
-    /// Reads the number and kind of the field after one; none at the end of the structure.
+    /// Reads the number and kind of the field after `last`; `None` at the end of the structure.
     fn field(&mut self, last: i64) -> io::Result<Option<(i64, u8)>> {
         let byte = self.byte()?;
         if byte == 0 {
@@ -138,7 +138,7 @@ impl<R: Read> Compact<R> {
         Ok(byte[0])
     }
 
-    /// Reads a number of seven bits a byte.
+    /// Reads a variable-length integer with seven bits per byte.
     fn variable(&mut self) -> io::Result<u64> {
         let mut number = 0;
         for shift in (0..64).step_by(7) {
@@ -151,7 +151,7 @@ impl<R: Read> Compact<R> {
         Err(invalid("an integer of more than 64 bits"))
     }
 
-    /// Reads an integer whose sign is its lowest bit.
+    /// Reads a zigzag-encoded integer, whose sign is its lowest bit.
     fn integer(&mut self) -> io::Result<i64> {
         let number = self.variable()?;
         Ok((number >> 1) as i64 ^ -((number & 1) as i64))
@@ -163,7 +163,7 @@ impl<R: Read> Compact<R> {
         if passed == bytes { Ok(()) } else { Err(invalid("the end of its column")) }
     }
 
-    /// Reads over the value of a field.
+    /// Skips the value of a field.
     fn skip(&mut self, kind: u8, depth: usize) -> io::Result<()> {
         if depth == 0 {
             return Err(invalid("structures within structures"));
@@ -194,7 +194,7 @@ impl<R: Read> Compact<R> {
         }
     }
 
-    /// Reads over the elements of a list. Each takes a byte at least, so that the file ends before many do.
+    /// Skips the elements of a list. Each needs at least a byte, so the file ends before `count` can become a problem.
     fn skip_all(&mut self, kind: u8, count: u64, depth: usize) -> io::Result<()> {
         for _ in 0..count {
             let kind = if matches!(kind, TRUE | FALSE) { BYTE } else { kind };

@@ -1,4 +1,4 @@
-//! Point clouds in Stanford's PLY: the vertices, a row each, with all of their numbers. Faces are left alone.
+//! Point clouds in Stanford's PLY: one row per vertex, with all of its numbers. Faces are ignored.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
@@ -14,7 +14,7 @@ const FORMAT: &str = "PLY";
 const LONGEST_HEADER: u64 = 1 << 20;
 const BUFFER: usize = 1 << 18;
 
-/// What the header says of the vertices.
+/// The header's description of the vertices.
 #[derive(Default)]
 struct Header {
     encoding: Option<Encoding>,
@@ -22,7 +22,7 @@ struct Header {
     fields: Vec<Field>,
     row: usize,
     rows: u64,
-    /// Elements of other kinds that come after the vertices.
+    /// Number of elements of other kinds after the vertices.
     others: u64,
 }
 
@@ -32,7 +32,7 @@ enum Encoding {
     Binary { little: bool },
 }
 
-/// Opens a file, and returns the rows of the shard where they are known.
+/// Opens a file, and returns the rows of the shard, if known.
 pub(super) fn open(
     path: &Path,
     file: File,

@@ -1,4 +1,4 @@
-//! Rows of a fixed number of bytes, each field at its place: arrays of NumPy and the vertices of PLY files.
+//! Rows of a fixed number of bytes, with each field at a fixed position: NumPy arrays and the vertices of PLY files.
 
 use std::io::{self, Read};
 use std::path::PathBuf;
@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use super::table::Table;
 use crate::MomentsError;
 
-/// Bytes that are decoded together: they fit a cache of the second level.
+/// Bytes that are decoded together; they fit into a second-level cache.
 const CACHED: usize = 1 << 18;
 
 /// A number's type.
@@ -38,7 +38,7 @@ impl Kind {
 /// A field of a row.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Field {
-    /// First byte.
+    /// Position of its first byte in the row.
     pub(super) at: usize,
     pub(super) kind: Kind,
     pub(super) little: bool,
@@ -49,21 +49,21 @@ pub(super) struct Stream {
     pub(super) input: Box<dyn Read + Send>,
     /// Bytes of a row.
     pub(super) row: usize,
-    /// The columns that it has.
+    /// The columns in this stream.
     pub(super) fields: Vec<Field>,
 }
 
-/// A table of rows; its columns may come from several streams side by side.
+/// A table of rows, whose columns may come from several streams in parallel.
 pub(super) struct Records {
     pub(super) path: PathBuf,
     pub(super) format: &'static str,
     pub(super) names: Vec<String>,
     pub(super) streams: Vec<Stream>,
-    /// Rows of the table before the shard.
+    /// Number of rows of the table before the shard.
     pub(super) before: u64,
-    /// Rows that haven't been read.
+    /// Number of rows that haven't been read.
     pub(super) left: u64,
-    /// For each stream the fields that are selected, each with its place in a row of the result.
+    /// For each stream, the selected fields, each with its position in a row of the result.
     selected: Vec<Vec<(Field, usize)>>,
     width: usize,
     buffer: Vec<u8>,
@@ -111,7 +111,7 @@ impl Table for Records {
             if fields.is_empty() {
                 continue;
             }
-            // A field at a time, of rows that stay in the cache between fields.
+            // Decodes one field at a time, for groups of rows that stay in the cache between fields.
             let together = (CACHED / stream.row).max(1);
             for out in out[start..].chunks_mut(together * self.width) {
                 self.buffer.resize(out.len() / self.width * stream.row, 0);

@@ -1,4 +1,4 @@
-//! Values on vertices, as GIfTI, FreeSurfer and the like keep them: a row a vertex, columns numbered from 0.
+//! Values on vertices from GIfTI, FreeSurfer and similar files: one row per vertex, columns numbered from 0.
 
 use std::path::Path;
 
@@ -7,16 +7,16 @@ use spharm_surface::{Signal, SurfaceError};
 
 use super::table::Table;
 
-/// Values that are in memory.
+/// Values in memory.
 pub(super) struct Values {
     signal: Signal,
     names: Vec<String>,
     selected: Vec<usize>,
-    /// Rows that have been read.
+    /// Number of rows that have been read.
     done: usize,
 }
 
-/// Reads a file. A vertex without a value has NaN, which is refused with its row where the row is used.
+/// Reads a file. A vertex without a value has NaN, which is rejected with its row if the row is used.
 pub(super) fn open(path: &Path) -> Result<Values, SurfaceError> {
     let signal = read_signal_with_gaps(path)?;
     let names = (0..signal.channels).map(|channel| channel.to_string()).collect();
