@@ -164,7 +164,7 @@ mod tests {
         assert_eq!(message(read_text(&path, 10)), "expected UTF-8 text, found byte 0xff at 2");
     }
 
-    /// Files whose length isn't known before they are read.
+    /// Files whose length isn't known in advance.
     #[cfg(target_os = "linux")]
     #[test]
     fn files_without_a_length_are_read_within_the_bound() {

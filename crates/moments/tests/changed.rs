@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use spharm_moments::{MomentsError, Request, Shard, accumulate};
 use spharm_monitor::{Monitor, Stage};
 
-/// More than a chunk, so that a part is still to be read when the file changes.
+/// More than a chunk, so that part of the file is still unread when it changes.
 const ROWS: usize = 700_000;
 
 fn header() -> Vec<u8> {
@@ -30,7 +30,7 @@ fn tables(folder: &Path) -> [PathBuf; 2] {
     [npy, csv]
 }
 
-/// Changes a file when the first rows of it have been read.
+/// Changes a file once its first rows have been read.
 struct Meddler<F: Fn(&mut File) + Sync> {
     path: PathBuf,
     change: F,

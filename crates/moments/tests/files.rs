@@ -1,4 +1,4 @@
-//! Files of moments: bytes that stay, and damage that is noticed.
+//! Files of moments: the format doesn't change, and damage is detected.
 
 use std::path::{Path, PathBuf};
 
@@ -7,7 +7,7 @@ use spharm_moments::{Moments, MomentsError, Shard, Source};
 use spharm_store::SchemeKey;
 use spharm_transform::{Occupied, SampleSums};
 
-/// Moments as the committed files have them, `scheme` from version 2 on.
+/// The moments in the committed files, with `scheme` from version 2 on.
 fn small(scheme: Option<SchemeKey>) -> Moments {
     let sums = SampleSums {
         max_degree: 1,
@@ -28,7 +28,7 @@ fn golden(version: u32) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/data/v{version}.moments"))
 }
 
-/// Holds a committed file against `docs/moments-format.md`.
+/// Checks a committed file against `docs/moments-format.md`.
 fn check_bytes(version: u32, header: usize) {
     let expected = std::fs::read(golden(version)).unwrap();
     let u32_at = |at: usize| u32::from_le_bytes(expected[at..at + 4].try_into().unwrap());
@@ -79,7 +79,7 @@ fn moments_without_a_scheme_have_zeros_for_its_key() {
     assert_eq!(Moments::from_bytes(&bytes).unwrap(), small(None));
 }
 
-/// Bytes that are reserved, in each version, are zeros, whatever the hashes say.
+/// Reserved bytes, in each version, must be zeros, even if the hashes are right.
 #[test]
 fn reserved_bytes_are_zeros() {
     for (version, reserved, fields) in [(1, 72..96, 96), (2, 104..128, 128)] {

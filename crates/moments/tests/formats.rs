@@ -1,4 +1,4 @@
-//! The same samples in tables of every format.
+//! The same samples in tables of all formats.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -27,7 +27,7 @@ fn read(path: &Path, shard: Shard) -> Moments {
     accumulate(&request, &Silent).unwrap().moments
 }
 
-/// Whole and in shards it is the table of text.
+/// Checks that a table, whole and in shards, equals the text table.
 fn is_the_same(folder: &Path, path: &Path) {
     let text = folder.join("expected.csv");
     let lines = rows().iter().fold("x,y,z,f\n".to_owned(), |text, [x, y, z, f]| text + &format!("{x},{y},{z},{f}\n"));
@@ -160,7 +160,7 @@ fn tables_by_columns() {
     }
 }
 
-/// What is said of pages is found in whatever way these are written.
+/// The sizes of pages are found for all variants of writing them.
 #[test]
 fn pages_of_parquet() {
     use parquet::basic::{Compression, GzipLevel, ZstdLevel};
@@ -197,7 +197,7 @@ fn pages_of_parquet() {
     }
 }
 
-/// What a compressed Arrow file says of its buffers and blocks is held against the file before anything is allocated.
+/// The sizes that a compressed Arrow file declares for its buffers and blocks are checked before anything is allocated.
 #[test]
 fn sizes_in_arrow_files_are_held_against_the_file() {
     use arrow_ipc::writer::{FileWriter, IpcWriteOptions};

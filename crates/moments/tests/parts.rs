@@ -1,4 +1,4 @@
-//! Parts make up the whole, and what doesn't belong together isn't added.
+//! Parts make up the whole, and parts that don't belong together are rejected.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,4 @@
-//! Tables over a sampling scheme: a row for each of its directions.
+//! Tables over a sampling scheme, with one row per direction.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -25,8 +25,8 @@ fn weight(i: usize) -> f64 {
     (1 + i % 3) as f64
 }
 
-/// A table of values and weights, whose first rows are longer than the others: shards of its bytes aren't shards of its
-/// rows.
+/// A table of values and weights whose first rows are longer than the others, so that shards by bytes differ from
+/// shards by rows.
 fn table(folder: &Path, name: &str, rows: usize) -> PathBuf {
     let mut text = "thickness,w\n".to_owned();
     for i in 0..rows {
@@ -84,7 +84,7 @@ fn rows_are_at_the_directions_of_their_numbers() {
     assert_ne!(found.sources[0].key, vectors.sources[0].key);
 }
 
-/// Of text, too, whose shards are known by bytes elsewhere: each row belongs to exactly one.
+/// This includes text tables, whose shards are otherwise determined by bytes: each row belongs to exactly one shard.
 #[test]
 fn shards_are_of_rows_and_make_up_the_whole() {
     let folder = tempfile::tempdir().unwrap();

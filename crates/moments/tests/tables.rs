@@ -1,4 +1,4 @@
-//! Tables of all formats, and what bad ones get: the file, the row, what was expected.
+//! Tables of all formats, and the errors for invalid ones: the file, the row, what was expected.
 
 use std::path::{Path, PathBuf};
 
@@ -43,7 +43,7 @@ fn same(a: &Moments, b: &Moments) {
     assert_eq!((a.rows, &a.sums.squares), (b.rows, &b.sums.squares));
 }
 
-/// Directions of the samples that all formats are tried with, as (lon, lat).
+/// Directions of the samples with which all formats are tested, as (lon, lat).
 const PLACES: [[f64; 2]; 6] = [[0.0, 90.0], [10.0, 20.0], [200.0, -45.0], [359.0, 0.0], [90.0, 60.0], [-30.0, -80.0]];
 
 fn vectors() -> Vec<[f64; 3]> {

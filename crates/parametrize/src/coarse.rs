@@ -242,7 +242,7 @@ mod tests {
     use spharm_monitor::Silent;
     use spharm_surface::generate::bipyramid;
 
-    /// The blocks of the coarse matrix of a fan, a vertex.
+    /// Returns the number of blocks in the coarse matrix of a fan, per vertex.
     fn blocks(sides: u32) -> f64 {
         let pattern = Pattern::new(sides as usize + 2, &bipyramid(sides).faces);
         let coarse = Coarse::new(&pattern, &Silent).unwrap().unwrap();

@@ -234,7 +234,7 @@ mod tests {
         blocks
     }
 
-    /// The exact solution, and the whole of the iterations'.
+    /// Returns the exact solution, and that of converged iterations.
     fn both(level: u32) -> (Vector, Vector, impl Fn(&Vector) -> f64) {
         let mesh = icosphere(level);
         let pattern = Pattern::new(mesh.vertices.len(), &mesh.faces);

@@ -1,4 +1,4 @@
-//! What a registration promises, on generated surfaces whose places are known.
+//! The guarantees of a registration, on generated surfaces with known places.
 
 use spharm_monitor::Silent;
 use spharm_register::{
@@ -81,7 +81,7 @@ fn a_subject_inside_out_is_the_same_subject() {
     assert_eq!((one.turned, other.turned), (0, 0));
 }
 
-/// Half of the box is missing: the template's other half has no counterpart, and says so.
+/// Half of the box is missing: the template's other half has no counterpart, and is marked so.
 #[test]
 fn places_that_a_subject_lacks_are_marked() {
     let whole = with_bump(4, 0.0, 0.0);

@@ -1,10 +1,10 @@
-//! How often poses miss the best optimum, how long they take, and how far they leave landmarks apart.
+//! Measures how often poses miss the best optimum, how long they take, and the resulting distances of landmarks.
 //!
-//! `cargo run --release -p spharm-surface --example poses [PAIRS [ROTATIONS]]`, of each kind, 10 and 20 by default.
-//! Pairs are vertebrae of the shared data, and generated rods, boxes, cubes and near-spheres, two of a kind that differ
-//! a little and are meshed differently; each from 20 random rotations. An optimum is missed where the distance is above
-//! 1.05 times the least that is found from any of them, from 24 random starts that the search doesn't know, or from the
-//! true pose.
+//! `cargo run --release -p spharm-surface --example poses [PAIRS [ROTATIONS]]`: number of pairs of each kind and of
+//! rotations, 10 and 20 by default. Pairs are vertebrae of the shared data, and generated rods, boxes, cubes and
+//! near-spheres, two of a kind that differ slightly and are meshed differently; each pair is tried from 20 random
+//! rotations. An optimum is missed if the distance exceeds 1.05 times the least distance found from any of these
+//! rotations, from 24 random starts that are independent of the search, or from the true pose.
 
 use std::time::Instant;
 
@@ -20,7 +20,7 @@ use spharm_surface::{Mesh, Similarity};
 
 type Failure = Box<dyn std::error::Error>;
 
-/// Starts that the search doesn't know.
+/// Number of random starts that are independent of the search.
 const STARTS: usize = 24;
 const KINDS: [&str; 4] = ["rods", "boxes", "cubes", "near-spheres"];
 
@@ -44,8 +44,8 @@ fn main() -> Result<(), Failure> {
     landmarks(&vertebrae)
 }
 
-/// How far each vertebra's landmarks lie from the mean of the others' after a group's poses, over what the best rigid
-/// motions of the landmarks leave.
+/// Prints the distance of each vertebra's landmarks from the mean of the others' in a group's poses, relative to the
+/// residual of the best rigid motions of the landmarks.
 fn landmarks(vertebrae: &[Vertebra]) -> Result<(), Failure> {
     let surfaces: Vec<PoseSurface> = vertebrae.iter().filter_map(|v| PoseSurface::new(&v.mesh)).collect();
     let start = Instant::now();
@@ -84,7 +84,7 @@ fn mean_of_others(landmarks: &[Vec<Vec3>], member: usize) -> Vec<Vec3> {
     mean
 }
 
-/// Root mean squares.
+/// Returns each member's root mean square distance from the others' mean.
 fn from_others(landmarks: &[Vec<Vec3>]) -> Vec<f64> {
     let one = |member: usize| {
         let mean = mean_of_others(landmarks, member);
@@ -94,7 +94,7 @@ fn from_others(landmarks: &[Vec<Vec3>]) -> Vec<f64> {
     (0..landmarks.len()).map(one).collect()
 }
 
-/// The rigid motion that brings points nearest to others.
+/// Returns the rigid motion that best fits points to others.
 fn onto(points: &[Vec3], others: &[Vec3]) -> Similarity {
     let centre = |points: &[Vec3]| -> Vec3 {
         std::array::from_fn(|k| points.iter().map(|p| p[k]).sum::<f64>() / points.len() as f64)
@@ -141,7 +141,7 @@ fn missed(pairs: &[(Mesh, Mesh)], rotations: usize, random: &mut SplitMix64) -> 
             let start = Instant::now();
             let pose = pose(&surface, &target, &params, &Silent)?;
             row.seconds += start.elapsed().as_secs_f64();
-            // Points are the same in every pose, so distances compare.
+            // The points are the same in every pose, so distances are comparable.
             found.push(distance(&plain, &target, &turned.then(&pose.similarity), params.trimmed));
         }
         least = found.iter().copied().fold(least, f64::min);
@@ -167,7 +167,7 @@ fn turn(random: &mut SplitMix64) -> Matrix3 {
     }
 }
 
-/// The turn about a point, which comes to another.
+/// Returns the rotation about a point, followed by the translation to another point.
 fn about(from: Vec3, to: Vec3, orthogonal: Matrix3) -> Similarity {
     Similarity { orthogonal, scale: 1.0, translation: sub(to, times(&orthogonal, from)) }
 }
@@ -191,7 +191,7 @@ fn vertebrae() -> Result<Vec<Vertebra>, Failure> {
     paths.iter().map(read).collect()
 }
 
-/// Two bodies of a kind in the same pose.
+/// Returns two bodies of a kind in the same pose.
 fn bodies(kind: &str, random: &mut SplitMix64) -> (Mesh, Mesh) {
     let sides: [f64; 3] = match kind {
         "rods" => [10.0, 1.0, 1.0],
@@ -212,7 +212,7 @@ fn bodies(kind: &str, random: &mut SplitMix64) -> (Mesh, Mesh) {
         let place = |v: &Vec3| {
             let u = times(&turn, *v);
             let side = |k: usize| u[k].abs() / sides[k];
-            // A box with edges that are a little round, or a ball.
+            // A box with slightly rounded edges, or a ball.
             let r = match kind {
                 "near-spheres" => 1.0,
                 _ => (0..3).map(|k| side(k).powi(12)).sum::<f64>().powf(-1.0 / 12.0),

@@ -128,7 +128,8 @@ mod tests {
         assert_eq!(orientation([a, b, add(a, b)]), 0.0);
     }
 
-    /// Multiples of 2^-55, which all numbers from 1/8 to 1 are: determinants of small triangles fit 128 bits.
+    /// Returns coordinates as multiples of 2^-55, exact for all numbers from 1/8 to 1: determinants of small triangles
+    /// fit 128 bits.
     fn integers(v: Vec3) -> [i128; 3] {
         v.map(|x| {
             let scaled = x * 2.0_f64.powi(55);
@@ -137,7 +138,7 @@ mod tests {
         })
     }
 
-    /// A triangle of 1e-8 rad covers half its determinant, up to 1e-16 of it.
+    /// The area of a triangle of 1e-8 rad is half its determinant, up to 1e-16 of it.
     #[test]
     fn cells_of_a_hundred_millionth_keep_their_digits() {
         let mut random = crate::generate::SplitMix64::new(3);

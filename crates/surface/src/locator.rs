@@ -272,7 +272,7 @@ mod tests {
     use crate::generate::{SplitMix64, bipyramid};
     use crate::geometry::{add, unit};
 
-    /// A fan over the sphere, askew to the axes.
+    /// A fan over the sphere, not aligned with the axes.
     fn fan(sides: u32) -> Mesh {
         let turned = |[x, y, z]: Vec3| unit([0.8 * x + 0.6 * z, y, 0.8 * z - 0.6 * x]);
         let mesh = bipyramid(sides);

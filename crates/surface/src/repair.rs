@@ -264,7 +264,7 @@ mod tests {
         assert_eq!((welded.vertices.len(), found.welded, found.unused), (162, 960 - 162, 0));
     }
 
-    /// -0 and +0 are one place, and what is nearly one isn't.
+    /// -0 and +0 are the same position; nearly equal positions aren't.
     #[test]
     fn only_what_lies_exactly_on_another_is_welded() {
         let mut mesh = icosphere(0);
@@ -281,7 +281,7 @@ mod tests {
         assert_eq!((found.welded, found.holes, cracked.vertices.len()), (1, 1, 13));
     }
 
-    /// By fans around the middle of the rim, or, of four edges, by the shorter diagonal.
+    /// Holes are filled by fans around the middle of the rim or, for four edges, by the shorter diagonal.
     #[test]
     fn holes_are_filled_without_bumps() {
         let tent = |top: [f64; 3], rim: Vec<[f64; 3]>| {

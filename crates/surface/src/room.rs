@@ -91,8 +91,7 @@ mod tests {
         assert_eq!(room.to_string(), "2.5 GiB of memory, of which 1.5 MiB are free");
     }
 
-    /// Without a program that says what is free nothing is refused; what compressed bytes may stand for is bounded all
-    /// the same.
+    /// If the program doesn't report free memory, nothing is rejected; the size of decompressed data is still bounded.
     #[test]
     fn expansion_is_bounded() {
         assert_eq!(check_room(u64::MAX), Ok(()));

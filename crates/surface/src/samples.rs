@@ -254,7 +254,7 @@ mod tests {
         }
     }
 
-    /// Any runs of triangles give the samples of all.
+    /// Splitting the triangles into ranges gives the same samples as all of them at once.
     #[test]
     fn samples_dont_depend_on_the_runs() {
         let sphere = Sphere::from_mesh(&icosphere(2)).unwrap();

@@ -235,7 +235,7 @@ mod tests {
     use crate::mesh::Mesh;
     use crate::nearest::TriangleTree;
 
-    /// A double pyramid over a polygon, askew to the axes.
+    /// A double pyramid over a polygon, not aligned with the axes.
     fn fan(sides: u32) -> Mesh {
         let turned = |[x, y, z]: Vec3| [0.8 * x + 0.6 * z, y, 0.8 * z - 0.6 * x];
         let mesh = bipyramid(sides);
@@ -252,7 +252,7 @@ mod tests {
         assert!(!is_of_slivers(&corners(&fan(50))) && !is_of_slivers(&corners(&icosphere(2))) && !is_of_slivers(&[]));
     }
 
-    /// Also of triangles so thin that their normal isn't across their edge any more.
+    /// Includes triangles so thin that their computed normal isn't perpendicular to their edge any more.
     #[test]
     fn frames_are_orthonormal() {
         let mut turned = 0;

@@ -80,7 +80,7 @@ fn join(outer: &[f64], outer_start: usize, inner: &[f64], inner_start: usize, tr
 mod tests {
     use super::*;
 
-    /// Every rim gets a disc: Euler's characteristic 1, all triangles the same way round, the rim its boundary.
+    /// Every rim gets a disc: Euler characteristic 1, all triangles wound the same way, and the rim as its boundary.
     #[test]
     fn rims_of_all_sizes_get_discs() {
         for rim in 3..80 {

@@ -1,4 +1,4 @@
-//! Derivatives against differences.
+//! Compares derivatives with finite differences.
 
 use super::*;
 use crate::energy::{Energy, Shape, retract, with_density};
@@ -21,7 +21,7 @@ fn moved(mut p: [Vec3; 3], i: usize, h: f64) -> [Vec3; 3] {
     p
 }
 
-/// A triangle of the surface of a given size, and one on the sphere that is stretched, sheared and turned.
+/// Returns a triangle of the surface of a given size, and one on the sphere that is stretched, sheared and rotated.
 fn pair(size: f64) -> (Shape, [Vec3; 3]) {
     let corners = [[0.0, 0.0, 0.0], [0.9, 0.1, 0.0], [0.3, 1.1, 0.2]].map(|p| scale(p, size));
     let shape = Shape::new(corners, crate::geometry::area(corners));

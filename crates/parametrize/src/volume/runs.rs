@@ -184,7 +184,7 @@ impl Builder {
 mod tests {
     use super::*;
 
-    /// Labels 0 to 2, more of 0 than of the others, the same ones each time.
+    /// Returns labels 0 to 2, mostly 0, the same ones each time.
     fn noise(size: [usize; 3]) -> Vec<i32> {
         let mut state = 1_u64;
         let mut next = || {

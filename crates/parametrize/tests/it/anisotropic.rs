@@ -1,4 +1,4 @@
-//! Equal areas are equal in mm^2: the direction in which voxels are long leaves no trace in the map.
+//! Equal areas are equal in mm^2: the direction in which voxels are long doesn't affect the map.
 
 use ndarray::Array2;
 use spharm_harmonics::Directions;
@@ -10,7 +10,7 @@ use spharm_solver::lsq::NormalEquations;
 use spharm_solver::lsq::cg::{self, CgParams};
 use spharm_transform::TransformParams;
 
-/// An ellipsoid with semi-axes 2, 1 and 1 mm, the long one along `axis`, in voxels of some size.
+/// An ellipsoid with semi-axes 2, 1 and 1 mm, the long one along `axis`, in voxels of the given size.
 fn ellipsoid(axis: usize, voxel: [f64; 3]) -> VolumeSurface {
     let size = voxel.map(|h| (2.0 * 2.2 / h).ceil() as usize);
     let inside = |index: usize| {
@@ -36,7 +36,7 @@ fn map(found: &VolumeSurface) -> Parametrization {
     map
 }
 
-/// Energy of a model of degree 8 in each of its degrees 1 to 4.
+/// Returns the energy of a model of degree 8 in each of its degrees 1 to 4.
 fn energy(map: &Parametrization) -> [f64; 4] {
     let directions = Directions::from_vertices(&map.sphere.vertices).unwrap();
     let transform = TransformParams { max_degree: 8, ..TransformParams::default() };

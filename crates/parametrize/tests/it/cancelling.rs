@@ -1,4 +1,4 @@
-//! Every method stops soon after it is asked to, wherever it is.
+//! Every method stops soon after it is asked to, at any point.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -8,7 +8,7 @@ use spharm_parametrize::volume::{Affine, LabelVolume, VolumeParams};
 use spharm_parametrize::{CaldParams, DeformParams, Method, ParametrizeError, StretchParams, resample};
 use spharm_surface::generate::icosphere;
 
-/// Stops at the n-th question, and counts those after it.
+/// Stops at the n-th check, and counts the checks after it.
 struct StopAt {
     n: u64,
     asked: AtomicU64,
@@ -20,7 +20,7 @@ impl Monitor for StopAt {
     }
 }
 
-/// Stops a computation at each of some of its questions; returns how many it asks in all.
+/// Stops a computation at each of several checks; returns the total number of checks.
 fn stop_everywhere<T>(name: &str, run: impl Fn(&dyn Monitor) -> Result<T, ParametrizeError>) -> u64 {
     let counted = StopAt { n: u64::MAX, asked: AtomicU64::new(0) };
     assert!(run(&counted).is_ok(), "{name}");

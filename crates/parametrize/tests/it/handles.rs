@@ -11,7 +11,7 @@ use spharm_surface::generate::{SplitMix64, Torus, double_torus, icosphere, torus
 use spharm_surface::geometry::{cross, dot, face_normal, sub, unit};
 use spharm_surface::topology::{Topology, is_outward};
 
-/// The surface of voxels, which must not touch in edges or corners alone.
+/// Returns the surface of voxels, which must not touch only in edges or corners.
 fn voxel_surface(voxels: &[[i32; 3]]) -> Mesh {
     let there: std::collections::HashSet<[i32; 3]> = voxels.iter().copied().collect();
     let mut mesh = Mesh::default();
@@ -63,7 +63,7 @@ fn sieve(side: i32) -> (Mesh, usize) {
     (voxel_surface(&all.filter(|voxel| !gone.contains(voxel)).collect::<Vec<_>>()), handles)
 }
 
-/// The cut surface is a sphere in which the given one is found again, bit for bit.
+/// Checks that the cut surface is a sphere from which the given surface can be recovered, bit for bit.
 fn check(surface: &Mesh, genus: usize) -> spharm_parametrize::CutSurface {
     let found = cut_handles(surface, &Silent).unwrap();
     let topology = Topology::of(&found.surface);
@@ -117,7 +117,7 @@ fn the_shorter_of_handle_and_tunnel_is_cut() {
     }
 }
 
-/// The filling leads on from the surface: across the seam triangles meet at small angles, on both sides.
+/// The filling continues the surface: triangles meet at small angles across the seam, on both sides.
 #[test]
 fn fillings_are_smooth_across_the_seam_and_lie_apart() {
     for bumps in [0.0, 0.15] {

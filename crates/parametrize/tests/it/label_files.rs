@@ -1,4 +1,4 @@
-//! Label volumes in files: read, and distrusted.
+//! Label volumes in files: they are read, but their contents aren't trusted.
 
 use std::path::PathBuf;
 

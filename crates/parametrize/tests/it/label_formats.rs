@@ -1,4 +1,5 @@
-//! Label volumes in the formats of other fields: the same voxels in the same place, and lies refused.
+//! Label volumes in the formats of other fields: the same voxels at the same positions, and inconsistent headers
+//! rejected.
 
 use std::io::{Cursor, Write};
 
@@ -6,7 +7,7 @@ use spharm_monitor::Silent;
 use spharm_parametrize::ParametrizeError;
 use spharm_parametrize::volume::LabelVolume;
 
-/// 3 x 2 x 2 voxels, x fastest.
+/// 3 x 2 x 2 voxels, with x varying fastest.
 const VALUES: [u8; 12] = [0, 5, 5, 0, 9, 0, 0, 0, 0, 0, 0, 7];
 const SIZE: [f64; 3] = [0.2, 0.3, 0.6];
 

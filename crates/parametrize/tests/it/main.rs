@@ -1,4 +1,4 @@
-//! Maps of many surfaces: one to one, as good as promised, the same every time.
+//! Maps of many surfaces: one to one, with the promised quality, the same every time.
 
 mod anisotropic;
 mod cancelling;

@@ -1,4 +1,4 @@
-//! What each method is for, on surfaces whose best map is known, and that it does the same thing twice.
+//! The purpose of each method, on surfaces whose best map is known, and reproducibility.
 
 use std::sync::Mutex;
 

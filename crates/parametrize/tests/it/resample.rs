@@ -1,4 +1,4 @@
-//! Surfaces on shared samplings: resampled, and deformed onto.
+//! Shared samplings of surfaces: by resampling, and by deforming an icosphere.
 
 use spharm_monitor::Silent;
 use spharm_parametrize::{DeformParams, ParametrizeError, deform, resample};
@@ -6,7 +6,7 @@ use spharm_surface::Mesh;
 use spharm_surface::generate::{Cortex, cortex, icosphere};
 use spharm_surface::topology::{Topology, is_outward};
 
-/// A ball with arms, over the sphere it was pulled out of.
+/// A ball with arms, and the sphere from which it was pulled out.
 fn arms() -> (Mesh, Mesh) {
     let sphere = icosphere(5);
     let pull = |&[x, y, z]: &[f64; 3]| {

@@ -1,4 +1,4 @@
-//! Area distortion is spent where a fit gains by it, and no more of it than is allowed.
+//! Area distortion is spent as far as a fit benefits from it, and no more than is allowed.
 
 use ndarray::Array2;
 use spharm_harmonics::Directions;
@@ -15,7 +15,7 @@ fn with(mesh: &Mesh, area: f64, degree: usize) -> Parametrization {
     cald(mesh, &CaldParams { area, degree: Some(degree), ..CaldParams::default() }, &Silent).unwrap()
 }
 
-/// Mean squared distance of the least squares of a degree from the vertices.
+/// Returns the mean squared distance of a least-squares fit of a degree from the vertices.
 fn msd(map: &Parametrization, degree: usize) -> f64 {
     let directions = Directions::from_vertices(&map.sphere.vertices).unwrap();
     let transform = TransformParams { max_degree: degree, ..TransformParams::default() };

@@ -1,4 +1,4 @@
-//! Whatever the surface, the map is one to one.
+//! The map is one to one for any surface.
 
 use crate::shapes::surface;
 use rayon::prelude::*;

@@ -1,4 +1,4 @@
-//! Closed surfaces of genus zero by formula and seed.
+//! Closed surfaces of genus zero, given by a formula and a seed.
 
 use spharm_surface::Mesh;
 use spharm_surface::generate::icosphere;
@@ -34,10 +34,10 @@ fn moved(sphere: &Mesh, f: impl FnMut(&[f64; 3]) -> [f64; 3]) -> Mesh {
     sphere.with_vertices(sphere.vertices.iter().map(f).collect())
 }
 
-/// The kinds of surface, in turn.
+/// The kinds of surface, in order.
 const KINDS: [&str; 5] = ["blob", "spikes", "thin shell", "arms", "noise"];
 
-/// Surface `seed` of an endless row; each fourth five are four times as fine as the others.
+/// Returns surface `seed` of an endless sequence; every fourth group of five is four times as fine as the others.
 pub(crate) fn surface(seed: u64) -> (&'static str, Mesh) {
     let fine = seed / 5 % 4 == 3;
     let mut draws = Draws(seed.wrapping_mul(1000));

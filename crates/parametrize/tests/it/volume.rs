@@ -7,7 +7,7 @@ use spharm_surface::topology::{Topology, is_outward, signed_volume};
 
 const N: usize = 24;
 
-/// A volume of N^3 voxels of the label 1, from a formula in voxels around its middle.
+/// A volume of N^3 voxels with label 1, given by a formula in voxels around its middle.
 fn volume(inside: impl Fn([f64; 3]) -> bool) -> LabelVolume {
     labels(|at| i32::from(inside(at)))
 }
@@ -33,7 +33,7 @@ fn fixed(volume: &LabelVolume) -> VolumeSurface {
     volume.surface(&VolumeParams { fix: true, ..VolumeParams::default() }, &Silent).unwrap()
 }
 
-/// The problems that a volume is refused for.
+/// Returns the problems for which a volume is rejected.
 fn problems(volume: &LabelVolume) -> String {
     match take(volume) {
         Err(ParametrizeError::BadVolume { problems, handles, repairable, .. }) => {
@@ -45,7 +45,7 @@ fn problems(volume: &LabelVolume) -> String {
     }
 }
 
-/// The map of a surface, checked: closed, one to one, quadrangles within 5 % of equal.
+/// Checks the map of a surface: closed, one to one, areas of quadrangles within 5 % of equal.
 fn check_map(found: &VolumeSurface) {
     let map = equal_area(&found.quads, &EqualAreaParams::default(), &Silent).unwrap();
     let topology = Topology::of(&map.surface);

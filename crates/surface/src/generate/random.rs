@@ -51,7 +51,7 @@ mod tests {
     use super::*;
     use crate::geometry::dot;
 
-    /// From seed 0, as the paper's generator gives them.
+    /// Values of the paper's generator for seed 0.
     #[test]
     fn numbers_are_those_of_splitmix64() {
         let mut random = SplitMix64::new(0);

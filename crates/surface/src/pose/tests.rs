@@ -6,7 +6,7 @@ use crate::generate::{SplitMix64, icosphere};
 use crate::geometry::{Vec3, dot};
 use crate::matrix3::{of_quaternion, times};
 
-/// An ellipsoid with bumps, which is no image of itself.
+/// An ellipsoid with bumps, which no rotation or reflection maps to itself.
 fn lump(level: u32) -> Mesh {
     let ball = icosphere(level);
     let bump = |v: &Vec3| {
@@ -23,7 +23,7 @@ fn turn(random: &mut SplitMix64) -> Matrix3 {
     of_quaternion(q.map(|v| v / length))
 }
 
-/// Largest distance of points from where they belong, of a surface that was moved and brought back.
+/// Returns the largest distance of points from their original positions, for a surface that was moved and brought back.
 fn error(mesh: &Mesh, moved: &Similarity, found: &Similarity) -> f64 {
     let both = moved.then(found);
     let off = |v: &Vec3| dot(sub(both.apply(*v), *v), sub(both.apply(*v), *v)).sqrt();

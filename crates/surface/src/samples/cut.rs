@@ -111,7 +111,7 @@ fn gauss_down(from: f64, to: f64) -> [(f64, f64); 2] {
 mod tests {
     use super::*;
 
-    /// Of monomials `v^i w^j` over a triangle of area 1: `2 i! j! / (i + j + 2)!`.
+    /// The integrals of monomials `v^i w^j` over a triangle of area 1 are `2 i! j! / (i + j + 2)!`.
     #[test]
     fn polynomials_are_integrated_exactly() {
         let shapes = [
@@ -143,7 +143,7 @@ mod tests {
         }
     }
 
-    /// A sliver takes a row of cells, an even triangle about half the square of that.
+    /// A sliver gets a single row of cells, an equilateral triangle about half the square of their number.
     #[test]
     fn slivers_take_few_samples() {
         let at = |angle: f64| [angle.cos(), angle.sin(), 0.0];

@@ -39,7 +39,7 @@ fn the_scale_does_not_depend_on_units_or_place() {
     assert!((scale / 4e150 - 1.0).abs() < 1e-14, "the volume itself overflows: {scale}");
 }
 
-/// Distances whose squares leave the range of f64 are those of ordinary ones, times a power of two.
+/// Distances whose squares leave the range of f64 equal ordinary distances times a power of two.
 #[test]
 fn distances_of_any_size_are_those_of_ordinary_ones() {
     let original = octahedron();

@@ -1,4 +1,4 @@
-//! The made-up cortex is what its documentation says: closed, embedded, not star-shaped, the same every time.
+//! The generated cortex is as documented: closed, embedded, not star-shaped, the same every time.
 
 use std::collections::HashMap;
 
@@ -59,7 +59,7 @@ fn it_is_not_star_shaped_from_anywhere_near_its_middle() {
     }
 }
 
-/// A segment and a triangle that cross in the inside of both.
+/// Whether a segment and a triangle cross in the interior of both.
 fn pierces(p: Vec3, q: Vec3, [a, b, c]: [Vec3; 3]) -> bool {
     let volume = |a: Vec3, b: Vec3, c: Vec3, d: Vec3| dot(sub(d, a), cross(sub(b, a), sub(c, a)));
     if volume(a, b, c, p) * volume(a, b, c, q) >= 0.0 {
@@ -69,7 +69,7 @@ fn pierces(p: Vec3, q: Vec3, [a, b, c]: [Vec3; 3]) -> bool {
     sides.iter().all(|&s| s > 0.0) || sides.iter().all(|&s| s < 0.0)
 }
 
-/// Pairs of triangles without a common vertex that cross, found through a grid of cells.
+/// Counts the crossing pairs of triangles without a common vertex, found with a grid of cells.
 fn crossings(mesh: &Mesh, cell: f64) -> usize {
     let corners = |f: usize| mesh.faces[f].map(|i| mesh.vertices[i as usize]);
     let range = |t: [Vec3; 3], axis: usize| {

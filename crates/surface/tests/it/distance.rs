@@ -67,7 +67,7 @@ fn slivers_do_not_swell_the_work() {
     assert!(d.forward.samples <= 160_000, "{d:?}");
 }
 
-/// Surfaces whose squares leave the range of f64 are as far apart as ordinary ones, times a power of two.
+/// Surfaces whose squared distances leave the range of f64 have the distances of ordinary ones, times a power of two.
 #[test]
 fn every_figure_grows_with_the_surfaces() {
     let (first, second) = (icosphere(2), scaled(&icosphere(3), 1.25));
@@ -87,7 +87,8 @@ fn every_figure_grows_with_the_surfaces() {
     }
 }
 
-/// The points are counted as they are made: 370 bytes a triangle, 136 a point, of the surface that has more of each.
+/// The number of points is predicted exactly: 370 bytes per triangle, 136 per point, of the surface that has more of
+/// each.
 #[test]
 fn what_a_distance_takes_is_known_before() {
     for (first, second) in [(icosphere(3), icosphere(2)), (icosphere(1), scaled(&icosphere(4), 3.0))] {
@@ -114,7 +115,7 @@ fn what_has_no_area_has_no_distance() {
     }
 }
 
-/// Stops at the n-th question.
+/// Stops at the n-th check.
 struct StopAt {
     n: u64,
     asked: AtomicU64,

@@ -1,4 +1,4 @@
-//! What people ran into who tried the program for the first time, as far as files go.
+//! Problems of people who tried the program for the first time, as far as files are concerned.
 
 use std::fs;
 use std::io::Write;
@@ -121,7 +121,7 @@ fn gifti_is_written_as_nibabel_writes_it() {
     }
 }
 
-/// Where there is nibabel.
+/// Runs only if nibabel is available.
 #[test]
 fn nibabel_reads_what_is_written() {
     let Some(python) = std::env::var_os("SPHARM_PYTHON") else {

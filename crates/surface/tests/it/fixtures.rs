@@ -1,4 +1,4 @@
-//! Every reader sees in a file what the format's own library sees in it.
+//! Every reader returns the same contents as the format's own library.
 
 use serde_json::Value;
 use spharm_surface::io::{read_input, read_mesh, read_signal};

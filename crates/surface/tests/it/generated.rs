@@ -1,11 +1,12 @@
-//! Made-up surfaces are the ones that they were: by what defines them, and by the places of some of their vertices,
-//! which examples, tests and figures of the documentation stand on. Between machines the last bits may differ.
+//! Generated surfaces don't change, as checked by their defining properties and by the positions of some vertices.
+//! Examples, tests and figures of the documentation depend on them. Between machines the last bits may differ.
 
 use spharm_surface::Mesh;
 use spharm_surface::generate::{Cortex, Study, Torus, cortex, double_torus, torus};
 use spharm_surface::topology::{Topology, signed_volume};
 
-/// Numbers of vertices and triangles, the vertex that is a third of them in, and the mean of the squared coordinates.
+/// Checks the numbers of vertices and triangles, the vertex a third of the way through, and the mean of the squared
+/// coordinates.
 fn is(mesh: &Mesh, counts: [usize; 2], third: [f64; 3], squares: [f64; 3]) {
     let vertices = &mesh.vertices;
     assert_eq!([vertices.len(), mesh.faces.len()], counts);
@@ -76,8 +77,8 @@ fn surfaces_are_the_ones_that_they_were() {
     assert_eq!([double_torus(32).vertices.len(), double_torus(32).faces.len()], [986, 1976]);
 }
 
-/// Without the bump the groups differ by their waves and poses alone; with it by the volume under a bump of that
-/// height.
+/// Without the bump the groups differ only by their waves and poses; with it they also differ by the volume under a
+/// bump of that height.
 #[test]
 fn a_studys_second_group_has_a_bump() {
     let volume = |bump, second| signed_volume(&Study { subdivisions: 4, seed: 3, bump }.subject(4, second));

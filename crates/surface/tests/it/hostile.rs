@@ -1,4 +1,4 @@
-//! Damaged and hostile files give errors of one line, never a panic, a hang or a large allocation.
+//! Damaged and hostile files give one-line errors, never a panic, a hang or a large allocation.
 
 use std::fs;
 use std::path::Path;
@@ -92,7 +92,7 @@ fn garbage_is_refused_in_every_format() {
     assert!(error.to_string().contains("empty"), "{error}");
 }
 
-/// Headers that promise billions of items over a few bytes. Were any believed, memory would not hold them.
+/// Headers that claim billions of items in a few bytes. Allocating as they say would exhaust the memory.
 #[test]
 fn headers_that_promise_too_much_are_refused() {
     let folder = tempfile::tempdir().unwrap();

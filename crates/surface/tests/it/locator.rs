@@ -1,4 +1,4 @@
-//! Values carried from one sphere to another.
+//! Interpolation of values from one sphere to another.
 
 use ndarray::{Array2, ArrayView2};
 use spharm_harmonics::Directions;

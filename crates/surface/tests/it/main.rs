@@ -1,4 +1,4 @@
-//! The crate from outside, grouped by what is guaranteed.
+//! Tests of the crate's public interface, grouped by guarantee.
 
 mod compare;
 mod cortex;
@@ -21,7 +21,7 @@ fn fixtures() -> PathBuf {
     PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data/meshes"))
 }
 
-/// Every fixture but the answers.
+/// Every fixture except the expected results.
 fn fixture_files() -> Vec<PathBuf> {
     let mut files: Vec<PathBuf> = std::fs::read_dir(fixtures())
         .unwrap()

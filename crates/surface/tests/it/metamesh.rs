@@ -47,7 +47,7 @@ fn what_is_not_understood_is_refused() {
     }
 }
 
-/// The parameterisation is the surface's, which points outward.
+/// The parameterisation belongs to the surface, which is wound outwards.
 #[test]
 fn a_genuine_pair_corresponds() {
     let names = ["peers/a01_l_hippo.surf.meta", "peers/a01_l_hippo.para.meta"];

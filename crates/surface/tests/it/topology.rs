@@ -162,7 +162,7 @@ fn sorted(mut face: [u32; 3]) -> [u32; 3] {
     face
 }
 
-/// Pieces by spreading over shared vertices until nothing new is reached.
+/// Counts pieces by spreading over shared vertices until nothing new is reached.
 fn pieces(faces: &[[u32; 3]], mut unseen: std::collections::BTreeSet<u32>) -> usize {
     let mut count = 0;
     while let Some(first) = unseen.pop_first() {
@@ -182,7 +182,7 @@ fn pieces(faces: &[[u32; 3]], mut unseen: std::collections::BTreeSet<u32>) -> us
     count
 }
 
-/// The plain count over a set of edges, beside the fast one.
+/// Compares the fast count with a plain one over a set of edges.
 #[test]
 fn counts_agree_with_a_plain_count_on_random_triangles() {
     use std::collections::{BTreeMap, BTreeSet};

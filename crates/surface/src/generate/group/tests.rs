@@ -62,8 +62,8 @@ fn shapes_are_those_of_their_parameters() {
     assert!((volume(&ring.mesh) / exact - 1.0 - 1.0 / 32.0).abs() < 0.02, "{}", volume(&ring.mesh) / exact);
 }
 
-/// Places are linear in the parameters of all families but those of moving bumps: what a perfect correspondence has as
-/// modes.
+/// Places are linear in the parameters of all families except those of moving bumps, so these are the modes of a
+/// perfect correspondence.
 #[test]
 fn places_are_as_many_modes_as_parameters() {
     for family in [Family::GrowingBump, Family::Rods] {
