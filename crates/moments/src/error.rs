@@ -57,7 +57,7 @@ pub enum MomentsError {
     Columns {
         /// The file.
         path: PathBuf,
-        /// What is unclear.
+        /// What the columns leave unclear.
         problem: &'static str,
         /// The table's columns.
         there: Vec<String>,

@@ -367,7 +367,7 @@ pub enum SurfaceError {
     /// An invalid argument.
     #[error("{what}: expected {expected}, found {found}")]
     Argument {
-        /// Which argument.
+        /// The argument.
         what: &'static str,
         /// Accepted values.
         expected: &'static str,

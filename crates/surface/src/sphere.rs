@@ -28,7 +28,7 @@ pub struct Sphere {
     pub seam: Option<Seam>,
     /// Whether it was made from one surface by parametrisation. If so, a fit over it is smoothed slightly by default.
     pub parametrized: bool,
-    /// Possible problems, for the caller to show or to refuse.
+    /// Possible problems, for the caller to show or to reject.
     pub warnings: Vec<SphereWarning>,
 }
 

@@ -23,7 +23,7 @@ pub struct Target {
     pub kind: Kind,
     /// The file's metadata; empty for a signal.
     pub meta: Meta,
-    /// Possible problems, for the caller to show or to refuse.
+    /// Possible problems, for the caller to show or to reject.
     pub warnings: Vec<TargetWarning>,
 }
 
