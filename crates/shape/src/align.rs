@@ -1,18 +1,18 @@
-//! One surface brought to another.
+//! Alignment of one surface to another.
 //!
-//! The moving surface f is turned in its parameters and in space, moved, and scaled if asked, so that its root mean
-//! square distance over the sphere from the target g, [`rmsd`], is smallest. By default both rotations are searched
-//! together (P. Kostelec and D. Rockmore 2008 for the grid, W. Kabsch 1976 inside it):
+//! The moving surface f is rotated in its parameters and in space, translated, and scaled if requested, such that its
+//! root mean square distance over the sphere from the target g, [`rmsd`], is smallest. By default both rotations are
+//! searched together (P. Kostelec and D. Rockmore 2008 for the grid, W. Kabsch 1976 inside it):
 //!
 //! ```text
 //! rmsd^2 = (|f|^2 + |g|^2 - 2 tr Q^T M(R)) / 4 pi,   M_ij(R) = <g_i, R f_j>, row 0 left out
 //! ```
 //!
-//! The best Q of each R is closed form, so one grid of R covers both; the best local maxima of the grid are refined by
-//! Newton's method to 1e-13, and so are the four rotations between the axes of the first-order ellipsoids. No first
-//! alignment is needed and the result doesn't depend on the poses that the surfaces are given in. The grid sees degrees
-//! below its bandwidth, the refinement all. With 8 and 6 starts the best optimum known was found for all of 30 random
-//! pairs of hippocampi at degree 12, where (5, 3) were enough.
+//! The best Q of each R has a closed form, so one grid of R covers both. Newton's method refines the best local maxima
+//! of the grid to 1e-13, and also the four rotations between the axes of the first-order ellipsoids. No initial
+//! alignment is needed and the result doesn't depend on the surfaces' poses. The grid uses degrees below its bandwidth,
+//! the refinement all degrees. With 8 and 6 starts the best optimum known was found for all of 30 random pairs of
+//! hippocampi at degree 12, where (5, 3) were enough.
 //!
 //! A mirror image is never matched unless `mirror` asks for it.
 //!
@@ -59,30 +59,31 @@ use crate::refine::{Fit, Space, Target, distance};
 use crate::rotation::Rotation;
 use crate::transform::{SQRT_4_PI, Similarity, Transform, rmsd};
 
-/// Surfaces that are nearer at equal directions than this times the distance of the surfaces may correspond, so that
-/// both rotations together, which need no points of surfaces, tell the pose to rounding.
+/// Surfaces may correspond if their distance at equal directions is less than this multiple of the distance between the
+/// surfaces. Then both rotations together, which need no points of surfaces, determine the pose to rounding.
 const NEAR: f64 = 2.0;
 
-/// What an alignment did.
+/// Report of an alignment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AlignReport {
-    /// What was done to the moving surface.
+    /// Transform applied to the moving surface.
     pub transform: Transform,
     /// Highest degree compared.
     pub degree: usize,
-    /// Root mean square distance as the surfaces were given, in their unit.
+    /// Root mean square distance before the alignment, in the surfaces' unit.
     pub rmsd_before: f64,
-    /// The same after the alignment.
+    /// Root mean square distance after the alignment.
     pub rmsd_after: f64,
-    /// What the refinement of each start reached, without scale: those of the grid, the best first, and four between
-    /// the axes of ellipsoids; above degree 40 only starts that differ at degree 20. One value for other methods.
+    /// Distance reached by the refinement of each start, without scale: those of the grid, the best first, and four
+    /// between the axes of ellipsoids; above degree 40 only starts that differ at degree 20. A single value for other
+    /// methods.
     pub ends: Vec<f64>,
     /// Whether the moving surface was mirrored in space.
     pub mirrored: bool,
-    /// Distance of the surfaces in the pose, without the tenth of the points that is farthest; of [`Method::Surfaces`]
-    /// alone.
+    /// Distance between the surfaces in the final pose, excluding the farthest tenth of the points; only for
+    /// [`Method::Surfaces`].
     pub surface_distance: Option<f64>,
-    /// What to know.
+    /// Warnings.
     pub warnings: Vec<AlignWarning>,
 }
 
@@ -91,11 +92,11 @@ pub struct AlignReport {
 pub struct Alignment {
     /// The moving surface after the transform, at all its degrees.
     pub coefficients: Coefficients,
-    /// What was done.
+    /// Transform, distances and warnings.
     pub report: AlignReport,
 }
 
-/// Brings a surface to another, see the [module](self). Both are (K, 3).
+/// Aligns a surface to another, see the [module](self). Both are (K, 3).
 ///
 /// # Errors
 ///
@@ -140,7 +141,7 @@ pub fn align(
         return Ok(Alignment { coefficients, report });
     }
     let (f, g) = (Unit::new(moving, degree), Unit::new(target, degree));
-    // A surface without area has no pose of its own.
+    // A surface without area has no pose.
     let plan = match params.method {
         Method::Joint | Method::Surfaces => Some(params.plan(degree)?),
         _ => None,
@@ -168,7 +169,7 @@ pub fn align(
         }
     };
     warnings.extend(undetermined(&fit, f.norm.min(g.norm), params));
-    // (|f| - |g|)^2 + |f| |g| |Qf/|f| - g/|g||^2: what is left with the norms as they are.
+    // (|f| - |g|)^2 + |f| |g| |Qf/|f| - g/|g||^2: the distance that remains if the norms aren't changed.
     let left = |end: f64| (f.norm - g.norm).hypot((f.norm * g.norm).sqrt() * end) / SQRT_4_PI;
     // The best factor is |g|/|f| times the cosine of the angle between the two.
     let cosine = 1.0 - fit.distance * fit.distance / 2.0;
@@ -210,13 +211,13 @@ fn reported(
     })
 }
 
-/// No rotation at all.
+/// Fit with identity rotations.
 pub(crate) fn nothing_to_turn() -> Fit {
     let (rotation, orthogonal) = (Rotation::IDENTITY, Rotation::IDENTITY.matrix());
     Fit { rotation, orthogonal, distance: 0.0, stiffness: 0.0, singular_values: [0.0; 3] }
 }
 
-/// What the singular values and the second derivatives at the end say about the rotations.
+/// Returns a warning if the singular values and the second derivatives at the end leave a rotation undetermined.
 pub(crate) fn undetermined(fit: &Fit, norm: f64, params: &AlignParams) -> Option<AlignWarning> {
     /// Relative to coefficients of norm 1.
     const NONE: f64 = 1e-7;
@@ -235,7 +236,7 @@ pub(crate) fn undetermined(fit: &Fit, norm: f64, params: &AlignParams) -> Option
     }
 }
 
-/// The frames of both ellipsoids and the best half turns, and the smaller ratio of axes.
+/// Returns the fit from the frames of both ellipsoids and the best half turns, and the smaller ratio of axes.
 fn by_ellipsoids(
     moving: &Coefficients,
     target: &Coefficients,

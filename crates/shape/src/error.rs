@@ -1,4 +1,4 @@
-//! What can go wrong with shapes.
+//! The error type of this crate.
 
 use std::path::PathBuf;
 
@@ -13,27 +13,27 @@ pub enum ShapeError {
     /// A value that is NaN or infinite.
     #[error("{what}: expected finite values, found NaN or infinity in row {}, column {}", .row + 1, .column + 1)]
     NotFiniteValue {
-        /// What has it.
+        /// Name of the array.
         what: &'static str,
-        /// Its row, from 0.
+        /// Row of the value, from 0.
         row: usize,
-        /// Its column, from 0.
+        /// Column of the value, from 0.
         column: usize,
     },
-    /// Too few subjects, or other ones.
+    /// The number of subjects is too small or differs from the expected one.
     #[error("{what}: expected {expected} subjects{}, found {found}", if *.what == "covariates" || *.expected == 0 { "" } else { " or more, one row each" })]
     Subjects {
-        /// What has them.
+        /// Name of the array or table.
         what: &'static str,
-        /// Number of subjects it has to have.
+        /// Expected number of subjects.
         expected: usize,
-        /// Number of subjects it has.
+        /// Number of subjects found.
         found: usize,
     },
     /// A group without subjects.
     #[error("group {group} has no subjects")]
     EmptyGroup {
-        /// Its number, from 1.
+        /// Number of the group, from 1.
         group: usize,
     },
     /// A column of a design that depends on others, so that its effect can't be separated from theirs.
@@ -53,66 +53,66 @@ pub enum ShapeError {
     Levels {
         /// The column's name.
         column: String,
-        /// Its levels.
+        /// Levels found.
         found: Vec<String>,
-        /// The order asked for.
+        /// The requested order.
         order: Vec<String>,
     },
-    /// A contrast that doesn't fit its design.
+    /// A contrast that doesn't match its design.
     #[error("contrast: expected {expected}, found {found}")]
     Contrast {
-        /// What it has to be.
+        /// Expected form.
         expected: &'static str,
-        /// What it is.
+        /// The contrast found.
         found: String,
     },
-    /// Welch's test of something else than the difference of two groups.
+    /// Welch's test of anything other than the difference of two groups.
     #[error("Welch's test is of the difference of two groups without covariates: use pooled variances")]
     NotTwoGroups,
-    /// Columns that aren't whole vertices.
+    /// A number of columns that isn't a multiple of the components per vertex.
     #[error("{columns} columns are no whole number of vertices of {components} components")]
     Components {
         /// Number of columns.
         columns: usize,
-        /// Components at a vertex.
+        /// Number of components per vertex.
         components: usize,
     },
-    /// A share that isn't between 0 and 1.
+    /// A share outside 0 to 1.
     #[error("{what}: expected a number between 0 and 1, found {found}")]
     Share {
-        /// What it is.
+        /// Name of the share.
         what: &'static str,
         /// Its value.
         found: f64,
     },
-    /// Models of different degrees where they have to be the same.
+    /// Models of different degrees where equal ones are required.
     #[error("model {}: expected {expected} coefficients a coordinate, as the first one has, found {found}", .index + 1)]
     Degrees {
         /// Index of the model.
         index: usize,
-        /// Number of coefficients of the others, K.
+        /// Expected number of coefficients, K.
         expected: usize,
-        /// Its number.
+        /// Number of coefficients found.
         found: usize,
     },
-    /// A mode that isn't there.
+    /// A mode that doesn't exist.
     #[error("mode {found}: there are {modes} modes")]
     Mode {
-        /// Its number, from 1.
+        /// Number of the mode, from 1.
         found: usize,
         /// Number of modes.
         modes: usize,
     },
-    /// A singular value decomposition that doesn't converge.
+    /// The singular value decomposition doesn't converge.
     #[error("the singular value decomposition of the group did not converge")]
     NoDecomposition,
-    /// Stopped by the monitor.
+    /// Interrupted by the monitor.
     #[error("{0}")]
     Interrupted(#[from] Interrupted),
-    /// Something else was given for a rotation.
+    /// Input that isn't a rotation.
     #[error("not a rotation: {problem}")]
     NotARotation {
-        /// What is wrong.
+        /// The problem.
         problem: String,
     },
     /// A coefficient that is NaN or infinite.
@@ -120,12 +120,12 @@ pub enum ShapeError {
     NotFinite {
         /// Row of the coefficients, `l^2 + l + m`.
         row: usize,
-        /// Channel, counted from 0.
+        /// Channel, from 0.
         channel: usize,
         /// The value.
         value: f64,
     },
-    /// A model that is no surface: a point, or a curve on a line.
+    /// A degenerate model: a point, or a curve on a line.
     #[error(
         "the model is {found}, not a surface: the degrees from 1 on have a coordinate rank of {rank}, at least 2 is needed"
     )]
@@ -138,38 +138,38 @@ pub enum ShapeError {
     /// Coefficients of a signal where a surface is needed.
     #[error("expected a surface, whose coefficients have 3 columns, found a signal of {channels} channels")]
     NotASurface {
-        /// Channels found.
+        /// Number of channels found.
         channels: usize,
     },
-    /// Models that don't have the same shape.
+    /// Models of different shapes.
     #[error("{what}: expected {expected}, found {found}")]
     Differ {
-        /// What differs.
+        /// Quantity that differs.
         what: &'static str,
-        /// What the others have.
+        /// Expected value.
         expected: usize,
-        /// What this one has.
+        /// Value found.
         found: usize,
     },
-    /// A degree that some models don't go to.
+    /// A degree above that of some models.
     #[error(
         "the models go to degrees from {lowest} to {highest}: expected a degree of at most {lowest}, found {asked}"
     )]
     DegreeAbove {
         /// Lowest degree of the models.
         lowest: usize,
-        /// Highest one.
+        /// Highest degree of the models.
         highest: usize,
-        /// The degree asked for.
+        /// The requested degree.
         asked: usize,
     },
-    /// Coefficients whose products leave the range of numbers.
+    /// Coefficients whose products overflow or underflow.
     #[error(
         "coefficients of up to {largest:.1e}: areas, volumes and variances of them leave the range of numbers; scale the \
          surface to another unit"
     )]
     Range {
-        /// The largest absolute value, without row 0 where that is only a place.
+        /// The largest absolute value, without row 0 if that is only a position.
         largest: f64,
     },
     /// A column of a study that has the same value in all rows: its effect can't be estimated.
@@ -183,36 +183,36 @@ pub enum ShapeError {
     /// A setting out of its range.
     #[error("{name} is {found}; {expected}")]
     Setting {
-        /// What it is called.
+        /// Name of the setting.
         name: &'static str,
         /// Its value.
         found: String,
-        /// What it has to be.
+        /// Expected range.
         expected: &'static str,
     },
-    /// Directions or coefficients that are refused.
+    /// Invalid directions or coefficients.
     #[error("{0}")]
     Harmonics(#[from] HarmonicsError),
-    /// A transform that can't be made.
+    /// An error of the transform.
     #[error("{0}")]
     Transform(#[from] TransformError),
-    /// A group that is too small for what was asked.
+    /// A group that is too small.
     #[error("the group has {found} members, at least {least} are needed")]
     TooFewMembers {
-        /// Members found.
+        /// Number of members found.
         found: usize,
-        /// Members needed.
+        /// Minimum number of members.
         least: usize,
     },
-    /// The file of a group's alignment can't be read or written.
+    /// The journal of a group's alignment can't be read or written.
     #[error("{}: cannot keep the state of the alignment: {cause}", path.display())]
     Journal {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         cause: std::io::Error,
     },
-    /// A file that isn't that of a group's alignment.
+    /// A file that isn't the journal of this group's alignment.
     #[error(
         "{}: expected the state of an alignment of these models with these settings, found {}",
         path.display(),
@@ -221,10 +221,10 @@ pub enum ShapeError {
     OtherJournal {
         /// The file.
         path: PathBuf,
-        /// Whether it is that of another alignment.
+        /// Whether the file is the journal of another alignment.
         is_one: bool,
     },
-    /// The file of a group's alignment is that of a run which hasn't ended.
+    /// The journal is in use by a run that hasn't ended.
     #[error("{}: another process aligns this group: wait for it, or name another file", path.display())]
     JournalInUse {
         /// The file.
@@ -233,9 +233,9 @@ pub enum ShapeError {
     /// An error in one member of a group.
     #[error("member {index}: {source}")]
     Member {
-        /// Its place in the group, counted from 0.
+        /// Index of the member, from 0.
         index: usize,
-        /// What is wrong.
+        /// The member's error.
         source: Box<ShapeError>,
     },
 }

@@ -1,21 +1,21 @@
 //! Directions at which a surface's vertices are spread evenly over its area.
 //!
-//! An icosphere's vertices are even on the sphere; on the surface they are sparse where the area element `|N|`
+//! An icosphere's vertices are evenly spread on the sphere; on the surface they are sparse where the area element `|N|`
 //! ([`geometry`](crate::geometry)) is large. J. Moser's flow ("On the volume elements on a manifold", Trans. Amer.
-//! Math. Soc. 120 (1965); B. Dacorogna and J. Moser, Ann. Inst. H. Poincare Anal. Non Lineaire 7 (1990)) carries the
-//! even density 1 into the density `rho = |N| / mean`, with no search:
+//! Math. Soc. 120 (1965); B. Dacorogna and J. Moser, Ann. Inst. H. Poincare Anal. Non Lineaire 7 (1990)) transports the
+//! uniform density 1 to the density `rho = |N| / mean`, without a search:
 //!
 //! ```text
 //! laplacian(psi) = rho - 1,    rho_t = 1 + t (rho - 1),    u' = -grad psi(u) / rho_t(u),    t from 0 to 1
 //! ```
 //!
 //! since then `d rho_t / dt + div(rho_t u') = 0`. In harmonics, `psi_l = -rho_l / (l (l + 1))` and `-grad psi = u x L
-//! psi`, so a step is a synthesis. The density is taken to degree 2L and at least 16, but no further than the mesh can
-//! resolve, and smoothed by a heat kernel that leaves 5 % of its highest degree, so that cutting it off makes no
-//! ripples; it is kept above [`LEAST_DENSITY`]. Fourth-order Runge-Kutta steps.
+//! psi`, so a step is a synthesis. The density is expanded to degree 2L and at least 16, but no further than the mesh
+//! can resolve, and smoothed by a heat kernel that leaves 5 % of its highest degree, so that truncation causes no
+//! ripples; it is kept above [`LEAST_DENSITY`]. Steps are of Runge-Kutta's fourth order.
 //!
-//! Cost: four syntheses of four functions a step at n directions, and the analysis of |N| on a grid of four times as
-//! many rings as the density's degree.
+//! Cost: four syntheses of four functions per step at n directions, and the analysis of |N| on a grid with four times
+//! as many rings as the density's degree.
 
 use ndarray::Array2;
 use rayon::prelude::*;
@@ -33,36 +33,36 @@ use crate::geometry::side_by_side;
 use crate::heat::HeatKernel;
 use crate::measures::{Columns, Grid};
 
-/// Least density that directions are thinned out to, in parts of the mean.
+/// Minimum density of the directions, relative to the mean.
 pub const LEAST_DENSITY: f64 = 0.02;
-/// What [`ShapeError::Setting`] calls the triangles that a sphere doesn't have.
+/// Name in [`ShapeError::Setting`] of the triangles that a sphere lacks.
 pub const NO_TRIANGLES: &str = "the number of triangles of the sphere";
-/// What the heat kernel leaves of the density's highest degree.
+/// Factor by which the heat kernel damps the density's highest degree.
 const LEFT: f64 = 0.05;
 
 /// A sphere whose directions were relocated.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EvenSphere {
-    /// The directions, with the triangles of the sphere that was given.
+    /// The directions, with the triangles of the input sphere.
     pub sphere: Sphere,
-    /// Standard deviation over mean of the surface's triangles' areas, before.
+    /// Standard deviation over mean of the surface's triangle areas, before the relocation.
     pub before: f64,
-    /// The same, after.
+    /// The same, after the relocation.
     pub after: f64,
-    /// Triangles of the sphere that were turned over; the surface folds there. 0 unless the mesh is too coarse for the
-    /// changes of the area element.
+    /// Number of triangles of the sphere that were inverted; the surface folds there. 0 unless the mesh is too coarse
+    /// for the variation of the area element.
     pub folded: usize,
 }
 
 /// Returns a sphere's directions relocated so that the surface with the canonical coefficients `coefficients`, (K, 3),
 /// has triangles of about the same area over it.
 ///
-/// `steps` is the number of steps of the flow; 16 are plenty.
+/// `steps` is the number of steps of the flow; 16 is plenty.
 ///
 /// # Errors
 ///
-/// Those of [`extent`]; [`ShapeError::Setting`] where the sphere has no triangles or there are no
-/// steps; [`ShapeError::Transform`], [`ShapeError::Interrupted`].
+/// Those of [`extent`]; [`ShapeError::Setting`] if the sphere has no triangles or `steps` is 0;
+/// [`ShapeError::Transform`], [`ShapeError::Interrupted`].
 pub fn even_sphere(
     coefficients: &Coefficients,
     sphere: &Sphere,
@@ -115,7 +115,7 @@ struct Flow(Array2<f64>);
 
 impl Flow {
     fn new(coefficients: &Coefficients, vertices: usize, monitor: &dyn Monitor) -> Result<Self, ShapeError> {
-        // Harmonics of degree B have some B^2 extrema; a mesh of n vertices resolves a quarter of n of them.
+        // Harmonics of degree B have about B^2 extrema; a mesh of n vertices resolves n / 4 of them.
         let resolved = ((vertices as f64).sqrt() / 2.0) as usize;
         let degree = (2 * coefficients.max_degree()).max(16).min(resolved.max(2));
         let mut density = analysis(coefficients, degree, monitor)?;
@@ -159,7 +159,7 @@ impl Flow {
     }
 }
 
-/// Coefficients of |N| to a degree, (K, 1), on a grid of four times as many rings.
+/// Returns the coefficients of |N| up to a degree, (K, 1), from a grid of four times as many rings.
 fn analysis(coefficients: &Coefficients, degree: usize, monitor: &dyn Monitor) -> Result<Array2<f64>, ShapeError> {
     let grid = Grid::new(4 * degree.max(4));
     let columns = Columns::new(coefficients)?;
@@ -196,7 +196,7 @@ mod tests {
         let plain = Mesh::new(sphere.directions.as_slice().to_vec(), sphere.faces.clone());
         let found = even_sphere(&banana(), &sphere, 16, &Silent).unwrap();
         assert_eq!(found.folded, 0);
-        // The icosphere's own triangles differ by that much, and are carried along.
+        // The icosphere's own triangles differ by this much, which the flow preserves.
         let (before, after, own) = (found.before, found.after, area_spread(&plain));
         assert!(before > 0.3 && after < 1.2 * own, "{before} {after} {own}");
         assert_eq!(found.sphere.faces, sphere.faces);

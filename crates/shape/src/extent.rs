@@ -1,4 +1,4 @@
-//! Whether coefficients are those of a surface: checked before anything is computed from them.
+//! Validation of the coefficients of a surface, before anything is computed from them.
 
 use ndarray::{Axis, Slice};
 use spharm_harmonics::Coefficients;
@@ -6,27 +6,28 @@ use spharm_harmonics::Coefficients;
 use crate::error::ShapeError;
 use crate::singular_values::singular_values;
 
-/// Singular values below this part of the largest are rounding.
+/// Singular values below this fraction of the largest are rounding.
 const NEGLIGIBLE: f64 = 1e-12;
-/// Coefficients between this and its inverse have areas, volumes and their squares within the range of numbers.
+/// Coefficients between this and its inverse have areas, volumes and squares of these that neither overflow nor
+/// underflow.
 const LEAST: f64 = 1e-50;
 
-/// In how many directions a model extends.
+/// Dimension of the space that a model spans.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Extent {
-    /// In three, as a closed surface does.
+    /// Three dimensions, like a closed surface.
     Solid,
-    /// In a plane: a surface folded flat, of volume 0.
+    /// A plane: the surface is folded flat and has volume 0.
     Flat,
 }
 
-/// Refuses coefficients that aren't those of a surface, and says whether it is flat.
+/// Rejects coefficients that don't describe a surface; returns whether it is flat.
 ///
 /// # Errors
 ///
-/// - [`ShapeError::NotASurface`]: there aren't 3 channels.
+/// - [`ShapeError::NotASurface`]: the number of channels isn't 3.
 /// - [`ShapeError::NotFinite`]: a coefficient is NaN or infinite.
-/// - [`ShapeError::NoExtent`]: the model is a point (as every one of degree 0) or lies on a line.
+/// - [`ShapeError::NoExtent`]: the model is a point (like every model of degree 0) or lies on a line.
 /// - [`ShapeError::Range`]: the largest coefficient of degree 1 or above isn't between 1e-50 and 1e50.
 pub fn extent(coefficients: &Coefficients) -> Result<Extent, ShapeError> {
     surface(coefficients)?;
@@ -43,7 +44,7 @@ pub fn extent(coefficients: &Coefficients) -> Result<Extent, ShapeError> {
     }
 }
 
-/// Refuses coefficients that aren't three finite columns.
+/// Rejects coefficients that aren't three finite columns.
 ///
 /// # Errors
 ///
@@ -55,7 +56,7 @@ pub(crate) fn surface(coefficients: &Coefficients) -> Result<(), ShapeError> {
     }
 }
 
-/// Refuses coefficients that are NaN or infinite.
+/// Rejects coefficients that are NaN or infinite.
 ///
 /// # Errors
 ///

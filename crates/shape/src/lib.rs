@@ -1,5 +1,4 @@
-//! What is done with spherical-harmonic surface models: rotation, alignment, statistics of groups, geometry,
-//! compression.
+//! Operations on spherical-harmonic surface models: rotation, alignment, statistics of groups, geometry, compression.
 //!
 //! Coefficients are (K, 3) arrays over the canonical basis, row `l^2 + l + m` (see `spharm_harmonics`); K = (L+1)^2.
 //! The distance between two surfaces f and g with coefficients a and b is `|a - b| / sqrt(4 pi)`, the root mean square
@@ -11,34 +10,34 @@
 //! |---|---|
 //! | [`rotation`] | rotations from angles, axes, quaternions and matrices |
 //! | [`rotate`] | coefficients rotated in their parameters |
-//! | [`transform`] | surfaces and models moved in space and in their parameters |
-//! | [`mod@align`] | one surface brought to another, by a search of all rotations of both spaces |
+//! | [`transform`] | surfaces and models transformed in space and in their parameters |
+//! | [`mod@align`] | alignment of one surface to another, by a search of all rotations of both spaces |
 //! | [`foe`] | the frame of the first-order ellipsoid |
-//! | [`mod@procrustes`] | a group of surfaces brought together, and its mean |
-//! | [`derivatives`] | the operators L_x, L_y, L_z, each degree to itself |
+//! | [`mod@procrustes`] | alignment of a group of surfaces, and its mean |
+//! | [`derivatives`] | the operators L_x, L_y, L_z, which map each degree to itself |
 //! | [`geometry`] | tangents, normal, fundamental forms, curvatures at any directions |
-//! | [`mod@mean`] | groups to one degree, and their mean |
-//! | [`poses`] | whether the surfaces of a group lie in one pose |
+//! | [`mod@mean`] | groups brought to one common degree, and their mean |
+//! | [`poses`] | check whether the surfaces of a group share one pose |
 //! | [`measures`] | area, volume, centroid |
 //! | [`heat`] | smoothing by the heat kernel |
-//! | [`mod@descriptors`] | power and singular values of each degree, which rotations don't change |
-//! | [`retrieval`] | the nearest models of a library |
-//! | [`levels`] | coarser levels within a distance |
+//! | [`mod@descriptors`] | power and singular values of each degree, which are invariant under rotations |
+//! | [`retrieval`] | search for the nearest models of a library |
+//! | [`levels`] | coarser levels of a model within a given distance |
 //! | [`even`] | directions that spread vertices evenly over the surface |
-//! | [`mod@extent`] | whether coefficients are those of a surface |
-//! | [`mod@singular_values`] | of matrices of few columns, to full accuracy |
-//! | [`morph`] | shapes between two surfaces |
-//! | [`field`] | what a group measures at the vertices of a sampling |
+//! | [`mod@extent`] | check whether coefficients describe a surface |
+//! | [`mod@singular_values`] | singular values of matrices with few columns, to full accuracy |
+//! | [`morph`] | intermediate shapes between two surfaces |
+//! | [`field`] | measured values of a group at the vertices of a sampling |
 //! | [`pca`] | mean and modes of a group, and their quality |
-//! | [`mod@groupwise`] | the places of a group refined by the group |
-//! | [`mod@quality`] | compactness, generalisation, specificity and landmarks of a group that corresponds, by area |
+//! | [`mod@groupwise`] | refinement of a group's correspondence by the group itself |
+//! | [`mod@quality`] | compactness, generalisation, specificity and landmarks of a group in correspondence, by area |
 //! | [`stats`] | tests of groups and covariates at every vertex |
-//! | [`codec`] | compressed models, and back |
+//! | [`codec`] | compression and decompression of models |
 //! | [`error`] | [`ShapeError`] |
-//! | `quarter`, `row_sums`, `half_turn` | Wigner's matrix at pi/2, sums with its rows, and the half turn made of them |
+//! | `quarter`, `row_sums`, `half_turn` | Wigner's matrix at pi/2, sums with its rows, and the half turn built from them |
 //! | `matrix3`, `product` | 3 x 3 matrices; products of large ones |
-//! | `so3_grid`, `refine`, `pair` | all rotations of a grid; one of them refined; both together |
-//! | `group` | a group while it is brought together |
+//! | `so3_grid`, `refine`, `pair` | all rotations of a grid; refinement of one of them; both combined |
+//! | `group` | a group during its alignment |
 //! | `templates` | the members that a group's alignment starts from |
 //!
 //! # Example

@@ -7,14 +7,15 @@
 //! area = sum w |N|,    volume = 1/3 sum w X . N,    centroid = 1/(4 volume) sum w X (X . N)
 //! ```
 //!
-//! The last two by the divergence theorem, `div x = 3` and `div (x x_i) = 4 x_i`. Their integrands are polynomials of
-//! degree 3L and 4L, and n rings are exact to degree 2n - 1: volume and centroid are exact, but for rounding, from `n =
-//! 2L + 1` on. |N| is no polynomial: the area is found on L + 1 rings (8 at least), then on twice as many and so on
-//! until it changes by less than a tolerance. The change is reported; it is an estimate of the error on the coarser of
-//! the two grids, and far above that on the finer one, which is returned.
+//! The last two follow from the divergence theorem, `div x = 3` and `div (x x_i) = 4 x_i`. Their integrands are
+//! polynomials of degree 3L and 4L, and n rings are exact to degree 2n - 1: volume and centroid are exact, except for
+//! rounding, from `n = 2L + 1` on. |N| isn't a polynomial: the area is computed on L + 1 rings (at least 8), then on
+//! twice as many and so on until it changes by less than a tolerance. The change is reported. It estimates the error on
+//! the coarser of the two grids, and is far above the error on the finer one, whose area is returned.
 //!
-//! Cost: four syntheses of three columns at 2 n^2 directions for each grid, 96 bytes a direction, for at most 2^18 to
-//! 2^21 directions at a time. Sums are added in the order of the rings: the same bits on any number of threads.
+//! Cost: four syntheses of three columns at 2 n^2 directions for each grid, 96 bytes per direction, for at most 2^18 to
+//! 2^21 directions at a time. Sums are added in the order of the rings: the result is bitwise the same on any number of
+//! threads.
 
 use ndarray::{Array2, Axis};
 use rayon::prelude::*;
@@ -30,15 +31,15 @@ use crate::error::ShapeError;
 use crate::extent::{Extent, extent};
 use crate::geometry::{run_length, side_by_side, tangent_frame};
 
-/// Part of the mean area element below which the map from the sphere counts as squeezed.
+/// Fraction of the mean area element below which the map from the sphere counts as squeezed.
 pub const SQUEEZED: f64 = 1e-3;
 
-/// When the area is good enough.
+/// Settings of the measures: convergence of the area.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MeasureParams {
-    /// Relative change from one grid to the next that is small enough; default 1e-7.
+    /// Largest relative change from one grid to the next at which the area has converged; default 1e-7.
     pub tolerance: f64,
-    /// Most rings of a grid; default the larger of 1,024 and 2L + 2, which is also the least.
+    /// Maximum number of rings of a grid; default the larger of 1,024 and 2L + 2, which is also the minimum.
     pub most_rings: Option<usize>,
 }
 
@@ -53,38 +54,38 @@ impl Default for MeasureParams {
 pub struct Measures {
     /// Area.
     pub area: f64,
-    /// Relative change of the area from the last grid but one.
+    /// Relative change of the area between the last two grids.
     pub area_change: f64,
-    /// Rings of the last grid.
+    /// Number of rings of the last grid.
     pub rings: usize,
     /// Volume inside, not negative.
     pub volume: f64,
-    /// Centre of mass of the inside; the mean position where there is no inside.
+    /// Centre of mass of the inside; the mean position if there is no inside.
     pub centroid: Vec3,
-    /// `(36 pi volume^2)^(1/3) / area`: 1 for a sphere, less for all else.
+    /// `(36 pi volume^2)^(1/3) / area`: 1 for a sphere, less for any other shape.
     pub sphericity: f64,
-    /// Whether the normals of the parameterisation point inwards: the sphere was mirrored.
+    /// Whether the normals of the parameterisation point inwards, because the sphere was mirrored.
     pub inwards: bool,
-    /// Part of the sphere where the area element is below [`SQUEEZED`] of its mean; curvatures are unreliable there.
+    /// Part of the sphere where the area element is below [`SQUEEZED`] times its mean; curvatures are unreliable there.
     pub squeezed: f64,
-    /// What may be wrong.
+    /// Warnings.
     pub warnings: Vec<MeasureWarning>,
 }
 
-/// What may be wrong with measures.
+/// Warnings about measures.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum MeasureWarning {
-    /// The area still changed by more than the tolerance on the finest grid.
+    /// The area still changed by more than the tolerance between the finest grids.
     NotConverged {
         /// Relative change of the area.
         change: f64,
         /// The tolerance.
         tolerance: f64,
-        /// Rings of the finest grid.
+        /// Number of rings of the finest grid.
         rings: usize,
     },
-    /// The surface lies in a plane: it has no inside.
+    /// The surface lies in a plane and has no inside.
     Flat,
     /// The parameterisation is mirrored: normals along it point inwards.
     Inwards,
@@ -148,7 +149,7 @@ pub fn measure(
         sums = finer;
     }
     let Sums { area, .. } = sums;
-    // The cancellation in a flat surface's volume leaves rounding.
+    // Rounding is left of the cancellation in a flat surface's volume.
     let volume = if flat { 0.0 } else { sums.volume / 3.0 };
     let centre = if volume == 0.0 { [0.0; 3] } else { sums.moment.map(|moment| moment / (4.0 * volume)) };
     let inwards = volume < 0.0;
@@ -178,7 +179,7 @@ pub fn measure(
     })
 }
 
-/// Sums over a grid.
+/// Sums over a grid's directions.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sums {
     area: f64,
@@ -186,11 +187,11 @@ struct Sums {
     volume: f64,
     /// Four times the volume's first moment.
     moment: Vec3,
-    /// Solid angle where the area element is small.
+    /// Solid angle in which the area element is small.
     squeezed: f64,
 }
 
-/// Coefficients of X, about its mean position, and of `L_k X`.
+/// Coefficients of X, relative to its mean position, and of `L_k X`.
 pub(crate) struct Columns {
     values: Array2<f64>,
     max_degree: usize,
@@ -201,14 +202,14 @@ impl Columns {
     pub(crate) fn new(coefficients: &Coefficients) -> Result<Self, ShapeError> {
         let mut centred = coefficients.values().to_owned();
         let mean = std::array::from_fn(|c| centred[[0, c]] / (4.0 * PI).sqrt());
-        // Neither area nor volume depends on it, but rounding does.
+        // Neither area nor volume depends on the mean position, but their rounding does.
         centred.row_mut(0).fill(0.0);
         let [x, y, z] = rotational_derivatives(centred.view())?;
         let values = side_by_side(&[centred, x, y, z]);
         Ok(Self { values, max_degree: coefficients.max_degree(), mean })
     }
 
-    /// X, about its mean position, and N at directions.
+    /// X, relative to its mean position, and N at directions.
     pub(crate) fn at(&self, directions: Vec<Vec3>) -> Result<Vec<[Vec3; 2]>, ShapeError> {
         let directions = Directions::from_unit_vectors(directions)?;
         let samples = synthesis(&directions, self.values.view())?;
@@ -227,7 +228,7 @@ impl Columns {
             .collect())
     }
 
-    /// Sums over n rings; area elements below `small` count as squeezed.
+    /// Sums over the grid of n rings; area elements below `small` count as squeezed.
     fn sums(&self, rings: usize, small: f64, monitor: &dyn Monitor) -> Result<Sums, ShapeError> {
         let grid = Grid::new(rings);
         monitor.begin(Stage::counted("quadrature", "rings"), rings as u64);
@@ -267,7 +268,7 @@ impl Grid {
         Self { rings: gauss_legendre(rings) }
     }
 
-    /// Directions of a ring.
+    /// Number of directions of a ring.
     pub(crate) fn around(&self) -> usize {
         2 * self.rings.len()
     }
@@ -277,13 +278,13 @@ impl Grid {
         self.rings.weights[ring] * PI / self.rings.len() as f64
     }
 
-    /// Rings that are evaluated together for a model of that degree.
+    /// Runs of rings that are evaluated together, for a model of degree `max_degree`.
     pub(crate) fn runs(&self, max_degree: usize) -> impl Iterator<Item = std::ops::Range<usize>> {
         let (n, run) = (self.rings.len(), (run_length(max_degree) / self.around()).max(1));
         (0..n).step_by(run).map(move |first| first..(first + run).min(n))
     }
 
-    /// Directions of rings, one ring after another.
+    /// Directions of rings, ring by ring.
     pub(crate) fn directions(&self, rings: std::ops::Range<usize>) -> Vec<Vec3> {
         let azimuths: Vec<(f64, f64)> =
             (0..self.around()).map(|k| (2.0 * PI * k as f64 / self.around() as f64).sin_cos()).collect();

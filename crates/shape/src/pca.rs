@@ -1,13 +1,13 @@
 //! Principal components of a group of aligned models: its modes of variation.
 //!
-//! Shapes are coefficients without row 0, which is their place. With the distance `|a - b| / sqrt(4 pi)` (see the
+//! Shapes are coefficients without row 0, which is the position. With the distance `|a - b| / sqrt(4 pi)` (see the
 //! [crate]) the variance of a group is `sum |a_i - mean|^2 / (4 pi (n - 1))`, in the square of the unit of length;
 //! modes are coefficients of norm `sqrt(4 pi)`, so that a shape at z standard deviations along mode k is `mean + z
 //! sqrt(variance_k) mode_k`. T. F. Cootes et al., "Active shape models", Comput. Vis. Image Underst. 61 (1995).
 //! Measures of quality: M. A. Styner et al., "Evaluation of 3D correspondence methods for model building", IPMI 2003;
 //! see [`quality`].
 //!
-//! Cost: a singular value decomposition of (3 (K - 1), n), some `12 K n^2` flops; memory twice the group's
+//! Cost: a singular value decomposition of (3 (K - 1), n), about `12 K n^2` flops; memory twice the group's
 //! coefficients.
 
 pub mod file;
@@ -24,10 +24,10 @@ const SPHERE: f64 = 4.0 * std::f64::consts::PI;
 /// Mean and modes of a group of models of one degree.
 #[derive(Debug, Clone)]
 pub struct Modes {
-    /// Mean of the group, (K, 3), its place in row 0.
+    /// Mean of the group, (K, 3), with its position in row 0.
     pub mean: Array2<f64>,
-    /// Modes, (m, 3 (K - 1)), by falling variance: coefficients without row 0, row-major, of norm `sqrt(4 pi)`; the
-    /// entry of the largest size is positive.
+    /// Modes, (m, 3 (K - 1)), by decreasing variance: coefficients without row 0, row-major, of norm `sqrt(4 pi)`; the
+    /// entry of the largest absolute value is positive.
     pub modes: Array2<f64>,
     /// Variance along each mode, (m), in the square of the unit of length.
     pub variances: Vec<f64>,
@@ -38,12 +38,12 @@ pub struct Modes {
 }
 
 impl Modes {
-    /// Computes the modes of at least 3 models of one degree, each (K, 3): at most `most` of them, and at most n - 1.
+    /// Computes at most `most` modes of at least 3 models of one degree, each (K, 3); there are at most n - 1.
     ///
     /// # Errors
     ///
-    /// [`ShapeError::TooFewMembers`] for fewer models, [`ShapeError::Degrees`] for models of different degrees or of
-    /// none but row 0, [`ShapeError::NotFiniteValue`], [`ShapeError::NoDecomposition`].
+    /// [`ShapeError::TooFewMembers`] for fewer models, [`ShapeError::Degrees`] for models of different degrees or with
+    /// row 0 only, [`ShapeError::NotFiniteValue`], [`ShapeError::NoDecomposition`].
     pub fn new(group: &[ArrayView2<'_, f64>], most: usize) -> Result<Self, ShapeError> {
         let n = group.len();
         if n < 3 {
@@ -69,7 +69,7 @@ impl Modes {
             largest = rest.iter().fold(largest, |most, value| most.max(value.abs()));
             centred.extend(rest.iter().copied());
         }
-        // Variances are sums of squares.
+        // Variances are sums of squares, which must stay in range.
         if !(1e6 * largest * largest).is_finite() {
             return Err(ShapeError::Range { largest });
         }
@@ -110,11 +110,11 @@ impl Modes {
         self.variances.len()
     }
 
-    /// Returns the shape at these numbers of standard deviations along the first modes, (K, 3).
+    /// Returns the shape at the given numbers of standard deviations along the first modes, (K, 3).
     ///
     /// # Errors
     ///
-    /// [`ShapeError::Mode`] for more numbers than modes; [`ShapeError::NotFiniteValue`].
+    /// [`ShapeError::Mode`] for more deviations than modes; [`ShapeError::NotFiniteValue`].
     pub fn shape(&self, deviations: &[f64]) -> Result<Array2<f64>, ShapeError> {
         if deviations.len() > self.count() {
             return Err(ShapeError::Mode { found: deviations.len(), modes: self.count() });
@@ -130,8 +130,8 @@ impl Modes {
         Ok(shape)
     }
 
-    /// Returns the coordinates of a model along the modes, (m), in the unit of length, and its distance from the mean
-    /// and its modes.
+    /// Returns the coordinates of a model along the modes, (m), and its distance from the space spanned by the mean and
+    /// the modes, both in the unit of length.
     ///
     /// # Errors
     ///
@@ -148,7 +148,7 @@ impl Modes {
             });
         }
         let rest = &model.slice(s![1.., ..]) - &self.mean.slice(s![1.., ..]);
-        // One column, so that both products are of matrices.
+        // A single column, so that both products are of matrices.
         let mut rest = Array2::from_shape_vec((rest.len(), 1), rest.iter().copied().collect()).unwrap_or_default();
         let scores = product(self.modes.view(), rest.view()) / SPHERE;
         rest -= &product(self.modes.t(), scores.view());
@@ -156,13 +156,13 @@ impl Modes {
         Ok((scores.iter().copied().collect(), (left / SPHERE).sqrt()))
     }
 
-    /// Returns each mode's own share of the group's variance, (m); 0 for a group without variance.
+    /// Returns each mode's share of the group's variance, (m); 0 for a group without variance.
     pub fn shares(&self) -> Vec<f64> {
         let share = |variance: &f64| if self.total_variance > 0.0 { variance / self.total_variance } else { 0.0 };
         self.variances.iter().map(share).collect()
     }
 
-    /// Returns the cumulative share of the group's variance along the first k modes, for k = 1 to m: its compactness.
+    /// Returns the compactness: the cumulative share of the group's variance along the first k modes, for k = 1 to m.
     pub fn compactness(&self) -> Vec<f64> {
         let mut sum = 0.0;
         let shares = self.variances.iter().map(|variance| {

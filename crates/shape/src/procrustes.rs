@@ -1,19 +1,19 @@
-//! A group of surfaces brought together: generalised Procrustes analysis over both rotations.
+//! Alignment of a group of surfaces: generalised Procrustes analysis over both rotations.
 //!
-//! J. Gower, "Generalized Procrustes analysis", Psychometrika 40 (1975): every surface is brought to the mean, the mean
-//! is taken anew, and so on, until the spread `sqrt(sum |a_i - mean|^2 / n / 4 pi)` falls no more. All surfaces are
-//! brought to a template first, by the [joint search](mod@crate::align); after that each is refined from where it is,
-//! and searched anew where the group has come to rest. Local optima are real, so several templates are tried and the
-//! smallest spread is taken; what all of them reached is in the report. Members are centred at the origin. With `scale`
-//! all get the root mean square size of the group first, so that the group doesn't shrink.
+//! J. Gower, "Generalized Procrustes analysis", Psychometrika 40 (1975): every surface is aligned to the mean, the mean
+//! is recomputed, and so on, until the spread `sqrt(sum |a_i - mean|^2 / n / 4 pi)` no longer falls. All surfaces are
+//! first aligned to a template by the [joint search](mod@crate::align). After that each is refined from its current
+//! pose, and searched anew once the group has converged. Local optima do occur, so several templates are tried and the
+//! smallest spread is taken; the report holds the spreads of all templates. Members are centred at the origin. With
+//! `scale` all are first scaled to the root mean square size of the group, so that the group doesn't shrink.
 //!
-//! The mean of a group has no pose of its own. At the end all are turned together so that the mean is in the
-//! [frame](crate::foe) of its first-order ellipsoid: a group in any other poses then gives the same result.
+//! The mean of a group has no natural pose. At the end all surfaces are rotated together so that the mean is in the
+//! [frame](crate::foe) of its first-order ellipsoid: the result doesn't depend on the poses that were given.
 //!
-//! Memory: `96 n (L+1)^2` bytes for n surfaces of degree L beside those given, 86 MB for 1,000 surfaces of degree 29,
-//! and as in [`align`](mod@crate::align) for each thread, and 0.6 MB for each with [`Method::Surfaces`]. Surfaces are
-//! aligned on all threads; sums are made in the order of the members, so that the result doesn't depend on the number
-//! of threads.
+//! Memory: `96 n (L+1)^2` bytes for n surfaces of degree L in addition to the input, 86 MB for 1,000 surfaces of degree
+//! 29. Each thread adds the memory of [`align`](mod@crate::align), and 0.6 MB with [`Method::Surfaces`]. Surfaces are
+//!     aligned on all threads; sums are taken in the order of the members, so that the result doesn't depend on the
+//!     number of threads.
 
 mod by_surfaces;
 mod journal;
@@ -42,16 +42,16 @@ use crate::surface_poses::surface_poses;
 use crate::templates::templates;
 use crate::transform::{SQRT_4_PI, Similarity, Transform};
 
-/// Members that a mean is of, at least.
+/// Minimum number of members of a mean.
 const LEAST: usize = 3;
-/// Members after whose alignment a journal is written.
+/// Number of members after whose alignment the journal is written.
 const KEPT: usize = 64;
 
-/// Brings a group together, see the [module](self). Members are (K, 3) each.
+/// Aligns a group, see the [module](self). Members are (K, 3) each.
 ///
 /// # Errors
 ///
-/// [`ShapeError::TooFewMembers`] below three; [`ShapeError::Member`] with what is wrong with one;
+/// [`ShapeError::TooFewMembers`] below three; [`ShapeError::Member`] with the error of one member;
 /// [`ShapeError::Setting`]; [`ShapeError::Interrupted`].
 pub fn procrustes(
     members: &[Coefficients],
@@ -61,12 +61,12 @@ pub fn procrustes(
     procrustes_with(members, params, None, monitor)
 }
 
-/// As [`procrustes`], with a file that keeps what is found. A run that was ended goes on with it where it was, and what
-/// comes of it is the same to the last bit. The file is that of [`Journal::open`] for the same members and settings.
+/// Aligns a group like [`procrustes`], and saves its progress in a journal. An interrupted run resumes from it, and its
+/// result is the same to the last bit. Open the journal by [`Journal::open`] with the same members and settings.
 ///
 /// # Errors
 ///
-/// Those of [`procrustes`]; [`ShapeError::Journal`] where the file can't be written.
+/// Those of [`procrustes`]; [`ShapeError::Journal`] if the file can't be written.
 pub fn procrustes_with(
     members: &[Coefficients],
     params: &ProcrustesParams,
@@ -92,7 +92,7 @@ pub fn procrustes_with(
     brought_together(members, params, journal, monitor)
 }
 
-/// The same of a group that is fit for it; of one in its poses where those are by the surfaces.
+/// Aligns a validated group; with [`Method::Surfaces`] its members are already in their poses.
 fn brought_together(
     members: &[Coefficients],
     params: &ProcrustesParams,
@@ -117,7 +117,7 @@ fn brought_together(
         let start = group.brought_to(template)?;
         let (round, rounds, change) = group.settle(start)?;
         ends.push(TemplateEnd { template, spread: round.spread, rounds });
-        // Ends that agree to the tolerance are the same: the first of them counts.
+        // Spreads that agree to the tolerance are equal: the first of them is kept.
         let much = 10.0 * params.tolerance;
         if best.as_ref().is_none_or(|best| round.spread < best.spread * (1.0 - much)) {
             best = Some(round);
@@ -128,7 +128,7 @@ fn brought_together(
     let Some(best) = best else { return Err(ShapeError::TooFewMembers { found: 0, least: LEAST }) };
     let polished = group.polished(best)?;
     warnings.extend(group.of_members(&polished));
-    // Where the pose is that of the surfaces these tell mirror images, too.
+    // If the surfaces determine the pose, they also detect mirror images.
     if !params.align.mirror && params.align.method != Method::Surfaces {
         let (mirrored, unclear) = group.mirrored(&polished)?;
         warnings.extend(mirrored);
@@ -140,10 +140,10 @@ fn brought_together(
     group.finished(members, polished, ends, warnings)
 }
 
-/// What all starts share.
+/// The state that all starts share.
 struct Group<'a> {
     units: Vec<Unit>,
-    /// What each unit is multiplied by.
+    /// Norm to which each unit is scaled.
     sizes: Vec<f64>,
     plan: Option<Plan>,
     degree: usize,
@@ -163,7 +163,7 @@ impl<'a> Group<'a> {
         monitor: &'a dyn Monitor,
     ) -> Result<Self, ShapeError> {
         let units: Vec<Unit> = members.iter().map(|member| Unit::new(member, degree)).collect();
-        // Spreads are sums of squares.
+        // Spreads are sums of squares, which must stay in range.
         for (index, Unit { norm, .. }) in units.iter().enumerate() {
             if *norm > 0.0 && !(1e-100..=1e100).contains(norm) {
                 let source = Box::new(ShapeError::Range { largest: *norm });
@@ -181,13 +181,13 @@ impl<'a> Group<'a> {
         Ok(Self { units, sizes, plan, degree, params, mirror, journal: Mutex::new(journal), monitor })
     }
 
-    /// Every member searched against a template.
+    /// Aligns every member to a template by a search.
     fn brought_to(&self, template: usize) -> Result<Round, ShapeError> {
         let target = Target::new(self.units[template].rows.clone());
         self.round(|index| self.searched(index, &target, self.mirror))
     }
 
-    /// One alignment of every member.
+    /// Aligns every member once.
     fn round(&self, pose: impl Fn(usize) -> Pose + Sync) -> Result<Round, ShapeError> {
         let poses = self.each(pose)?;
         let member =
@@ -197,7 +197,7 @@ impl<'a> Group<'a> {
         Ok(Round { spread: spread_of(&members, &mean), members, mean })
     }
 
-    /// A pose of every member: those that the journal has, and others, which it gets.
+    /// Returns a pose of every member: those in the journal, and computed ones, which are added to the journal.
     fn each(&self, pose: impl Fn(usize) -> Pose + Sync) -> Result<Vec<Pose>, ShapeError> {
         let (count, mut journal) = (self.units.len(), self.journal.lock().unwrap_or_else(PoisonError::into_inner));
         let mut poses = journal.as_mut().map_or_else(Vec::new, |journal| journal.take(count));
@@ -206,7 +206,7 @@ impl<'a> Group<'a> {
             let end = if journal.is_some() { count.min(poses.len() + KEPT) } else { count };
             let one = |index: usize| -> Result<Pose, ShapeError> {
                 let pose = pose(index);
-                // A search that was stopped has no result.
+                // A search that was interrupted has no result.
                 self.monitor.check()?;
                 self.monitor.step(1);
                 Ok(pose)
@@ -239,7 +239,7 @@ impl<'a> Group<'a> {
         }
     }
 
-    /// One refinement of every member to the mean; with `anew` also a search, and the nearer of the two.
+    /// Refines every member once against the mean; if `anew`, also searches, and takes the nearer of the two.
     fn to_mean(&self, round: &Round, anew: bool) -> Result<Round, ShapeError> {
         let target = round.target();
         let mirror = self.mirror;
@@ -253,12 +253,13 @@ impl<'a> Group<'a> {
             let fit = plan.continued(unit, &target, now.fit.rotation, self.space(mirror), &OnlyCancel(self.monitor));
             let continued = Pose { fit, antipodal: now.antipodal };
             let searched = anew.then(|| self.searched(index, &target, mirror));
-            // A search that ends in the same place doesn't move the member.
+            // A search that ends in the same pose doesn't move the member.
             searched.filter(|pose| pose.fit.distance < fit.distance * (1.0 - 1e-9)).unwrap_or(continued)
         })
     }
 
-    /// Goes on until the spread rests, also after a search; returns the rounds and, if they ran out, the last change.
+    /// Iterates until the spread stops falling, also after a search. Returns the rounds and, if they ran out, the last
+    /// change.
     fn settle(&self, start: Round) -> Result<(Round, usize, Option<f64>), ShapeError> {
         let (mut round, mut anew, mut change) = (start, false, 0.0);
         for rounds in 1..=self.params.max_rounds {
@@ -266,7 +267,7 @@ impl<'a> Group<'a> {
             change = (round.spread - next.spread) / round.spread.max(f64::MIN_POSITIVE);
             let rests = change < self.params.tolerance;
             round = next;
-            // Below rounding of the surfaces there is nothing to gain.
+            // Below rounding of the surfaces there is no improvement.
             if (rests && (anew || self.plan.is_none())) || round.spread <= 1e-14 * round.size() {
                 return Ok((round, rounds, None));
             }
@@ -275,7 +276,7 @@ impl<'a> Group<'a> {
         Ok((round, self.params.max_rounds, Some(change)))
     }
 
-    /// Goes on until no member moves.
+    /// Iterates until no member moves.
     fn polished(&self, mut round: Round) -> Result<Round, ShapeError> {
         for _ in 0..self.params.max_rounds {
             let next = self.to_mean(&round, false)?;
@@ -288,7 +289,7 @@ impl<'a> Group<'a> {
         Ok(round)
     }
 
-    /// What is to know about members whose rotations aren't determined.
+    /// Returns warnings about members whose rotations are undetermined.
     fn of_members(&self, round: &Round) -> Vec<ProcrustesWarning> {
         let target = round.target();
         let mean_norm = target.rows.as_flattened().iter().map(|v| v * v).sum::<f64>();
@@ -300,13 +301,13 @@ impl<'a> Group<'a> {
         (0..self.units.len()).filter_map(of).collect()
     }
 
-    /// Members without a motion, centred.
+    /// Returns the members centred but not rotated.
     fn as_given(&self) -> Vec<Member> {
         let still = |unit: &Unit| Member::new(unit, unit.norm, Pose { fit: nothing_to_turn(), antipodal: false }, None);
         self.units.iter().map(still).collect()
     }
 
-    /// Turns everything into the frame of the mean.
+    /// Rotates the mean and all members into the frame of the mean.
     fn finished(
         &self,
         originals: &[Coefficients],

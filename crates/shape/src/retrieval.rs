@@ -1,38 +1,38 @@
-//! Retrieval: the models of a library that are nearest to one.
+//! Retrieval: the models of a library that are nearest to a query.
 //!
-//! A [`Library`] holds the singular values of its models ([`descriptors`](mod@crate::descriptors)), whose distance from
-//! those of the query bounds the distance of the aligned surfaces from below. [`Library::nearest`] orders by that
-//! bound; [`Library::refined`] has candidates aligned, in the order of their bounds, until the bound of the next one is
-//! no better than what has been found: if the alignment finds the best rotation, the result is that of aligning every
-//! model, for the cost of a few.
+//! A [`Library`] holds the singular values of its models ([`descriptors`](mod@crate::descriptors)). Their distance from
+//! those of the query is a lower bound of the distance between the aligned surfaces. [`Library::nearest`] sorts by that
+//! bound. [`Library::refined`] aligns candidates in the order of their bounds, until the next bound is no better than
+//! the distances found. If the alignment finds the best rotation, the result is that of aligning every model, at the
+//! cost of aligning a few.
 //!
-//! [`Metric::Standardized`] divides each number by its standard deviation over the library first, so that high degrees,
-//! which are small, count as much as low ones. It finds a shape again among many where each degree is perturbed in
-//! proportion to its size; its figure is no distance of surfaces.
+//! [`Metric::Standardized`] first divides each singular value by its standard deviation over the library, so that high
+//! degrees, which are small, weigh as much as low ones. It recognises a shape among many if each degree is perturbed in
+//! proportion to its size; its score isn't a distance between surfaces.
 //!
-//! Cost: 6 L flops and 24 L bytes a model, 4 MB for 10,000 at L = 15.
+//! Cost: 6 L flops and 24 L bytes per model, 4 MB for 10,000 at L = 15.
 
 use rayon::prelude::*;
 
 use crate::descriptors::Descriptors;
 use crate::error::ShapeError;
 
-/// What models are ordered by.
+/// Criterion by which models are sorted.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Metric {
-    /// The distance of the singular values, in the models' unit: a bound of the surfaces' distance.
+    /// The distance of the singular values, in the models' unit: a lower bound of the surfaces' distance.
     #[default]
     Distance,
-    /// The same with each of them in standard deviations over the library, without unit.
+    /// The same with each singular value in standard deviations over the library, without unit.
     Standardized,
 }
 
-/// The descriptors of many models, all to one degree.
+/// The descriptors of many models, all truncated to one degree.
 #[derive(Debug, Clone)]
 pub struct Library {
     /// Singular values, (models, degrees times channels) row-major.
     rows: Vec<f64>,
-    /// The inverse of each column's standard deviation; 0 for one that is the same in all models.
+    /// Inverse of each column's standard deviation; 0 if the column is constant over all models.
     scales: Vec<f64>,
     width: usize,
     degree: usize,
@@ -40,26 +40,27 @@ pub struct Library {
     unit_size: bool,
 }
 
-/// A model of a library and how far it is.
+/// A model of a library and its distance from the query.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Match {
     /// Number of the model in the library, from 0.
     pub index: usize,
     /// Distance of the singular values: at most the root mean square distance of the surfaces.
     pub bound: f64,
-    /// What the models were ordered by: `bound`, unless another [`Metric`] was asked for.
+    /// Value by which the models were sorted: `bound`, unless another [`Metric`] was requested.
     pub score: f64,
-    /// Root mean square distance after alignment, where it was computed.
+    /// Root mean square distance after alignment, if computed.
     pub distance: Option<f64>,
 }
 
 impl Library {
-    /// Takes the descriptors of models, to the lowest of their degrees and, if `unit_size`, of models scaled to size 1.
+    /// Stores the descriptors of models, truncated to the lowest of their degrees; if `unit_size`, of models scaled to
+    /// size 1.
     ///
     /// # Errors
     ///
-    /// - [`ShapeError::Setting`]: there are no models, or one has nothing beyond degree 0.
-    /// - [`ShapeError::Differ`]: a model has other channels than the first.
+    /// - [`ShapeError::Setting`]: there are no models, or one has no degree above 0.
+    /// - [`ShapeError::Differ`]: a model's number of channels differs from the first one's.
     pub fn new<'a>(models: impl IntoIterator<Item = &'a Descriptors>, unit_size: bool) -> Result<Self, ShapeError> {
         let models: Vec<&Descriptors> = models.into_iter().collect();
         let degree = models.iter().map(|model| model.max_degree()).min().unwrap_or(0);
@@ -85,24 +86,24 @@ impl Library {
         self.rows.len() / self.width
     }
 
-    /// Returns whether there are none, which is never the case.
+    /// Returns whether the library has no models, which is never the case.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.rows.is_empty()
     }
 
-    /// Returns the degree to which models are compared.
+    /// Returns the degree at which models are compared.
     #[must_use]
     pub fn degree(&self) -> usize {
         self.degree
     }
 
     /// Returns the `count` models whose singular values are nearest to those of a query by `metric`, nearest first;
-    /// equal ones in the library's order.
+    /// ties are in the library's order.
     ///
     /// # Errors
     ///
-    /// [`ShapeError::Differ`]: the query is of a lower degree than the library, or has other channels.
+    /// [`ShapeError::Differ`]: the query's degree is below the library's, or its number of channels differs.
     pub fn nearest(&self, query: &Descriptors, count: usize, metric: Metric) -> Result<Vec<Match>, ShapeError> {
         let mut found = self.scores(query, metric)?;
         let count = count.min(found.len());
@@ -115,16 +116,16 @@ impl Library {
         Ok(found)
     }
 
-    /// Returns the `count` models nearest to a query after alignment, nearest first: `align` returns the root mean
-    /// square distance of an aligned model, by its number in the library, and is called no more often than the bounds
-    /// need, and `most` times at most.
+    /// Returns the `count` models nearest to a query after alignment, nearest first. `align` returns the root mean
+    /// square distance of an aligned model, given its number in the library. It is called only as often as the bounds
+    /// require, and at most `most` times.
     ///
-    /// `align` has to compare the degrees that the library does, at unit size where it does; calls are one after
-    /// another, so that each can use all threads.
+    /// `align` has to compare the same degrees as the library, at unit size if the library does. Calls are sequential,
+    /// so that each can use all threads.
     ///
     /// # Errors
     ///
-    /// As [`nearest`](Self::nearest), and the first error of `align`.
+    /// Those of [`nearest`](Self::nearest), and the first error of `align`.
     pub fn refined<E: From<ShapeError>>(
         &self,
         query: &Descriptors,
@@ -171,7 +172,7 @@ impl Library {
     }
 }
 
-/// Inverses of the columns' standard deviations, in the order of the rows.
+/// Inverse standard deviations of the columns, in the order of the rows.
 fn scales(rows: &[f64], width: usize) -> Vec<f64> {
     let models = (rows.len() / width) as f64;
     let mut means = vec![0.0; width];
@@ -183,7 +184,7 @@ fn scales(rows: &[f64], width: usize) -> Vec<f64> {
         let squares = row.iter().zip(&means).map(|(value, mean)| (value - mean) * (value - mean) / models);
         variances.iter_mut().zip(squares).for_each(|(variance, square)| *variance += square);
     }
-    // What differs by rounding alone tells nothing.
+    // Differences within rounding carry no information.
     let scale = |(variance, mean): (&f64, &f64)| {
         let deviation = variance.sqrt();
         if deviation > 1e-12 * mean.abs() { 1.0 / deviation } else { 0.0 }
@@ -202,7 +203,8 @@ fn check_channels(expected: usize, model: &Descriptors) -> Result<(), ShapeError
     Err(ShapeError::Differ { what: "channels of a model", expected, found: model.channels })
 }
 
-/// The singular values to a degree. Unit size is that of these degrees, so that every comparison is of the same ones.
+/// Returns the singular values up to a degree. Unit size refers to these degrees, so that all comparisons use the same
+/// ones.
 fn row(model: &Descriptors, degree: usize, unit_size: bool) -> Vec<f64> {
     let model = model.up_to(degree);
     if unit_size { model.unit_size().singular_values } else { model.singular_values }
@@ -248,7 +250,7 @@ mod tests {
         }
     }
 
-    /// With an "alignment" that is the distance as the models lie, for which the bounds hold as well.
+    /// The "alignment" here is the distance without any, for which the bounds hold as well.
     #[test]
     fn refining_finds_what_comparing_all_finds_with_fewer_comparisons() {
         let models: Vec<Coefficients> = (0..300).map(|seed| model(4, seed)).collect();

@@ -8,24 +8,24 @@
 //! ```
 //!
 //! is tested: t for d = 1, Hotelling's `T^2` for d > 1, F for several contrasts at once. Two groups are the design with
-//! a column for each and the contrast (1, -1): the pooled t test. Rows have to be independent subjects; of repeated
+//! one column each and the contrast (1, -1): the pooled t test. Rows must be independent subjects; for repeated
 //! measurements, take each subject's difference and test its mean.
 //!
 //! # Modules
 //!
 //! | module | contents |
 //! |---|---|
-//! | [`design`] | [`Design`], [`Contrast`]: the model and what is asked of it |
+//! | [`design`] | [`Design`], [`Contrast`]: the model and the hypothesis |
 //! | [`study`] | designs from tables of subjects |
-//! | [`linear`] | statistics, p values, effects and their confidence at each vertex |
+//! | [`linear`] | statistics, p values, effects and their confidence intervals at each vertex |
 //! | [`welch`] | two groups of unequal variance |
 //! | `variances` | the warning of unequal variances |
 //! | [`permutation`] | family-wise p values by the largest statistic of relabelled studies |
-//! | `resampling` | the choice between exchanges of subjects and flips of signs |
-//! | [`arrangements`] | relabellings, all of them or random ones |
+//! | `resampling` | the choice between permutations of subjects and sign flips |
+//! | [`arrangements`] | relabellings, exhaustive or random |
 //! | `explained`, `welch_flips` | statistics of relabelled studies |
 //! | [`fdr`] | false-discovery rate |
-//! | [`distributions`] | tails of t and F |
+//! | [`distributions`] | tail probabilities of t and F |
 //!
 //! # Example
 //!
@@ -71,16 +71,16 @@ pub use permutation::{FamilyWise, MAX_RELABELLINGS, PermutationParams};
 pub use resampling::Resampling;
 pub use study::{Column, Question, mean_question, question};
 
-/// What a test computes.
+/// Settings of a test.
 #[derive(Debug, Clone)]
 pub struct TestParams {
-    /// Relabellings for family-wise p values; none without. Default: 10,000 at seed 0.
+    /// Relabellings for family-wise p values; without them there are none. Default: 10,000 at seed 0.
     pub permutations: Option<PermutationParams>,
-    /// Welch's t or its `T^2` in place of the pooled one, for two groups. Default: no.
+    /// Whether two groups are tested by Welch's t or its `T^2` instead of the pooled statistic. Default: no.
     pub welch: bool,
     /// The coverage of confidence intervals of the effect, in (0, 1). Default: 0.95.
     pub confidence: f64,
-    /// The level at which vertices are called significant, in (0, 1): for warnings alone. Default: 0.05.
+    /// The level of significance of a vertex, in (0, 1); used for warnings only. Default: 0.05.
     pub level: f64,
 }
 
@@ -90,10 +90,10 @@ impl Default for TestParams {
     }
 }
 
-/// What a test finds at each of V vertices.
+/// Result of a test at each of V vertices.
 #[derive(Debug, Clone)]
 pub struct Test {
-    /// Which statistic, with its degrees of freedom.
+    /// The statistic, with its degrees of freedom.
     pub kind: Statistic,
     /// t (signed), F or `T^2`, (V).
     pub statistic: Vec<f64>,
@@ -101,27 +101,27 @@ pub struct Test {
     pub p: Vec<f64>,
     /// False-discovery rates of Benjamini and Hochberg, from `p`, (V).
     pub q: Vec<f64>,
-    /// Family-wise p values, if relabellings were asked for and change the statistics.
+    /// Family-wise p values, if relabellings were requested and change the statistics.
     pub family_wise: Option<FamilyWise>,
-    /// The contrast's estimate, its error and size; where the contrast has one row.
+    /// The contrast's estimate, its error and size, if the contrast has one row.
     pub effect: Option<Effect>,
-    /// What to keep in mind.
+    /// Warnings.
     pub warnings: Vec<TestWarning>,
 }
 
-/// What to keep in mind about a test.
+/// Warnings about a test.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum TestWarning {
-    /// All subjects agree at some vertices, or their components depend on each other there.
+    /// All subjects agree at some vertices, or their components are linearly dependent there.
     #[error("{vertices} of {of} vertices have no variance: their statistic is 0 and their p is 1")]
     NoVariance {
         /// Number of such vertices.
         vertices: usize,
-        /// Number of all.
+        /// Number of all vertices.
         of: usize,
     },
-    /// No exchange of subjects and no flip of signs changes the statistics.
+    /// Neither permutations of subjects nor sign flips change the statistics.
     #[error("no family-wise p: neither exchanges of subjects nor flips of signs change this contrast's statistics")]
     NoRelabelling,
     /// Two groups differ in size and in variance.
@@ -132,33 +132,33 @@ pub enum TestWarning {
         if *.covariates { " (of two groups without covariates)" } else { "" }
     )]
     UnequalVariances {
-        /// The group of the larger variance.
+        /// The group of larger variance.
         wide: String,
-        /// Its subjects.
+        /// Its number of subjects.
         wide_subjects: usize,
         /// The other group.
         narrow: String,
-        /// Its subjects.
+        /// Its number of subjects.
         narrow_subjects: usize,
         /// The larger variance over the smaller one, each summed over all vertices.
         ratio: f64,
-        /// Whether the design has more columns than the two groups'.
+        /// Whether the design has columns beside the two groups'.
         covariates: bool,
     },
-    /// Relabellings are so few that none can be significant.
+    /// The relabellings are too few for any result to be significant.
     #[error(
         "the smallest p that {relabellings} relabellings can give is {floor:.2e}, above the level {level}: no vertex can be \
          significant; {}",
         if *.exact { "more subjects are needed" } else { "more relabellings are needed" }
     )]
     Floor {
-        /// The smallest p.
+        /// The smallest possible p.
         floor: f64,
         /// Number of relabellings.
         relabellings: usize,
-        /// The level asked for.
+        /// The requested level.
         level: f64,
-        /// Whether these are all relabellings.
+        /// Whether all relabellings were used.
         exact: bool,
     },
 }
@@ -167,9 +167,10 @@ pub enum TestWarning {
 ///
 /// # Errors
 ///
-/// [`ShapeError::Subjects`] for values of other subjects than the design's, or too few of them for the statistic,
-/// [`ShapeError::NotFiniteValue`], [`ShapeError::Contrast`] for a contrast that isn't of the design's columns or not
-/// estimable, [`ShapeError::NotTwoGroups`] for Welch's t of anything else, and [`ShapeError::Interrupted`].
+/// [`ShapeError::Subjects`] if the values' subjects differ from the design's, or are too few for the statistic;
+/// [`ShapeError::NotFiniteValue`]; [`ShapeError::Contrast`] for a contrast that doesn't match the design's columns or
+/// isn't estimable; [`ShapeError::NotTwoGroups`] for Welch's t of anything other than two groups;
+/// [`ShapeError::Interrupted`].
 pub fn test(
     values: ArrayView2<'_, f64>,
     components: usize,

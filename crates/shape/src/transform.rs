@@ -15,18 +15,18 @@ use crate::extent::{finite, surface};
 use crate::rotate::rotate_parameters;
 use crate::rotation::Rotation;
 
-/// sqrt(4 pi): row 0 of a constant 1.
+/// sqrt(4 pi): row 0 of the constant function 1.
 pub(crate) const SQRT_4_PI: f64 = 3.544_907_701_811_032;
 
-/// What is done to a surface: `f'(u) = scale Q f(R^T u) + translation`, or with f(-R^T u) where `antipodal`.
+/// A transform of a surface: `f'(u) = scale Q f(R^T u) + translation`, or with f(-R^T u) if `antipodal`.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Transform {
-    /// R, of the parameters.
+    /// Rotation R of the parameters.
     pub rotation: Rotation,
     /// Whether each direction is replaced by its opposite first, which mirrors the sphere. A surface that is mirrored
-    /// in space keeps its outside outside only if its sphere is mirrored too.
+    /// in space keeps its normals outward only if its sphere is mirrored too.
     pub antipodal: bool,
-    /// What is done in space, after that.
+    /// Similarity applied in space afterwards.
     pub similarity: Similarity,
 }
 
@@ -42,13 +42,13 @@ impl Transform {
         transform_object(&turned, &self.similarity)
     }
 
-    /// Returns points moved in space with the surface, such as landmarks on it, (n, 3) in its unit.
+    /// Applies the similarity in space to points in the surface's unit, (n, 3), such as landmarks on it.
     #[must_use]
     pub fn apply_points(&self, points: &[[f64; 3]]) -> Vec<[f64; 3]> {
         points.iter().map(|point| self.similarity.apply(*point)).collect()
     }
 
-    /// Returns a mesh moved in space, as [`Similarity::apply_mesh`] does it: parameters are a model's alone.
+    /// Applies the similarity in space to a mesh, see [`Similarity::apply_mesh`]: only a model has parameters.
     #[must_use]
     pub fn apply_mesh(&self, mesh: &Mesh) -> Mesh {
         self.similarity.apply_mesh(mesh)
@@ -67,18 +67,17 @@ impl Transform {
         })
     }
 
-    /// Transforms a model. Its sphere turns with the parameters, so that a reconstruction has each vertex where it was
-    /// on the surface; it is then another sampling, without a key in a basis store. A model of a signal can be rotated
-    /// in its parameters but not in space.
+    /// Transforms a model. Its sphere rotates with the parameters, so that each vertex of a reconstruction keeps its
+    /// place on the surface; the sphere is then another sampling, without a key in a basis store. A model of a signal
+    /// can be rotated in its parameters but not in space.
     ///
-    /// The provenance says it: `transform` is a list, with [`to_json`](Self::to_json) of each call. Settings and
-    /// distances of the fit are left out, as is, for a surface that was moved, its place in a volume: they are those of
-    /// another model.
+    /// The provenance records each call: `transform` is a list of their [`to_json`](Self::to_json). Settings and
+    /// distances of the fit are left out because they belong to another model; so is, for a surface that was moved, its
+    /// place in a volume.
     ///
     /// # Errors
     ///
-    /// [`ShapeError::NotFinite`]; [`ShapeError::NotASurface`] for a signal that is to be moved;
-    /// [`ShapeError::Interrupted`].
+    /// [`ShapeError::NotFinite`]; [`ShapeError::NotASurface`] if a signal is to be moved; [`ShapeError::Interrupted`].
     pub fn apply_model(&self, model: &Model, monitor: &dyn Monitor) -> Result<Model, ShapeError> {
         let moves = self.similarity != Similarity::default();
         if moves && model.kind() != Kind::Surface {
@@ -112,7 +111,7 @@ impl Transform {
         let done = provenance.other.entry("transform").or_insert_with(|| serde_json::json!([]));
         match done {
             serde_json::Value::Array(steps) => steps.push(step),
-            // Another program's field of that name is kept as the first step.
+            // Another program's value of that field is kept as the first step.
             other => *other = serde_json::json!([other.take(), step]),
         }
         Ok(model)
@@ -160,7 +159,7 @@ fn turn(
     Ok(Coefficients::new(values)?)
 }
 
-/// Root mean square distance of two surfaces of the same degree over the sphere: `|a - b| / sqrt(4 pi)`, in their unit.
+/// Root mean square distance over the sphere of two surfaces of the same degree: `|a - b| / sqrt(4 pi)`, in their unit.
 ///
 /// # Errors
 ///
@@ -173,7 +172,7 @@ pub fn rmsd(a: &Coefficients, b: &Coefficients) -> Result<f64, ShapeError> {
         }
     }
     let differences = || a.values().iter().zip(b.values()).map(|(a, b)| (a - b).abs());
-    // Scaled, so that squares neither overflow nor underflow.
+    // Scaled such that squares neither overflow nor underflow.
     let largest = differences().fold(0.0, f64::max);
     if largest == 0.0 {
         return Ok(0.0);
@@ -190,7 +189,7 @@ mod tests {
     use spharm_monitor::Silent;
     use spharm_surface::Sphere;
 
-    /// Vertices of the reconstruction are those of the original, moved; faces look outside.
+    /// The reconstruction has the original's vertices, moved; faces look outwards.
     #[test]
     fn a_models_vertices_move_with_it() {
         let model = Model::new(Sphere::icosphere(2), blob(6, 1), Kind::Surface);

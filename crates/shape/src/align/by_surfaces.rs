@@ -1,4 +1,4 @@
-//! The pose by the surfaces, then the parameters under it.
+//! Alignment by the surfaces: first the pose in space, then the rotation of the parameters.
 
 use spharm_harmonics::Coefficients;
 use spharm_monitor::{Monitor, OnlyCancel};
@@ -12,22 +12,22 @@ use crate::refine::{Fit, Space, Target};
 use crate::surface_poses::FAR_FROM_A_MEMBER;
 use crate::transform::{SQRT_4_PI, Transform, rmsd};
 
-/// What came of it.
+/// Result of an alignment by the surfaces.
 pub(super) struct BySurfaces {
     pub(super) transform: Transform,
-    /// |R f - g| of the surfaces in the pose, without row 0 and divided by `norm`, where each start ended.
+    /// Distance at equal directions in the pose that each start reached, without row 0.
     pub(super) ends: Vec<f64>,
     pub(super) distance: f64,
-    /// Distance at equal directions below which a pose is as good by the surfaces, which are no farther apart than
-    /// that.
+    /// Distance between the surfaces in the pose, at least the rounding of its evaluation. A pose whose distance at
+    /// equal directions is smaller is no worse, as that distance bounds the distance between the surfaces.
     pub(super) bound: f64,
     /// Distance at equal directions in the pose.
     pub(super) rmsd: f64,
     pub(super) warnings: Vec<AlignWarning>,
 }
 
-/// Finds the pose of a surface on another, and the rotation of the parameters under it that leaves the least distance
-/// at equal directions. `None` where one of them is a point or a line.
+/// Finds the pose of a surface on another, and then the rotation of the parameters that minimises the distance at equal
+/// directions. Returns `None` if one of the surfaces is a point or a line.
 pub(super) fn by_surfaces(
     moving: &Coefficients,
     target: &Coefficients,
@@ -56,7 +56,7 @@ pub(super) fn by_surfaces(
     let apart = rmsd(&up_to(&transform.apply(moving, &OnlyCancel(monitor))?)?, &up_to(target)?)?;
     let left = |end: &f64| (f.norm - g.norm).hypot((f.norm * g.norm).sqrt() * end) / SQRT_4_PI;
     let mut warnings = Vec::new();
-    // Rounding of the evaluation is no distance.
+    // Distances within the rounding of the evaluation are zero.
     let least = 1e-3 * b.size();
     if found.second < DOUBTFUL * found.distance.max(least) {
         warnings.push(AlignWarning::PoseInDoubt { distance: found.distance, second: found.second });

@@ -1,44 +1,44 @@
-//! Settings of an alignment, and what there is to know about one.
+//! Settings and warnings of an alignment.
 
 use std::fmt;
 
 use crate::error::ShapeError;
 use crate::pair::Plan;
 
-/// How two surfaces are brought together.
+/// Method by which two surfaces are aligned.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[non_exhaustive]
 pub enum Method {
     /// Both rotations are searched together.
     #[default]
     Joint,
-    /// Both are turned into the frames of their first-order ellipsoids, and the best of the 16 pairs of half turns is
-    /// taken; for comparison with other programs.
+    /// Both surfaces are rotated into the frames of their first-order ellipsoids, and the best of the 16 pairs of half
+    /// turns is taken; for comparison with other programs.
     FirstOrderEllipsoid,
-    /// The parameters stay as they are, as they correspond already: only space is turned.
+    /// The parameters are unchanged because they already correspond: only space is rotated.
     FixedParameters,
     /// The pose is that of the [surfaces alone](mod@spharm_surface::pose), whatever their maps to the sphere; then the
-    /// parameters are searched under it. For surfaces that were mapped apart, whose distance at equal directions may be
-    /// least in a wrong pose. Where both rotations together bring the distance at equal directions below that of the
-    /// surfaces, which it bounds, these are taken: copies of one surface come back to rounding. Surfaces without area
-    /// are brought together as by [`Method::Joint`].
+    /// parameters are searched in that pose. For surfaces that were mapped separately, whose distance at equal
+    /// directions may be smallest in a wrong pose. The distance at equal directions bounds the distance between the
+    /// surfaces: if a search of both rotations brings it below the latter, its rotations are taken, so that copies of
+    /// one surface coincide to rounding. Surfaces without area are aligned by [`Method::Joint`].
     Surfaces,
 }
 
 /// Settings of an alignment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AlignParams {
-    /// How; by default [`Method::Joint`].
+    /// The method; by default [`Method::Joint`].
     pub method: Method,
-    /// Highest degree that is compared; by default the lower one of the two surfaces. All degrees are transformed.
+    /// Highest degree compared; by default the lower one of the two surfaces. All degrees are transformed.
     pub max_degree: Option<usize>,
-    /// Whether the moving surface is scaled; by default it isn't.
+    /// Whether the moving surface may be scaled; by default no.
     pub scale: bool,
-    /// Whether mirror images may be matched; by default they aren't.
+    /// Whether mirror images may be matched; by default no.
     pub mirror: bool,
     /// Bandwidth B of the grid, 2 to 64: it has 2B x B x 2B rotations. By default 8, or L + 1 below degree 7.
     pub bandwidth: Option<usize>,
-    /// Local maxima of the grid that are refined, at least 1; by default 6.
+    /// Number of local maxima of the grid that are refined, at least 1; by default 6.
     pub starts: usize,
 }
 
@@ -48,11 +48,11 @@ impl Default for AlignParams {
     }
 }
 
-/// Bandwidth where it isn't given.
+/// Default bandwidth.
 const BANDWIDTH: usize = 8;
 
 impl AlignParams {
-    /// The plan for surfaces of a degree.
+    /// Returns the plan for surfaces of a degree.
     pub(crate) fn plan(&self, degree: usize) -> Result<Plan, ShapeError> {
         let refuse =
             |name, found: usize, expected| Err(ShapeError::Setting { name, found: found.to_string(), expected });
@@ -67,7 +67,7 @@ impl AlignParams {
     }
 }
 
-/// Something to know about an alignment.
+/// Warnings about an alignment.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum AlignWarning {
@@ -80,35 +80,35 @@ pub enum AlignWarning {
         /// Highest degree compared.
         used: usize,
     },
-    /// A surface that is a single point: no rotation was determined.
+    /// A surface is a single point: no rotation was determined.
     Point,
-    /// The rotation of space is undetermined about an axis, as one of the surfaces lies on a line, or the two have
-    /// nothing in common.
+    /// The rotation of space is undetermined about an axis, because one of the surfaces lies on a line or because the
+    /// two are uncorrelated.
     ObjectUndetermined,
-    /// Both rotations can be turned together without a change, as where a surface is one of revolution.
+    /// Both rotations can change together without effect, as for a surface of revolution.
     BothUndetermined,
-    /// Both surfaces are plane: it is unknown whether one is mirrored.
+    /// Both surfaces are planar: a mirror image can't be detected.
     MirrorUndetermined,
-    /// The parameters can be turned under the pose without a change.
+    /// The parameters can be rotated in the given pose without effect.
     ParametersUndetermined,
     /// Another pose of the surfaces is nearly as good.
     PoseInDoubt {
-        /// Distance of the surfaces.
+        /// Distance between the surfaces.
         distance: f64,
-        /// The same in the other pose.
+        /// Distance between the surfaces in the other pose.
         second: f64,
     },
-    /// At equal directions the surfaces are much farther apart than they are as surfaces: equal directions aren't equal
-    /// places.
+    /// The distance at equal directions is much larger than the distance between the surfaces: equal directions don't
+    /// correspond.
     PlacesDiffer {
         /// Root mean square distance at equal directions.
         rmsd: f64,
-        /// That of the surfaces.
+        /// Distance between the surfaces.
         distance: f64,
     },
     /// The first-order ellipsoid is nearly round, and its frame has little meaning.
     NearlyRound {
-        /// The ratio of its neighbouring axes.
+        /// The smallest ratio of neighbouring axes.
         ratio: f64,
     },
 }

@@ -9,7 +9,7 @@ fn aligned(moving: &Coefficients, target: &Coefficients, params: &AlignParams) -
     align(moving, target, params, &Silent).unwrap()
 }
 
-/// After SPHARM-MAT's SHREC, and what the joint search of shape.md's prototype found.
+/// Distances by SPHARM-MAT's SHREC, and by the joint search of shape.md's prototype.
 const SHREC: [f64; 4] = [3.8910, 3.6538, 2.0639, 4.0496];
 const KNOWN: [f64; 4] = [3.8725, 3.6126, 2.0627, 4.0112];
 
@@ -39,8 +39,8 @@ fn fewer_starts_and_more_find_the_same() {
     }
 }
 
-/// Nearly ellipsoids: the four half turns are optima within a percent of each other, and the grid alone, which has
-/// several maxima next to each of them, misses the best one.
+/// Nearly ellipsoids: the optima at the four half turns are within a percent of each other, and the grid alone, which
+/// has several maxima next to each of them, misses the best one.
 #[test]
 fn optima_a_half_turn_apart_are_told_apart() {
     let many = AlignParams { bandwidth: Some(13), starts: 16, ..Default::default() };
@@ -53,7 +53,7 @@ fn optima_a_half_turn_apart_are_told_apart() {
     }
 }
 
-/// High degrees are refined to a lower one first.
+/// High degrees are first refined at a lower degree.
 #[test]
 fn high_degrees_find_the_same_from_any_pose() {
     let (f, g) = (blob(45, 3), blob(45, 4));
@@ -88,7 +88,7 @@ fn the_best_scale_is_found() {
 fn a_mirror_image_is_matched_only_if_asked_for() {
     let surface = blob(8, 5);
     let mirror = AlignParams { mirror: true, ..Default::default() };
-    // In space alone, and with the sphere.
+    // Mirrored in space alone, and together with the sphere.
     let both = Transform { antipodal: true, ..Transform::default() };
     for image in [reflected(&surface), posed(&reflected(&surface), &both)] {
         let image = posed(&image, &some_pose(2));
@@ -120,7 +120,8 @@ fn fixed_parameters_leave_the_sphere_alone() {
     assert!(apart(&surface, &found.coefficients) < 1e-13);
 }
 
-/// The best of 4 x 4 half turns, as shape.md has it; of a round one the frame is chance, which is warned of.
+/// The best of 4 x 4 half turns, with the distances of shape.md; the frame of a round surface is arbitrary, and warned
+/// of.
 #[test]
 fn ellipsoid_frames_are_no_better_than_known() {
     let params = AlignParams { method: Method::FirstOrderEllipsoid, ..Default::default() };
@@ -135,7 +136,7 @@ fn ellipsoid_frames_are_no_better_than_known() {
     assert!(matches!(report.warnings[..], [AlignWarning::NearlyRound { .. }]), "{report:?}");
 }
 
-/// Between ellipsoids in the same pose what is left is the difference of their axes.
+/// Between ellipsoids in the same pose the remaining distance is the difference of their axes.
 #[test]
 fn ellipsoids_differ_by_their_axes() {
     let (a, b) = (ellipsoid([5.0, 3.0, 2.0]), ellipsoid([4.0, 3.5, 2.5]));
@@ -206,7 +207,7 @@ proptest! {
     }
 }
 
-/// Surfaces whose spheres were turned apart come to the pose that they have, whatever the parameters.
+/// Surfaces whose spheres were rotated against each other are aligned in space, whatever the parameters.
 #[test]
 fn poses_by_surfaces_dont_depend_on_the_parameters() {
     let target = blob(6, 1);
@@ -228,7 +229,7 @@ fn poses_by_surfaces_dont_depend_on_the_parameters() {
 fn mirrored_poses_by_surfaces_keep_the_outside_outside() {
     let target = blob(6, 1);
     let params = AlignParams { method: Method::Surfaces, mirror: true, ..AlignParams::default() };
-    // One that is inside out, and one whose sphere is mirrored with it.
+    // An inside-out surface, and one whose sphere is mirrored with it.
     let inside_out = reflected(&target);
     let turned = Transform { antipodal: true, ..Transform::default() }.apply(&inside_out, &Silent).unwrap();
     for (moving, antipodal) in [(inside_out, false), (turned, true)] {

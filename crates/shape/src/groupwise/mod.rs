@@ -1,35 +1,35 @@
-//! A group's places refined by the group: maps of each member's sphere that make the group as compact as its shapes
-//! allow.
+//! Refinement of a group's correspondence by the group itself: maps of each member's sphere that make the group as
+//! compact as its shapes allow.
 //!
-//! Members are surfaces f_i over one sphere, in one pose, registered or not. Diffeomorphisms of the sphere, one a
-//! member, are found that minimise
+//! Members are surfaces f_i over one sphere, in one pose, registered or not. The refinement finds diffeomorphisms of
+//! the sphere, one per member, that minimise
 //!
 //! ```text
 //! sum_k log(lambda_k(G) + delta) + mu sum_i E(phi_i),    x_i(u) = f_i(phi_i(u))
 //! ```
 //!
-//! G the covariance of the x_i over the surfaces' mean area, E the elastic energy of a map. The first term is the
+//! G is the covariance of the x_i over the surfaces' mean area, E the elastic energy of a map. The first term is the
 //! description length of the group (Davies et al. 2002), or the entropy of its distribution (Cates et al. 2007): few
-//! modes of variance cost less than many. Points stay on their surfaces exactly, and no triangle of the sphere turns
-//! over. Unit normals, times a length, are channels beside positions: without them places slide along surfaces to where
-//! members differ least, which is compact and wrong. Stages go from models and fields of low degree to those of high
-//! degree.
+//! modes of variance cost less than many. Points stay on their surfaces exactly, and no triangle of the sphere is
+//! inverted. Unit normals, multiplied by a length, are channels beside the positions: without them points slide along
+//! the surfaces to where members differ least, which is compact and wrong. Stages proceed from models and fields of low
+//! degree to those of high degree.
 //!
 //! | module | contents |
 //! |---|---|
 //! | `params`, `report` | settings and outcome |
-//! | [`flow`] | the map that is found, as steps; applied and inverted |
+//! | [`flow`] | the map found, as a sequence of steps; its application and inverse |
 //! | `field` | tangent fields of potentials, their adjoint, steps along them |
 //! | `member` | channels, normals and derivatives of one member |
-//! | `objective` | the description length and its derivatives by the values |
-//! | `elastic`, `held` | what stretching the sphere costs; places that are held |
-//! | `together` | members brought to their mean within rounds |
-//! | `state` | all of these at one state of the maps |
-//! | `reference`, `joining` | a finished group; the places of a new member, which changes nothing of it |
-//! | `descent`, `lbfgs` | a stage; directions of descent |
+//! | `objective` | the description length and its derivatives with respect to the values |
+//! | `elastic`, `held` | the cost of stretching the sphere; fixed points |
+//! | `together` | alignment of members to their mean within rounds |
+//! | `state` | all of these for one state of the maps |
+//! | `reference`, `joining` | a finished group; correspondence of a new member, which leaves the group unchanged |
+//! | `descent`, `lbfgs` | one stage; directions of descent |
 //!
 //! Cost: a step evaluates each member's 4 C functions of degree L and 12 of degree D at n directions: 2 ms at L = 15
-//! and 2,562 directions, 15 ms at L = 40 and 10,242. Memory: 3 values a channel, direction and member.
+//! and 2,562 directions, 15 ms at L = 40 and 10,242. Memory: 3 values per channel, direction and member.
 
 mod descent;
 mod elastic;
@@ -70,13 +70,13 @@ use crate::error::ShapeError;
 use crate::extent::extent;
 use crate::geometry::side_by_side;
 
-/// Members of a group, at least.
+/// Minimum number of members of a group.
 const LEAST: usize = 2;
 
-/// The maps that a refinement found.
+/// The maps found by a refinement.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Groupwise {
-    /// The map of each member: the place of member i that corresponds to direction u is `f_i(flows[i](u))`.
+    /// The map of each member: the point of member i that corresponds to direction u is `f_i(flows[i](u))`.
     pub flows: Vec<Flow>,
     /// Costs, steps and distortion.
     pub report: GroupwiseReport,
@@ -85,18 +85,18 @@ pub struct Groupwise {
 /// Refines the correspondence of a group, see the [module](self).
 ///
 /// `members` are canonical coefficients, (K, 3 + c) each: positions, and c further channels in units in which a
-/// difference counts as much as a distance, all over one sphere and in one pose. `sphere` are the directions at which
-/// members are compared, with triangles: 2,562 for degrees to 15, 10,242 above. `mask`, (n), are weights of its
-/// directions, of at least 0, 0 where there is nothing to compare; all 1 without it.
+/// difference weighs as much as a distance, all over one sphere and in one pose. `sphere` holds the directions at which
+/// members are compared, with triangles: 2,562 for degrees to 15, 10,242 above. `mask`, (n), holds non-negative weights
+/// of the directions, 0 to exclude a direction; without it all weights are 1.
 ///
-/// Runs on the rayon pool that it is called in; the result is the same bits on any number of threads.
+/// Runs on the current rayon pool; the result is bitwise the same on any number of threads.
 ///
 /// # Errors
 ///
-/// [`ShapeError::TooFewMembers`] below two; [`ShapeError::Differ`] where members have other shapes than the first or
-/// the mask another length than the sphere; [`ShapeError::Member`] with what is wrong with one: those of [`extent`], or
-/// without area where the mask isn't 0; [`ShapeError::Setting`] for settings out of range, a sphere without triangles
-/// or with clockwise ones, or a mask below 0; [`ShapeError::NotFiniteValue`]; [`ShapeError::Interrupted`].
+/// [`ShapeError::TooFewMembers`] below two; [`ShapeError::Differ`] if a member's shape differs from the first one's or
+/// the mask's length from the sphere's; [`ShapeError::Member`] with the error of one member: those of [`extent`], or no
+/// area where the mask isn't 0; [`ShapeError::Setting`] for settings out of range, a sphere without triangles or with
+/// clockwise ones, or a mask below 0; [`ShapeError::NotFiniteValue`]; [`ShapeError::Interrupted`].
 pub fn groupwise(
     members: &[ArrayView2<'_, f64>],
     sphere: &Sphere,
@@ -150,7 +150,7 @@ pub fn groupwise(
     Ok(Groupwise { flows, report })
 }
 
-/// Refuses what can't be refined; returns the members' degree.
+/// Rejects invalid input; returns the members' degree.
 fn check(members: &[ArrayView2<'_, f64>], sphere: &Sphere, mask: Option<&[f64]>) -> Result<usize, ShapeError> {
     let Some(first) = members.first().filter(|_| members.len() >= LEAST) else {
         return Err(ShapeError::TooFewMembers { found: members.len(), least: LEAST });
@@ -195,8 +195,8 @@ fn check(members: &[ArrayView2<'_, f64>], sphere: &Sphere, mask: Option<&[f64]>)
     Ok(max_degree_of(first.nrows()).unwrap_or(0))
 }
 
-/// Members' channels with those of the normals behind them, times a length: one that is given, or by their weight and
-/// the members' areas. Returns the length, too.
+/// Returns the members' channels followed by those of the normals, scaled by a length, and that length: the given one,
+/// or one derived from the normals' weight and the members' areas.
 fn with_normals(
     members: &[ArrayView2<'_, f64>],
     weight: f64,
@@ -219,7 +219,7 @@ fn with_normals(
     Ok((channels.collect(), length))
 }
 
-/// Root mean square angle between directions and where they were carried.
+/// Root mean square angle by which directions were moved.
 fn moved(from: &[Vec3], to: &[Vec3]) -> f64 {
     let squares = from.iter().zip(to).map(|(a, b)| dot(*a, *b).clamp(-1.0, 1.0).acos().powi(2));
     (squares.sum::<f64>() / from.len() as f64).sqrt()
