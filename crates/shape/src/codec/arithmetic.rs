@@ -1,23 +1,23 @@
-//! A binary arithmetic coder: 32-bit bounds, no carry, one byte out for each byte that both bounds share.
+//! A binary arithmetic coder: 32-bit bounds, no carry, one byte of output for each byte that both bounds share.
 //!
 //! The interval is `low..=high`. A decision whose probability of being 1 is p / 65,536 splits it at `middle = low +
-//! ((high - low) p >> 16)`: 1 takes `low..=middle`, 0 what is above. While the top bytes of `low` and `high` are equal,
-//! that byte is put out, and both move up by 8 bits. The decoder follows with a window of 32 bits of the stream, of
-//! which it has read 4 bytes at the start and one for each shift; behind the end it reads zeros.
+//! ((high - low) p >> 16)`: 1 takes `low..=middle`, 0 the rest above. While the top bytes of `low` and `high` are
+//! equal, that byte is written, and both are shifted by 8 bits. The decoder follows with a window of 32 bits of the
+//! stream, of which it reads 4 bytes at the start and one for each shift; beyond the end it reads zeros.
 //!
 //! After Witten, Neal and Cleary, "Arithmetic coding for data compression", Communications of the ACM 30 (1987), in the
-//! form with bytes that M. Mahoney's PAQ has.
+//! byte-oriented form of M. Mahoney's PAQ.
 
-/// A probability of one in [`ONE`]ths, from 1 to `ONE - 1`.
+/// The unit of probabilities, which are from 1 to `ONE - 1`.
 pub(super) const ONE: u32 = 1 << 16;
 
-/// Writes decisions or reads them: what a model of them needs to know, so that one model serves both.
+/// Writer or reader of decisions: the interface of a probability model, so that one model serves both.
 pub(super) trait Decisions {
-    /// Passes on a decision that is 1 with the probability `one` / 65,536. Writing takes `bit`, reading returns its
-    /// own.
+    /// Codes a decision that is 1 with probability `one` / 65,536. A writer writes `bit`; a reader ignores it and
+    /// returns the decision read.
     fn decide(&mut self, bit: bool, one: u32) -> Result<bool, Ended>;
 
-    /// Passes on the lower `count` bits, at most 32, each as likely to be 1 as 0, high ones first.
+    /// Codes the lower `count` bits, at most 32, with equal probabilities, most significant first.
     fn plain(&mut self, bits: u32, count: u32) -> Result<u32, Ended> {
         let mut found = 0;
         for shift in (0..count).rev() {
@@ -27,16 +27,16 @@ pub(super) trait Decisions {
     }
 }
 
-/// The stream has ended before what it holds.
+/// The stream ended before the decision that was requested.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Ended;
 
 fn split(low: u32, high: u32, one: u32) -> u32 {
-    // Below `high`, as `one` is below 65,536.
+    // This is below `high`, because `one` is below 65,536.
     low + ((u64::from(high - low) * u64::from(one)) >> 16) as u32
 }
 
-/// Writes.
+/// Writer of decisions.
 pub(super) struct Encoder {
     low: u32,
     high: u32,
@@ -48,12 +48,12 @@ impl Encoder {
         Self { low: 0, high: u32::MAX, bytes: Vec::new() }
     }
 
-    /// Returns how many bytes a decoder has read once it has what was written so far.
+    /// Returns the number of bytes that a decoder has read once it has decoded everything written so far.
     pub(super) fn reach(&self) -> usize {
         self.bytes.len() + 4
     }
 
-    /// Returns the stream: as few bytes as decide everything, with zeros behind them.
+    /// Returns the stream: the fewest bytes that determine all decisions, if followed by zeros.
     pub(super) fn finish(mut self) -> Vec<u8> {
         for count in 0..=4 {
             let unit = 1u64 << (32 - 8 * count);
@@ -84,13 +84,13 @@ impl Decisions for Encoder {
     }
 }
 
-/// Reads.
+/// Reader of decisions.
 pub(super) struct Decoder<'a> {
     low: u32,
     high: u32,
     window: u32,
     bytes: &'a [u8],
-    /// Bytes read, those behind the end among them.
+    /// Number of bytes read, including those beyond the end.
     read: usize,
 }
 
@@ -121,8 +121,8 @@ impl Decisions for Decoder<'_> {
             self.high = self.high << 8 | 255;
             self.shift();
         }
-        // No decoder of what an encoder has written reads more than 4 zeros. Without this a short stream could ask for
-        // any number of decisions.
+        // No decoder of an encoder's output reads more than 4 zeros. Without this check a short stream could yield any
+        // number of decisions.
         if self.read > self.bytes.len() + 4 { Err(Ended) } else { Ok(bit) }
     }
 }
@@ -144,7 +144,7 @@ mod tests {
             }
         }
 
-        /// What a stream holds up to some decision needs the bytes up to there alone.
+        /// Decoding up to some decision needs only the bytes up to there.
         #[test]
         fn a_prefix_is_enough(given in prop::collection::vec((any::<bool>(), 1..ONE), 1..600), at in 0.0..1.0) {
             let at = (at * given.len() as f64) as usize;
@@ -163,7 +163,7 @@ mod tests {
         }
     }
 
-    /// The entropy of the decisions, and a few bytes.
+    /// The size is the entropy of the decisions plus a few bytes.
     #[test]
     fn it_takes_what_the_probabilities_say() {
         let mut encoder = Encoder::new();

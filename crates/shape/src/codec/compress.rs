@@ -1,4 +1,4 @@
-//! Compressing.
+//! Compression of models.
 
 use serde_json::{Map, Value};
 use spharm_model::{Model, Provenance};
@@ -16,38 +16,38 @@ use super::quantizer::Quantised;
 use super::search::{Trial, search};
 use super::stream::Stream;
 
-/// Bytes of a level that nobody asked for, at least: its checksum is next to nothing then.
+/// Minimum size in bytes of a default level, so that its checksum is a negligible part of it.
 const LEAST_LEVEL: usize = 256;
 
-/// What decides on the step. Relative lengths are for a surface whose bounding box is scaled to volume 1; for a signal
+/// Criterion for the step. Relative lengths are for a surface whose bounding box is scaled to volume 1; for a signal
 /// they are fractions of each channel's standard deviation over the sphere.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum Target {
-    /// The root mean square distance between the model's surface and the compressed one's is at most this, measured
-    /// both by nearest points and along the normal, and hardly more than 2 % below: a relative length, 1e-8 to 1. For a
+    /// Maximum root mean square distance between the model's surface and the compressed one's, measured both by nearest
+    /// points and along the normal: a relative length, 1e-8 to 1. The distance is hardly more than 2 % below it. For a
     /// signal, the root mean square error.
     Tolerance(f64),
-    /// The file has at most so many bytes, and is less than 0.5 % below where that can be had.
+    /// Maximum file size in bytes. The file is less than 0.5 % smaller if possible.
     Bytes(usize),
     /// The step itself, a relative length, 1e-12 to 1.
     Step(f64),
 }
 
-/// How to compress.
+/// Settings of the compression.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CompressParams {
-    /// What decides on the step.
+    /// Criterion for the step.
     pub target: Target,
-    /// Degrees at whose end the file may be cut off, beside the last; those that the file doesn't reach are left out.
-    /// By default 1, 3, 7, 15, 31 and so on, as far as there are 256 bytes between them.
+    /// Degrees after which the file may be truncated, in addition to the last; those that the file doesn't reach are
+    /// ignored. By default 1, 3, 7, 15, 31 and so on, if there are at least 256 bytes between them.
     pub levels: Option<Vec<usize>>,
-    /// Whether the file has the model's provenance and scheme key, about 500 bytes; default true.
+    /// Whether the file contains the model's provenance and scheme key, about 500 bytes; default true.
     pub provenance: bool,
 }
 
 impl CompressParams {
-    /// Returns the parameters for a target, with defaults for everything else.
+    /// Returns the parameters for a target, with defaults for all others.
     #[must_use]
     pub fn new(target: Target) -> Self {
         Self { target, levels: None, provenance: true }
@@ -58,26 +58,26 @@ impl CompressParams {
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Compressed {
-    /// The file.
+    /// Content of the file.
     pub bytes: Vec<u8>,
-    /// Root mean square distance of the compressed model from the model, see [`Target::Tolerance`].
+    /// Root mean square distance between the model and the compressed model, see [`Target::Tolerance`].
     pub distance: f64,
     /// The step, a relative length.
     pub step: f64,
     /// Cube root of the volume of the bounding box of the model's surface, in the model's unit; 1 for a signal.
     pub scale: f64,
-    /// Bytes of the head, which has the provenance.
+    /// Size of the header in bytes, including the provenance.
     pub head: usize,
-    /// Where the file may be cut off; the last is the whole file.
+    /// Points at which the file may be truncated; the last is the complete file.
     pub levels: Vec<Level>,
-    /// Highest degree of the compressed model: the model's, but for files that would be too small for it.
+    /// Highest degree of the compressed model: the model's, unless the file would be too small for it.
     pub max_degree: usize,
 }
 
 /// Compresses a model.
 ///
-/// Its sphere isn't kept, nor are the number and the order of the vertices that it was fitted to: the expanded model is
-/// evaluated on any sphere. See the [module](super).
+/// Neither its sphere is kept, nor the number and order of the vertices that it was fitted to: the expanded model can
+/// be evaluated on any sphere. See the [module](super).
 ///
 /// # Errors
 ///
@@ -144,7 +144,7 @@ fn check(model: &Model, params: &CompressParams) -> Result<(), CodecError> {
     Ok(())
 }
 
-/// Looks for the step of a target.
+/// Search of the step for a target.
 struct Trials<'a> {
     writer: &'a Writer<'a>,
     reference: &'a Reference<'a>,
@@ -166,9 +166,9 @@ impl Trials<'_> {
         })
     }
 
-    /// The coarsest step with a distance of at most `tolerance`.
+    /// Returns the coarsest step with a distance of at most `tolerance`.
     fn within(&self, tolerance: f64) -> Result<f64, CodecError> {
-        /// The estimate is corrected so often at most; twice does for most.
+        /// Maximum number of corrections of the estimate; two are enough for most models.
         const ROUNDS: usize = 8;
         let (mut start, mut aim, mut best) = (0.2 * tolerance, tolerance, None);
         for _ in 0..ROUNDS {
@@ -183,7 +183,7 @@ impl Trials<'_> {
                     break;
                 }
             }
-            // Halved where the compressed surface is a point.
+            // Halved if the compressed surface is a point.
             aim *= if distance.is_finite() && distance > 0.0 { 0.993 * tolerance / distance } else { 0.5 };
             start = step;
         }
@@ -194,7 +194,7 @@ impl Trials<'_> {
         })
     }
 
-    /// The finest step with a file of at most so many bytes.
+    /// Returns the finest step with a file of at most `bytes` bytes.
     fn of_size(&self, bytes: usize) -> Result<f64, CodecError> {
         let excess = |step: f64| match self.writer.quantise(step) {
             Ok(quantised) => Ok((self.writer.write(&quantised)?.bytes.len() as f64 / bytes as f64).ln()),
@@ -209,7 +209,8 @@ impl Trials<'_> {
     }
 }
 
-/// What expanding finds again: JSON. How the fit was made and how near it came isn't true of the compressed model.
+/// Returns the metadata to be restored, as JSON. Settings and distances of the fit are left out, because they don't
+/// hold for the compressed model.
 fn metadata(model: &Model) -> Result<String, CodecError> {
     let parameter = |error: serde_json::Error| CodecError::Parameter {
         what: "provenance of the model",
@@ -226,7 +227,7 @@ fn metadata(model: &Model) -> Result<String, CodecError> {
     Ok(Value::Object(object).to_string())
 }
 
-/// Makes files of one model.
+/// Writer of the files of one model.
 struct Writer<'a> {
     model: &'a Model,
     surface: bool,
@@ -236,13 +237,13 @@ struct Writer<'a> {
 }
 
 impl Writer<'_> {
-    /// Quantises with a relative step.
+    /// Quantises the model with a relative step.
     fn quantise(&self, step: f64) -> Result<Quantised, CodecError> {
         let steps = self.scales.iter().map(|scale| scale * step).collect();
         Quantised::new(self.model.coefficients.values().view(), steps)
     }
 
-    /// Makes a file; its distance, step and scale are to be filled in.
+    /// Writes a file; the caller fills in its distance, step and scale.
     fn write(&self, quantised: &Quantised) -> Result<Compressed, CodecError> {
         let channels = quantised.first.len();
         let top = quantised.top();
@@ -253,7 +254,7 @@ impl Writer<'_> {
         let mut values = quantised.values.clone();
         let mut ends = Vec::new();
         for degree in 1..=top {
-            // Writing doesn't end.
+            // Writing can't run out of data.
             let _ = stream.degree(&mut values, &mut encoder);
             let last = ends.last().map_or(0, |&(_, end)| end);
             let wanted = match self.levels {
@@ -265,7 +266,7 @@ impl Writer<'_> {
             }
         }
         let bytes = encoder.finish();
-        // Degrees that are next to nothing may take no byte more.
+        // A degree that codes to almost nothing may add no byte.
         ends.retain(|&(_, end)| end < bytes.len());
         if top > 0 {
             ends.push((top, bytes.len()));

@@ -1,4 +1,4 @@
-//! The file around the stream: head, levels, checksums. `docs/sphz-format.md` is the authority on its bytes.
+//! The file format around the stream: header, levels, checksums. `docs/sphz-format.md` is the authority on its bytes.
 
 use std::io::{Read, Write};
 
@@ -9,10 +9,10 @@ use spharm_harmonics::{MAX_DEGREE, basis_size};
 
 use super::error::CodecError;
 
-/// The version that is written, and the only one that is read.
+/// The version that is written, and the only one supported.
 pub const VERSION: u8 = 1;
 
-/// The first byte is no letter, so that no text is taken for a model.
+/// The first byte isn't a letter, so that no text is mistaken for a model.
 const MAGIC: [u8; 4] = *b"\x89SPZ";
 const VERSION_AT: usize = MAGIC.len();
 const FLAGS_AT: usize = VERSION_AT + 1;
@@ -23,31 +23,31 @@ const CRC: usize = 4;
 const SURFACE: u8 = 1;
 const METADATA: u8 = 2;
 
-/// Most channels.
+/// Maximum number of channels.
 pub(super) const MOST_CHANNELS: usize = 1 << 16;
-/// Most bytes of the metadata before they are deflated.
+/// Maximum size in bytes of the metadata before compression.
 const MOST_METADATA: usize = 1 << 24;
-/// Most coefficients: 2 GiB.
+/// Maximum number of coefficients: 2 GiB.
 pub(super) const MOST_VALUES: usize = 1 << 28;
-/// Zeros above the stream's degrees that a file may declare however short it is, and for each of its bytes.
+/// Number of zeros beyond the stream's degrees that any file may declare, and the additional number per byte.
 const MOST_ZEROS: [usize; 2] = [1 << 20, 1 << 10];
-/// The largest exponent of the guess for degree 1.
+/// Maximum exponent of the guess for degree 1.
 pub(super) const MOST_GUESS: u32 = 20;
 
-/// What a file says before its stream.
+/// Header of a file.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Head {
     pub(super) surface: bool,
     pub(super) max_degree: usize,
     pub(super) channels: usize,
-    /// Highest degree of the stream; 0 where there is none.
+    /// Highest degree of the stream; 0 if there is none.
     pub(super) top: usize,
-    /// Log2 of about the mean magnitude at degree 1.
+    /// Approximate log2 of the mean magnitude at degree 1.
     pub(super) guess: u32,
     pub(super) shifts: [i8; 2],
     pub(super) steps: Vec<f64>,
     pub(super) first: Vec<i64>,
-    /// UTF-8.
+    /// JSON in UTF-8.
     pub(super) metadata: Option<String>,
     pub(super) segments: Vec<Segment>,
 }
@@ -55,20 +55,21 @@ pub(super) struct Head {
 /// A run of bytes of the stream that completes a level.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Segment {
-    /// Highest degree that is known with it.
+    /// Highest degree of the model that ends with this segment.
     pub(super) degree: usize,
     pub(super) length: usize,
     pub(super) crc: u32,
 }
 
-/// A head, and where it ends.
+/// A header and its length.
 #[derive(Debug)]
 pub(super) struct Parsed {
     pub(super) head: Head,
     pub(super) length: usize,
 }
 
-/// Returns whether a file of so many bytes may declare coefficients up to a degree where its stream ends at `top`.
+/// Returns whether a file of `bytes` bytes may declare coefficients up to `max_degree` if its stream ends at degree
+/// `top`.
 pub(super) fn plausible(max_degree: usize, top: usize, channels: usize, bytes: usize) -> bool {
     let values = |degree: usize| basis_size(degree).saturating_mul(channels);
     let zeros = values(max_degree) - values(top);
@@ -76,7 +77,7 @@ pub(super) fn plausible(max_degree: usize, top: usize, channels: usize, bytes: u
 }
 
 impl Head {
-    /// Writes the head with its checksum.
+    /// Writes the header with its checksum.
     pub(super) fn write(&self) -> Result<Vec<u8>, CodecError> {
         let mut out = MAGIC.to_vec();
         let flags = if self.surface { SURFACE } else { 0 } | if self.metadata.is_some() { METADATA } else { 0 };
@@ -118,7 +119,7 @@ impl Head {
         Ok(out)
     }
 
-    /// Reads and checks a head. `bytes` are the file, or a beginning of it.
+    /// Reads and validates a header. `bytes` is the file, or a prefix of it.
     pub(super) fn read(bytes: &[u8]) -> Result<Parsed, CodecError> {
         let start = &bytes[..bytes.len().min(MAGIC.len())];
         if start != &MAGIC[..start.len()] || start.is_empty() {
@@ -146,7 +147,7 @@ impl Head {
     }
 }
 
-/// The fields behind the fixed ones.
+/// Reader of the variable-length fields after the fixed ones.
 struct Fields<'a> {
     rest: &'a [u8],
     flags: u8,
@@ -215,7 +216,7 @@ impl Fields<'_> {
         let mut text = Vec::new();
         let deflated = std::mem::take(&mut self.rest);
         let mut decoder = ZlibDecoder::new(deflated);
-        // One byte more than there may be shows that there are more.
+        // Reading one byte more than declared detects excess data.
         let read = decoder.by_ref().take(length as u64 + 1).read_to_end(&mut text);
         read.map_err(|error| CodecError::damaged("provenance", "a zlib stream", error))?;
         if text.len() != length || decoder.total_in() != deflated.len() as u64 {
@@ -232,7 +233,7 @@ impl Fields<'_> {
         Ok(*bytes)
     }
 
-    /// A number of 64 bits, seven a byte, low ones first.
+    /// Reads a 64-bit number, seven bits per byte, least significant first.
     fn varint(&mut self, what: &'static str) -> Result<u64, CodecError> {
         let mut number = 0;
         for shift in (0..64).step_by(7) {

@@ -1,21 +1,22 @@
-//! What is known about the size of a coefficient before it is coded: the contexts of its estimates.
+//! Predicted size of a coefficient before it is coded: the contexts of its estimates.
 //!
-//! Coefficients of a smooth surface shrink with the degree, about alike for all orders and channels; around that they
-//! keep company: where one is large, so are those of the same order one and two degrees below, of neighbouring orders,
-//! and of the other channels. Six expected magnitudes are made of these, in 256ths of a step, each a mean with weights
-//! of what is coded already, drawn towards the running mean of the degree. Magnitudes count as 2^20 at most.
+//! Coefficients of a smooth surface shrink with the degree, at about the same rate for all orders and channels. Around
+//! that trend they are correlated: where one is large, so are those of the same order one and two degrees below, of
+//! neighbouring orders, and of the other channels. Six expected magnitudes, in 256ths of a step, are computed from
+//! these. Each is a weighted mean of coefficients coded already, drawn towards the running mean of the degree.
+//! Magnitudes are clamped to 2^20.
 
 use spharm_harmonics::index::column;
 
 use super::mixing::ESTIMATES;
 
-/// Fixed point of the expected magnitudes.
+/// Fixed-point unit of the expected magnitudes.
 pub(super) const UNIT: u64 = 256;
 
-/// Classes of expected magnitudes: four an octave.
+/// Number of classes of expected magnitudes: four per octave.
 pub(super) const CLASSES: usize = 48;
 
-/// A magnitude above this counts as this.
+/// Magnitudes are clamped to this.
 const LARGEST: u32 = 1 << 20;
 
 /// Returns the class of an expected magnitude.
@@ -49,29 +50,29 @@ impl Sum {
         Self { magnitudes: self.magnitudes + other.magnitudes, weights: self.weights + other.weights }
     }
 
-    /// The mean, with so much weight on a guess.
+    /// Returns the mean, with a guess of the given weight.
     fn mean(self, weight: u64, guess: u64) -> u64 {
         (UNIT * self.magnitudes + weight * guess) / (self.weights + weight)
     }
 }
 
-/// Follows the coefficients of one model in the order in which they are coded.
+/// State of the contexts of one model, updated in the order of coding.
 pub(super) struct Contexts {
     channels: usize,
     degree: usize,
-    /// Mean magnitudes of the last two degrees; of a degree that isn't there, the header's guess.
+    /// Mean magnitudes of the last two degrees; the header's guess for a missing degree.
     means: [u64; 2],
-    /// Mean magnitudes of each channel at the degree before.
+    /// Mean magnitudes of each channel at the previous degree.
     channel_means: Vec<u64>,
-    /// Sums of magnitudes of this degree: of each channel, and of all.
+    /// Sums of the magnitudes of this degree: of each channel, and of all.
     channel_sums: Vec<u64>,
     sum: u64,
-    /// Coefficients of this degree that are coded, of all channels.
+    /// Number of coefficients of this degree coded so far, over all channels.
     count: u64,
 }
 
 impl Contexts {
-    /// Starts before degree 1, whose mean magnitude is guessed.
+    /// Starts before degree 1, whose mean magnitude is `guess`.
     pub(super) fn new(channels: usize, guess: u64) -> Self {
         let guess = UNIT * guess;
         Self {
@@ -85,11 +86,11 @@ impl Contexts {
         }
     }
 
-    /// Ends a degree.
+    /// Advances to the next degree.
     pub(super) fn next_degree(&mut self) {
         let orders = 2 * self.degree as u64 + 1;
         let mean = UNIT * self.sum / (orders * self.channels as u64);
-        // Degree 1 has none before it but the guess, which says nothing of it.
+        // Before degree 1 there is only the guess, which is no evidence of a trend.
         self.means = [mean, if self.degree == 1 { mean } else { self.means[0] }];
         for (mean, sum) in self.channel_means.iter_mut().zip(&mut self.channel_sums) {
             *mean = UNIT * *sum / orders;
@@ -98,7 +99,7 @@ impl Contexts {
         (self.sum, self.count, self.degree) = (0, 0, self.degree + 1);
     }
 
-    /// Takes over a magnitude that has been coded.
+    /// Records a coded magnitude.
     pub(super) fn push(&mut self, channel: usize, magnitude: u32) {
         let magnitude = u64::from(magnitude.min(LARGEST));
         self.sum += magnitude;
@@ -106,8 +107,8 @@ impl Contexts {
         self.count += 1;
     }
 
-    /// Returns the six expected magnitudes of the coefficient of order `m` in `channel`, in 256ths. `values` are all
-    /// coefficients, (K, c), of which those up to this one are coded.
+    /// Returns the six expected magnitudes of the coefficient of order `m` in `channel`, in 256ths. `values` holds all
+    /// coefficients, (K, c), of which those before this one are coded.
     pub(super) fn expected(&self, values: &[i32], m: isize, channel: usize) -> [u64; ESTIMATES] {
         let (l, k) = (self.degree, m.unsigned_abs());
         let at = |degree: usize, order: isize, channel: usize| {
@@ -116,7 +117,7 @@ impl Contexts {
         let both =
             |degree: usize, order: usize| at(degree, order as isize, channel) + at(degree, -(order as isize), channel);
         let (mut beside, mut below, mut others) = (Sum::default(), Sum::default(), Sum::default());
-        // Both orders of a pair are counted, the order 0 twice.
+        // Both orders of a pair are added; order 0 is added twice.
         let pair = |sum: &mut Sum, weight: u64, magnitudes: u64| {
             sum.magnitudes += weight * magnitudes;
             sum.weights += 2 * weight;
@@ -129,7 +130,7 @@ impl Contexts {
         if m < 0 {
             beside.add(7, at(l, k as isize, channel));
         }
-        // Before order 0 lies order -1, which is of the pair 1.
+        // Order -1 precedes order 0, and belongs to pair 1.
         for (order, near) in [(k.abs_diff(1), false), (k, true), (k + 1, false)] {
             if order < l {
                 pair(&mut below, if near { 4 } else { 3 }, both(l - 1, order));

@@ -1,17 +1,17 @@
-//! How far a compressed model is from the model.
+//! The distance between a compressed model and the original.
 //!
-//! Of surfaces it is the larger of two root mean squares, divided by the scale that makes the bounding box's volume 1:
+//! For surfaces it is the larger of two root mean squares, divided by the scale that makes the bounding box's volume 1:
 //!
-//! - of the distances from points all over each surface to the nearest point of the other, both ways
-//!   ([`surface_distance`]), whichever points correspond;
-//! - over the area, of the displacement along the normal, which is the former to first order.
+//! - that of the distances from points all over each surface to the nearest point of the other, both ways
+//!   ([`surface_distance`]), regardless of which points correspond;
+//! - that, over the area, of the displacement along the normal, which equals the former to first order.
 //!
-//! Both are measured on one icosphere, of 8 vertices for each basis function at least, whose triangles smooth some of
-//! the error away that its vertices show: the distances are up to 7 % below the displacements (at 4 vertices for each
-//! function and degree 100, 8 %). Where a surface folds the displacements may be the smaller.
+//! Both are measured on one icosphere of at least 8 vertices per basis function. Its triangles smooth out some of the
+//! error at its vertices: the distances are up to 7 % below the displacements (at 4 vertices per function and degree
+//! 100, 8 %). If a surface folds, the displacements may be the smaller.
 //!
-//! Distances take seconds at degree 100, and displacements one synthesis: steps are searched by the latter, and held
-//! against both. Of signals it is the root mean square error over the sphere, exact by Parseval's identity, each
+//! Distances take seconds at degree 100, displacements one synthesis: the step is searched by displacements, and
+//! verified by both. For signals it is the root mean square error over the sphere, exact by Parseval's identity, each
 //! channel divided by its standard deviation over the sphere.
 
 use std::f64::consts::PI;
@@ -27,34 +27,34 @@ use spharm_transform::{Transform, TransformParams};
 
 use super::error::CodecError;
 
-/// Vertices of the icosphere, and points on each surface, for each basis function.
+/// Numbers of vertices of the icosphere, and of points on each surface, per basis function.
 const VERTICES_PER_FUNCTION: usize = 8;
 const POINTS_PER_FUNCTION: usize = 24;
 
-/// Least and most subdivisions: 2,562 and 655,362 vertices.
+/// Minimum and maximum number of subdivisions: 2,562 and 655,362 vertices.
 const LEVELS: [u32; 2] = [4, 8];
 
-/// Accuracy of the surfaces, relative to their size.
+/// Accuracy of the evaluated surfaces, relative to their size.
 const ACCURACY: f64 = 1e-11;
 
-/// Measures models against one.
+/// The original, against which compressed models are measured.
 pub(super) enum Reference<'a> {
     Surface(Box<Surface>),
     Signal(ArrayView2<'a, f64>),
 }
 
-/// A surface on its icosphere.
+/// A surface evaluated on its icosphere.
 pub(super) struct Surface {
     transform: Transform,
     mesh: Mesh,
-    /// At each vertex the normal, as long as six times its share of the area.
+    /// Normal at each vertex, scaled to six times the vertex's share of the area.
     normals: Vec<[f64; 3]>,
     scale: f64,
     points: usize,
 }
 
 impl<'a> Reference<'a> {
-    /// Prepares for coefficients, (K, c).
+    /// Prepares the measurement against coefficients, (K, c).
     pub(super) fn new(coefficients: &'a Coefficients, surface: bool) -> Result<Self, CodecError> {
         if !surface {
             return Ok(Self::Signal(coefficients.values().view()));
@@ -73,7 +73,8 @@ impl<'a> Reference<'a> {
         Ok(Self::Surface(Box::new(Surface { transform, mesh, normals, scale, points })))
     }
 
-    /// Returns what a relative step or distance of 1 is in the model's unit: of a surface, one for all channels.
+    /// Returns the length in the model's unit of a relative step or distance of 1: one per channel, or one for a
+    /// surface.
     pub(super) fn scales(&self) -> Vec<f64> {
         match self {
             Self::Surface(surface) => vec![surface.scale],
@@ -81,7 +82,7 @@ impl<'a> Reference<'a> {
         }
     }
 
-    /// Returns the part of [`distance`](Self::distance) that takes a fraction of the time.
+    /// Returns a cheap estimate of [`distance`](Self::distance): the displacement, or the error of a signal.
     pub(super) fn estimate(&self, coefficients: &Array2<f64>) -> Result<f64, CodecError> {
         match self {
             Self::Surface(surface) => surface.estimate(coefficients),
@@ -89,7 +90,7 @@ impl<'a> Reference<'a> {
         }
     }
 
-    /// Returns the relative distance of coefficients, (K, c); infinity where they are those of a point.
+    /// Returns the relative distance of coefficients, (K, c); infinity if they describe a point.
     pub(super) fn distance(&self, coefficients: &Array2<f64>, monitor: &dyn Monitor) -> Result<f64, CodecError> {
         match self {
             Self::Surface(surface) => surface.distance(coefficients, monitor),
@@ -104,11 +105,11 @@ impl<'a> Reference<'a> {
     }
 }
 
-/// The standard deviation of a function over the sphere; of a constant its magnitude, and 1 of 0.
+/// Returns the standard deviation of a function over the sphere; the magnitude of a constant, and 1 for zero.
 fn deviation(column: ArrayView1<'_, f64>) -> f64 {
     let norm = |skip: usize| {
         let values = || column.iter().skip(skip);
-        // Without overflow, as a unit may be any.
+        // Scaled to avoid overflow, because the unit is arbitrary.
         let largest = values().fold(0.0, |largest: f64, value| largest.max(value.abs()));
         let scaled: f64 = values().map(|value| (value / largest).powi(2)).sum();
         if largest > 0.0 { largest * (scaled / (4.0 * PI)).sqrt() } else { 0.0 }
@@ -132,7 +133,7 @@ impl Surface {
         Ok(self.displacement(&evaluate(&self.transform, &self.mesh, coefficients.view())?))
     }
 
-    /// The root mean square displacement along the normal, relative to the scale.
+    /// Returns the root mean square displacement along the normal, relative to the scale.
     fn displacement(&self, moved: &Mesh) -> f64 {
         let (mut sum, mut area) = (0.0, 0.0);
         for ((&normal, &from), &to) in self.normals.iter().zip(&self.mesh.vertices).zip(&moved.vertices) {

@@ -1,4 +1,4 @@
-//! What can go wrong with compressed models.
+//! The error type of compressed models.
 
 use spharm_monitor::Interrupted;
 use spharm_surface::SurfaceError;
@@ -15,83 +15,83 @@ pub enum CodecError {
     Parameter {
         /// The parameter.
         what: &'static str,
-        /// What it may be.
+        /// Values allowed.
         expected: String,
-        /// What it is.
+        /// The value found.
         found: String,
     },
     /// A coefficient that isn't finite, or a surface that is a point or a line.
     #[error(transparent)]
     Shape(#[from] ShapeError),
-    /// A surface in a plane.
+    /// A surface that lies in a plane.
     #[error(
         "the surface lies in a plane: expected one whose bounding box has a volume, by which distances are measured"
     )]
     Flat,
-    /// A model that the format has no room for.
+    /// A model that exceeds a limit of the format.
     #[error("{what}: at most {most}, found {found}")]
     TooLarge {
-        /// What is too large.
+        /// The quantity that exceeds its limit.
         what: &'static str,
-        /// The most that there may be.
+        /// The limit.
         most: usize,
-        /// What there is.
+        /// The value found.
         found: usize,
     },
-    /// A step so fine that a coefficient has more of them than the format can count.
+    /// A step so small that a coefficient exceeds the format's largest number of steps.
     #[error("the step {step:e} is too fine: a coefficient of {value:e} has more than {most:e} of them")]
     TooFine {
         /// The step, in the model's unit.
         step: f64,
         /// The coefficient.
         value: f64,
-        /// The most steps.
+        /// The largest number of steps.
         most: f64,
     },
-    /// A number of bytes that not even the coarsest step comes down to.
+    /// A size below that of the coarsest file.
     #[error("{wanted} bytes are too few: the coarsest file has {least}, {of_which} of them its head")]
     TooFewBytes {
-        /// Bytes asked for.
+        /// Number of bytes requested.
         wanted: usize,
-        /// Bytes of the smallest file.
+        /// Size of the smallest file, in bytes.
         least: usize,
-        /// Bytes of its head, which has the provenance.
+        /// Size of its header, which contains the provenance, in bytes.
         of_which: usize,
     },
-    /// Not a compressed model.
+    /// Data that isn't a compressed model.
     #[error("not a compressed model: expected the bytes {expected} at its start, found {found}")]
     Magic {
-        /// What the format starts with.
+        /// Expected first bytes.
         expected: String,
-        /// What is there.
+        /// The bytes found.
         found: String,
     },
-    /// A version of the format that isn't read.
+    /// An unsupported version of the format.
     #[error("version {found} of the format; version {expected} is read: expand it with the program that made it")]
     Version {
-        /// The version that is read.
+        /// The supported version.
         expected: u8,
         /// The file's version.
         found: u8,
     },
-    /// Bytes that break the rules of the format, or changed since they were written.
+    /// Bytes that violate the format, or were changed after they were written.
     #[error("damaged: {what}: expected {expected}, found {found}; compress the model again, or take another copy")]
     Damaged {
         /// The part of the file.
         what: &'static str,
-        /// What the format demands.
+        /// Expected content.
         expected: String,
-        /// What is there.
+        /// The content found.
         found: String,
     },
-    /// A file that ends too early.
+    /// A truncated file.
     #[error("cut off: expected {expected} bytes, found {found}; {}", beginning(.level))]
     CutOff {
-        /// Bytes of the whole file, or, where a beginning was asked for, of the first that holds a model.
+        /// Size of the complete file, or, if a prefix was allowed, of the shortest prefix that contains a model.
         expected: usize,
-        /// Bytes that are there.
+        /// Number of bytes found.
         found: usize,
-        /// Highest degree of the coarser model that is there whole, where there is one.
+        /// Highest degree of the coarser model that is complete, if any.
         level: Option<usize>,
     },
     /// The model's surface can't be measured.
@@ -100,7 +100,7 @@ pub enum CodecError {
     /// The model's surface can't be evaluated.
     #[error(transparent)]
     Transform(#[from] TransformError),
-    /// Stopped by the monitor.
+    /// Interrupted by the monitor.
     #[error(transparent)]
     Interrupted(#[from] Interrupted),
 }

@@ -1,4 +1,4 @@
-//! Expanding.
+//! Expansion of compressed models.
 
 use serde_json::{Map, Value, json};
 use spharm_harmonics::{Coefficients, basis_size};
@@ -11,26 +11,26 @@ use super::error::CodecError;
 use super::quantizer::Quantised;
 use super::stream::Stream;
 
-/// Where a provenance lists what was done to a model.
+/// Field of a provenance that lists the operations applied to a model.
 const TRANSFORM: &str = "transform";
 
-/// What to expand.
+/// Settings of the expansion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ExpandParams {
-    /// Highest degree of the model; all degrees where there is none, or where it is above the file's.
+    /// Highest degree of the model; by default, or if above the file's, all degrees.
     pub max_degree: Option<usize>,
-    /// Whether the bytes may be the beginning of a file: what it has of whole levels is expanded. Default false: a file
-    /// that is cut off is an error.
+    /// Whether the bytes may be a prefix of a file: its complete levels are expanded. Default false: a truncated file
+    /// is an error.
     pub prefix: bool,
 }
 
-/// A place where a file may be cut off.
+/// A point at which a file may be truncated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Level {
-    /// Highest degree of the model that the bytes before hold.
+    /// Highest degree of the model that the preceding bytes contain.
     pub degree: usize,
-    /// Bytes before.
+    /// Number of preceding bytes.
     pub bytes: usize,
 }
 
@@ -42,7 +42,7 @@ impl Level {
             Self { degree: segment.degree, bytes }
         });
         let levels: Vec<Self> = each.collect();
-        // The whole file holds all degrees: those behind the stream are zeros.
+        // The complete file contains all degrees: those beyond the stream are zero.
         let whole = Self { degree: head.max_degree, bytes };
         levels.iter().rev().skip(1).rev().copied().chain([whole]).collect()
     }
@@ -52,19 +52,19 @@ impl Level {
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Expanded {
-    /// The model, without a sphere. Its provenance is that of the model that was compressed, where the file has it, but
-    /// for the settings and the distances of the fit; `transform` lists `compressed`: the version of the format, bytes,
-    /// and steps in the model's unit.
+    /// The model, without a sphere. Its provenance is that of the compressed model, if the file contains it, without
+    /// the settings and distances of the fit; `transform` lists `compressed`: the version of the format, bytes, and
+    /// steps in the model's unit.
     pub model: Model,
-    /// Where the file may be cut off.
+    /// Points at which the file may be truncated.
     pub levels: Vec<Level>,
-    /// Bytes of the file that were used.
+    /// Number of bytes used.
     pub bytes: usize,
 }
 
-/// Expands a file, or the beginning of one.
+/// Expands a file, or a prefix of one.
 ///
-/// Every byte that is used is checked first. Memory grows with what the stream holds, not with what the head says.
+/// All bytes used are verified first. Memory grows with the content of the stream, not with the header's claims.
 ///
 /// # Errors
 ///
@@ -94,7 +94,7 @@ pub fn expand(bytes: &[u8], params: &ExpandParams) -> Result<Expanded, CodecErro
     Ok(Expanded { model, levels, bytes: level.bytes })
 }
 
-/// Holds the stream's segments against their checksums.
+/// Verifies the segments of the stream against their checksums.
 fn checked<'a>(head: &Head, stream: &'a [u8]) -> Result<&'a [u8], CodecError> {
     let mut rest = stream;
     for segment in &head.segments {

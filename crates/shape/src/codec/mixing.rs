@@ -1,17 +1,17 @@
-//! The probability of a decision, from several adaptive estimates of it, all in integers.
+//! The probability of a decision, mixed from several adaptive estimates in integer arithmetic.
 //!
-//! Each estimate is a probability that moves towards what has been seen in its context, by 1 / (n + 8) after n times.
-//! Logistic mixing (Mahoney, "Adaptive weighing of context models for lossless data compression", 2005) adds up
-//! `ln(p / (1 - p))` of the estimates with weights that descend the gradient of the coding cost.
+//! Each estimate is a probability that moves towards the decisions seen in its context, by 1 / (n + 8) after n of them.
+//! Logistic mixing (Mahoney, "Adaptive weighing of context models for lossless data compression", 2005) sums `ln(p / (1
+//! - p))` of the estimates with weights that follow the gradient of the coding cost.
 //!
-//! Encoder and decoder have to agree in every bit, on any machine and in any language. So nothing is in floating point:
-//! an estimate has 22 bits, a probability 16, a logarithm is in 256ths, a weight in 65,536ths; `>>` rounds down.
-//! `docs/sphz-format.md` has all of it.
+//! Encoder and decoder must agree in every bit, on any machine and in any language. So floating point is avoided: an
+//! estimate has 22 bits, a probability 16, a logarithm is in 256ths, a weight in 65,536ths; `>>` rounds down.
+//! `docs/sphz-format.md` specifies all of it.
 
-/// Estimates for each decision.
+/// Number of estimates per decision.
 pub(super) const ESTIMATES: usize = 6;
 
-/// 1 for an estimate.
+/// The value 1 of an estimate.
 const WHOLE: i64 = 1 << 22;
 
 /// Largest magnitude of a logarithm: 8 in 256ths, less one.
@@ -23,14 +23,14 @@ const LOGISTIC: [i64; 33] = [
     57724, 60565, 62428, 63615, 64357, 64816, 65097, 65269, 65374, 65438, 65476, 65500, 65514,
 ];
 
-/// Returns the probability, in 65,536ths, of a logarithm in 256ths: linear between the 33 knots.
+/// Returns the probability, in 65,536ths, of a logarithm in 256ths, by linear interpolation between the 33 knots.
 fn squash(logarithm: i64) -> i64 {
     let at = logarithm.clamp(-FARTHEST, FARTHEST) + 2048;
     let (knot, part) = ((at >> 7) as usize, at & 127);
     (LOGISTIC[knot] * (128 - part) + LOGISTIC[knot + 1] * part) >> 7
 }
 
-/// Returns, for the upper 12 bits of a probability, the smallest logarithm whose probability isn't below their middle.
+/// Returns, for the upper 12 bits of a probability, the smallest logarithm whose probability isn't below the midpoint.
 fn stretches() -> Vec<i16> {
     let mut logarithm = -FARTHEST;
     let entry = |i: i64| {
@@ -42,26 +42,26 @@ fn stretches() -> Vec<i16> {
     (0..4096).map(entry).collect()
 }
 
-/// What has been seen in a context.
+/// The estimate of one context.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Estimate {
     /// Probability of 1, in 2^22ths.
     one: u32,
-    /// How often it was used, up to [`MOST_SEEN`].
+    /// Number of updates, up to [`MOST_SEEN`].
     seen: u32,
 }
 
-/// From then on an estimate forgets at a constant rate.
+/// Number of updates from which on an estimate adapts at a constant rate.
 const MOST_SEEN: u32 = 250;
 
 impl Estimate {
-    /// Returns the estimate `numerator / denominator`, held between 1/256 and 63/64.
+    /// Returns the estimate `numerator / denominator`, clamped to between 1/256 and 63/64.
     pub(super) fn new(numerator: u64, denominator: u64) -> Self {
         let one = ((numerator << 22) / denominator).clamp(1 << 14, (1 << 22) - (1 << 16));
         Self { one: one as u32, seen: 0 }
     }
 
-    /// Moves the estimate, once the decision is known.
+    /// Updates the estimate by a decision.
     pub(super) fn update(&mut self, bit: bool) {
         let target = if bit { WHOLE } else { 0 };
         let rate = 65_536 / (i64::from(self.seen) + 8);
@@ -76,13 +76,13 @@ impl Estimate {
 pub(super) struct Weights([i64; ESTIMATES]);
 
 impl Weights {
-    /// 0.15 each: the estimates see much the same, so the sum is less than 1.
+    /// Returns weights of 0.15 each: the estimates are correlated, so the sum is less than 1.
     pub(super) fn new() -> Self {
         Self([9830; ESTIMATES])
     }
 }
 
-/// The logarithms of one decision's estimates, kept for the update.
+/// The logarithms of one decision's estimates, kept for updating the weights.
 pub(super) struct Mixer {
     stretches: Vec<i16>,
     logarithms: [i64; ESTIMATES],
@@ -105,7 +105,7 @@ impl Mixer {
         self.one as u32
     }
 
-    /// Moves the weights, once the decision is known.
+    /// Updates the weights by a decision.
     pub(super) fn update(&self, bit: bool, weights: &mut Weights) {
         let error = if bit { 65_536 - self.one } else { -self.one };
         for (weight, logarithm) in weights.0.iter_mut().zip(self.logarithms) {

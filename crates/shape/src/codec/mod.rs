@@ -1,26 +1,26 @@
 //! Compressed models: `NAME.sphz`.
 //!
-//! Coefficients are quantised with one step ([`Target`] decides which), and their magnitudes coded by an arithmetic
-//! coder with adaptive probabilities, of which several are mixed, from what is known of neighbouring coefficients.
-//! Degrees come in order, so that the beginning of a file is a coarser model. `docs/sphz-format.md` says every byte.
+//! Coefficients are quantised with one step, chosen by a [`Target`]. Their magnitudes are coded by an arithmetic coder
+//! with mixed adaptive probabilities, conditioned on the neighbouring coefficients. Degrees are coded in order, so that
+//! a prefix of a file is a coarser model. `docs/sphz-format.md` specifies every byte.
 //!
-//! *What is lost*: digits, by the step; the sphere, and with it the number, the triangles and the order of the vertices
-//! that the model was fitted to. An expanded model is evaluated on any sphere. What surfaces are compared by is the
-//! distance between them; a point may move along the surface as far as it moves off it.
+//! *Loss*: precision, by the step; the sphere, and with it the number, the triangles and the order of the vertices that
+//! the model was fitted to. An expanded model can be evaluated on any sphere. The error is measured by the distance
+//! between the surfaces; a point may move along the surface as far as it moves off it.
 //!
-//! *Cost*: a coefficient takes some 200 ns to code either way, and 4 bytes of memory beside the model; coding goes on
-//! one core. A tolerance takes 4 to 8 trials of the distance of two surfaces of `4 (L+1)^2` vertices or more.
+//! *Cost*: coding or decoding a coefficient takes about 200 ns on one core, and 4 bytes of memory in addition to the
+//! model. A tolerance takes 4 to 8 evaluations of the distance between two surfaces of `4 (L+1)^2` vertices or more.
 //!
 //! # Modules
 //!
 //! | module | contents |
 //! |---|---|
-//! | [`compress`], [`expand`] | models to bytes and back |
-//! | [`CodecError`] | what can go wrong |
-//! | `quantizer` | whole numbers of steps |
-//! | `distance`, `search` | how far a compressed model is off, and the step for a target |
-//! | `contexts`, `mixing`, `arithmetic`, `stream` | expected magnitudes, probabilities, the coder, and what is coded |
-//! | `container` | the file |
+//! | [`compress`], [`expand`] | conversion of models to bytes and back |
+//! | [`CodecError`] | the error type |
+//! | `quantizer` | quantisation: integer multiples of the step |
+//! | `distance`, `search` | error of a compressed model, and search of the step for a target |
+//! | `contexts`, `mixing`, `arithmetic`, `stream` | expected magnitudes, probabilities, the coder, and the coded stream |
+//! | `container` | the file format |
 //!
 //! # Example
 //!

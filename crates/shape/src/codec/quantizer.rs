@@ -1,39 +1,40 @@
-//! From coefficients to whole numbers of steps and back.
+//! Quantisation of coefficients to integer multiples of a step, and the inverse.
 //!
-//! Harmonics are orthonormal, so an error of a coefficient counts the same at any degree and order, and one step for
-//! all of them is best for the mean square. Magnitudes are rounded at 0.62 in place of 0.5 (a dead zone around 0, and a
-//! lean towards it), as a smaller magnitude takes fewer bits (Sullivan, "Efficient scalar quantization of exponential
-//! and Laplacian random variables", IEEE Transactions on Information Theory 42, 1996). What stands for the magnitudes
-//! 1, and 2 and more, is the mean of what was rounded to them.
+//! Harmonics are orthonormal, so an error of a coefficient weighs the same at any degree and order, and a single step
+//! for all of them minimises the mean square error. Magnitudes are rounded at 0.62 instead of 0.5 (a dead zone around
+//! 0, and a bias towards it), because a smaller magnitude takes fewer bits (Sullivan, "Efficient scalar quantization of
+//! exponential and Laplacian random variables", IEEE Transactions on Information Theory 42, 1996). The reconstructed
+//! values of the magnitudes 1, and of 2 and more, are the means of the values that were rounded to them.
 //!
-//! Degree 0, where a surface lies, is rounded to the nearest, and has as many digits as it needs.
+//! Degree 0, the surface's position, is rounded to the nearest multiple, with as many digits as it needs.
 
 use ndarray::{Array2, ArrayView2};
 
 use super::error::CodecError;
 use super::stream::LARGEST;
 
-/// What is added before rounding down.
+/// Offset added before rounding down.
 const ROUNDING: f64 = 0.38;
 
-/// Above this f64 doesn't count by ones.
+/// Above this f64 doesn't represent all integers.
 const MOST_AT_DEGREE_0: f64 = (1u64 << 53) as f64;
 
 /// Quantised coefficients.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Quantised {
-    /// Steps of the channels, above 0; one for all channels of a surface.
+    /// Steps of the channels, greater than 0; a surface has one for all channels.
     pub(super) steps: Vec<f64>,
-    /// Degree 0, a number for each channel.
+    /// Degree 0, one number per channel.
     pub(super) first: Vec<i64>,
-    /// By how much the magnitudes 1, and 2 and more, stand for less, in 256ths of a step.
+    /// Amounts by which the reconstructed values of the magnitudes 1, and of 2 and more, are reduced, in 256ths of a
+    /// step.
     pub(super) shifts: [i8; 2],
     /// All rows, (K, c); those of degree 0 are 0.
     pub(super) values: Vec<i32>,
 }
 
 impl Quantised {
-    /// Quantises finite coefficients, (K, c), with a step for each channel or one for all.
+    /// Quantises finite coefficients, (K, c), with one step per channel or a single one.
     pub(super) fn new(coefficients: ArrayView2<'_, f64>, steps: Vec<f64>) -> Result<Self, CodecError> {
         let channels = coefficients.ncols();
         let step = |channel: usize| steps[channel % steps.len()];
@@ -65,13 +66,13 @@ impl Quantised {
         Ok(Self { steps, first, shifts, values })
     }
 
-    /// Returns the highest degree that isn't all zeros.
+    /// Returns the highest degree with a nonzero value.
     pub(super) fn top(&self) -> usize {
         let last = self.values.iter().rposition(|&value| value != 0);
         last.map_or(0, |last| (last / self.first.len()).isqrt())
     }
 
-    /// Returns the coefficients that these stand for, (K, c).
+    /// Returns the reconstructed coefficients, (K, c).
     pub(super) fn coefficients(&self) -> Array2<f64> {
         let channels = self.first.len();
         let step = |channel: usize| self.steps[channel % self.steps.len()];
@@ -97,7 +98,7 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// No coefficient is further off than 0.62 of a step and what stands for its magnitude.
+        /// No coefficient's error exceeds 0.62 of a step plus the shift of its magnitude.
         #[test]
         fn nothing_is_far_off(values in prop::collection::vec(-1e3..1e3f64, 18), step in 0.01..100.0f64) {
             let given = Array2::from_shape_vec((9, 2), values).unwrap();

@@ -1,31 +1,32 @@
-//! The step for which a file has a size, or a model a distance.
+//! Search of the step for which a file has a given size, or a model a given distance.
 
 use super::error::CodecError;
 
-/// Tried at most.
+/// Maximum number of trials.
 const TRIES: usize = 40;
 
-/// What a step gives.
+/// Result of one step.
 pub(super) struct Trial<T> {
-    /// `ln(found / wanted)`; at most 0 where the step will do. It may be infinite.
+    /// `ln(found / wanted)`; at most 0 if the step is acceptable. It may be infinite.
     pub(super) excess: f64,
     pub(super) result: T,
 }
 
-/// Returns the best of the steps tried that will do: the coarsest where the excess grows with the step (`rising`), else
-/// the finest. `None` where none does before the excess is infinite or the range of steps is left.
+/// Returns the best acceptable step among those tried: the coarsest if the excess grows with the step (`rising`), else
+/// the finest. Returns `None` if none is acceptable before the excess is infinite or the range of steps is left.
 ///
-/// The excess is taken as a function of ln(step), between a step that will do and one that won't, by regula falsi with
-/// the Illinois rule; it ends at `near` below the limit, and where the two steps are next to each other.
+/// The excess is a function of ln(step). Its zero between an acceptable step and an unacceptable one is found by regula
+/// falsi with the Illinois rule. The search stops once the excess is at most `near` below the limit, or the two steps
+/// are adjacent.
 pub(super) fn search<T>(
     start: f64,
     rising: bool,
     near: f64,
     mut trial: impl FnMut(f64) -> Result<Trial<T>, CodecError>,
 ) -> Result<Option<T>, CodecError> {
-    // Towards steps that will do.
+    // Direction of ln(step) towards acceptable steps.
     let downhill = if rising { -1.0 } else { 1.0 };
-    // ln(step) and excess.
+    // Logarithm of the step, and the excess.
     let mut will: Option<(f64, f64)> = None;
     let mut wont: Option<(f64, f64)> = None;
     let mut best: Option<(f64, T)> = None;
@@ -36,7 +37,8 @@ pub(super) fn search<T>(
         }
         let Trial { excess, result } = trial(at.exp())?;
         if excess <= 0.0 {
-            // A step nearer to those that won't do is better, though excesses may go up and down a little.
+            // An acceptable step closer to the unacceptable ones is better, even though the excess may fluctuate
+            // slightly.
             if best.as_ref().is_none_or(|(other, _)| (at - other) * downhill < 0.0) {
                 best = Some((at, result));
             }
@@ -59,7 +61,8 @@ pub(super) fn search<T>(
                     break;
                 }
                 let part = if above.is_finite() { below / (below - above) } else { 0.5 };
-                // A little towards what will do, so that it isn't missed again and again by next to nothing.
+                // Biased slightly towards acceptable steps, so that the search doesn't repeatedly miss them by a tiny
+                // amount.
                 will + (wont - will) * (part - 0.3 * near / (above - below)).clamp(0.02, 0.98)
             }
             (Some((at, excess)), None) => {
@@ -86,7 +89,7 @@ mod tests {
                 let mut tried = 0;
                 let found = search(start, power > 0.0, 0.01, |step: f64| {
                     tried += 1;
-                    // Crosses at 0.01.
+                    // The excess crosses zero near 0.01.
                     Ok(Trial { excess: power * (step / 0.01).ln() + 0.002 * (1e3 * step).sin(), result: step })
                 });
                 let step = found.unwrap().unwrap();

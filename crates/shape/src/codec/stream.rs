@@ -1,8 +1,8 @@
-//! The coefficients as a stream of decisions: one description of it for writing and for reading.
+//! The coefficients as a stream of decisions: a single description for writing and reading.
 //!
-//! Degrees come in order, from 1 on; within a degree the orders 0, 1, -1, 2, -2, ...; of each order the channels. A
-//! magnitude is divided by 2^s, so that 6 or less is expected; the quotient is coded in unary, each decision with the
-//! mixed probability of its contexts, the remainder and the sign as they are.
+//! Degrees are in order, from 1 on; within a degree the orders 0, 1, -1, 2, -2, ...; within an order the channels. A
+//! magnitude is divided by 2^s, with s such that at most 6 is expected. The quotient is coded in unary, each decision
+//! with the mixed probability of its contexts; the remainder and the sign are coded as raw bits.
 
 use spharm_harmonics::index::column;
 
@@ -10,26 +10,27 @@ use super::arithmetic::{Decisions, Ended};
 use super::contexts::{CLASSES, Contexts, UNIT, bound, class};
 use super::mixing::{ESTIMATES, Estimate, Mixer, Weights};
 
-/// Decisions of a quotient in unary that have probabilities of their own. A larger one goes on as an Exp-Golomb code.
+/// Number of unary decisions of a quotient that have their own probabilities. A larger quotient continues as an
+/// Exp-Golomb code.
 const UNARY: usize = 20;
 
-/// What an estimate's context has beside the class: the region of the order, or the channel, of four each.
+/// Second part of an estimate's context beside the class: the region of the order, or the channel; four values each.
 const KINDS: usize = 4;
 
-/// Sizes of quotients, for which weights differ: s is 0, 1, or more.
+/// Number of size classes of quotients, each with its own weights: s is 0, 1, or more.
 const SIZES: usize = 3;
 
 /// The largest magnitude of a quantised coefficient.
 pub(super) const LARGEST: u32 = 1 << 30;
 
-/// Writes or reads the quantised coefficients, a degree at a time.
+/// Writer or reader of the quantised coefficients, one degree at a time.
 pub(super) struct Stream {
     channels: usize,
     degree: usize,
     contexts: Contexts,
-    /// (estimate, class, kind, decision).
+    /// Indexed by (estimate, class, kind, decision).
     estimates: Vec<Estimate>,
-    /// (decision, size).
+    /// Indexed by (decision, size).
     weights: Vec<Weights>,
     mixer: Mixer,
 }
@@ -38,10 +39,10 @@ impl Stream {
     /// Starts at degree 1, whose mean magnitude is guessed as a power of 2.
     pub(super) fn new(channels: usize, guess: u32) -> Self {
         let of_class = |class: usize| {
-            // Twice the middle of the class.
+            // Twice the midpoint of the class.
             let mean = bound(class) + bound(class + 1);
             (0..KINDS * UNARY).map(move |i| {
-                // Of an exponential distribution, with a dead zone for the decision between 0 and more.
+                // Exponential distribution, with a dead zone for the decision between 0 and more.
                 let over = if i % UNARY == 0 { 3 * UNIT / 2 } else { 2 * UNIT };
                 Estimate::new(mean, mean + over)
             })
@@ -56,7 +57,7 @@ impl Stream {
         }
     }
 
-    /// Writes or reads the next degree. `values` are the coefficients up to it, (K, c): given, or to be found.
+    /// Writes or reads the next degree. `values` are the coefficients up to it, (K, c): the input or the output.
     pub(super) fn degree(&mut self, values: &mut [i32], decisions: &mut impl Decisions) -> Result<(), Ended> {
         let l = self.degree;
         for place in 0..2 * l + 1 {
@@ -68,7 +69,7 @@ impl Stream {
                 let expected = self.contexts.expected(values, m, channel);
                 let magnitude = self.magnitude(values[at].unsigned_abs(), expected, region, channel, decisions)?;
                 let negative = magnitude > 0 && decisions.plain(u32::from(values[at] < 0), 1)? == 1;
-                // Below 2^31.
+                // The magnitude is below 2^31.
                 values[at] = if negative { -(magnitude as i32) } else { magnitude as i32 };
                 self.contexts.push(channel, magnitude);
             }
@@ -110,12 +111,12 @@ impl Stream {
             found = found.saturating_add(golomb(quotient.saturating_sub(found), decisions)?);
         }
         let rest = decisions.plain(magnitude & ((1 << shift) - 1), shift)?;
-        // Only a forged stream has a larger one.
+        // Only a forged stream exceeds the limit.
         Ok((u64::from(found) << shift | u64::from(rest)).min(u64::from(LARGEST)) as u32)
     }
 }
 
-/// An Exp-Golomb code: the bits of `value + 1` but the first, after as many ones and a zero.
+/// Codes a number in Exp-Golomb form: the bits of `value + 1` without the first, preceded by as many ones and a zero.
 fn golomb(value: u32, decisions: &mut impl Decisions) -> Result<u32, Ended> {
     let wanted = value.saturating_add(1).ilog2();
     let mut bits = 0;
@@ -132,7 +133,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Coefficients that fall off with the degree, with outliers.
+    /// Coefficients that decay with the degree, with outliers.
     fn values(max_degree: usize, channels: usize, size: f64, seed: u64) -> Vec<i32> {
         let mut state = seed;
         let mut random = || {

@@ -1,9 +1,9 @@
 //! Relabellings of a study: all of them if there are few, else random ones.
 //!
-//! Exchanges of subjects whose rows of the design are equal change nothing, so that only arrangements of the distinct
-//! rows count: `n! / (k_1! k_2! ...)` for rows that occur k times, `C(n, n_1)` for two groups. Flips of signs are
-//! `2^n`, both together the product of the two. Random relabelling b is drawn from stream b of ChaCha8 with the seed,
-//! so that it doesn't depend on threads.
+//! Exchanging subjects with equal rows of the design has no effect, so that only arrangements of the distinct rows are
+//! counted: `n! / (k_1! k_2! ...)` for rows that occur k times, `C(n, n_1)` for two groups. There are `2^n` sign flips;
+//! both together are the product of the two. Random relabelling b is drawn from stream b of ChaCha8 with the seed, so
+//! that it doesn't depend on threads.
 
 use ndarray::ArrayView2;
 use rand_chacha::ChaCha8Rng;
@@ -14,24 +14,24 @@ use super::resampling::Resampling;
 /// Relabellings of n subjects.
 #[derive(Debug, Clone)]
 pub(crate) struct Arrangements {
-    /// The distinct row that each subject has.
+    /// Index of each subject's row among the distinct rows.
     classes: Vec<u32>,
-    /// A subject with each distinct row.
+    /// For each distinct row, a subject that has it.
     representatives: Vec<u32>,
     resampling: Resampling,
     seed: u64,
-    /// Number of relabellings, the labels as they are being the first.
+    /// Number of relabellings, including the original labels as the first.
     pub(crate) count: usize,
-    /// Whether these are all.
+    /// Whether these are all relabellings.
     pub(crate) exact: bool,
 }
 
-/// One relabelling: for each subject the one whose row of the design it gets, and the sign.
+/// One relabelling: for each subject, the subject whose row of the design it gets, and the sign.
 pub(crate) type Relabelling = Vec<(u32, f64)>;
 
 impl Arrangements {
-    /// All relabellings of the rows of (n, p) if there are at most `exact_up_to`, else `random` random ones and the
-    /// labels as they are.
+    /// Returns all relabellings of the rows of (n, p) if there are at most `exact_up_to`, else `random` random ones and
+    /// the original labels.
     pub(crate) fn new(
         rows: ArrayView2<'_, f64>,
         resampling: Resampling,
@@ -64,7 +64,7 @@ impl Arrangements {
         Self { classes, representatives, resampling, seed, count, exact }
     }
 
-    /// Relabellings `from..to` of the count.
+    /// Returns relabellings `from..to`.
     pub(crate) fn range(&self, from: usize, to: usize) -> Vec<Relabelling> {
         if !self.exact {
             return (from..to).map(|index| self.random(index)).collect();
@@ -84,7 +84,7 @@ impl Arrangements {
         (0..self.classes.len()).map(|i| (i as u32, 1.0)).collect()
     }
 
-    /// Exchanges `from..to` in lexicographic order from the first one on; where a run begins it is stepped to.
+    /// Returns permutations `from..to` in lexicographic order; the first ones are stepped over.
     fn exchanges(&self, from: usize, to: usize) -> Vec<Relabelling> {
         let mut classes = self.classes.clone();
         classes.sort_unstable();
@@ -100,7 +100,7 @@ impl Arrangements {
         found
     }
 
-    /// The labels as they are at index 0, else a random relabelling.
+    /// Returns the original labels at index 0, else a random relabelling.
     fn random(&self, index: usize) -> Relabelling {
         let mut relabelling = self.identity();
         if index == 0 {
@@ -125,16 +125,16 @@ impl Arrangements {
     }
 }
 
-/// A relabelling with the signs of number `index` of all.
+/// Returns a relabelling with the sign flips of number `index`.
 fn flipped(mut relabelling: Relabelling, index: usize) -> Relabelling {
     let flip = |i: usize| i < 64 && index >> i & 1 == 1;
     relabelling.iter_mut().enumerate().filter(|(i, _)| flip(*i)).for_each(|(_, (_, sign))| *sign = -*sign);
     relabelling
 }
 
-/// A number below `bound`, each equally likely.
+/// Returns a uniformly distributed number below `bound`.
 fn below(random: &mut ChaCha8Rng, bound: u64) -> u64 {
-    // Numbers of the last, incomplete round are drawn again.
+    // Numbers of the last, incomplete range are redrawn to avoid bias.
     let limit = u64::MAX - u64::MAX % bound;
     loop {
         let drawn = random.next_u64();
@@ -144,7 +144,7 @@ fn below(random: &mut ChaCha8Rng, bound: u64) -> u64 {
     }
 }
 
-/// The next arrangement in lexicographic order; false after the last one.
+/// Steps to the next arrangement in lexicographic order; returns false after the last one.
 fn next(values: &mut [u32]) -> bool {
     let Some(pivot) = (1..values.len()).rev().find(|&i| values[i - 1] < values[i]) else { return false };
     let Some(larger) = (pivot..values.len()).rev().find(|&i| values[i] > values[pivot - 1]) else { return false };
@@ -153,14 +153,14 @@ fn next(values: &mut [u32]) -> bool {
     true
 }
 
-/// `n! / (k_1! k_2! ...)`, where it is a u64.
+/// Returns `n! / (k_1! k_2! ...)` if it fits in a u64.
 fn multinomial(classes: &[u32], distinct: usize) -> Option<u64> {
     let mut all = 1u64;
     let mut placed = 0u64;
     for class in 0..distinct as u32 {
         for among in 1..=classes.iter().filter(|of| **of == class).count() as u64 {
             placed += 1;
-            // A product of binomials: whole at each step.
+            // A product of binomials: an integer at each step.
             all = u64::try_from(u128::from(all) * u128::from(placed) / u128::from(among)).ok()?;
         }
     }
@@ -206,7 +206,7 @@ mod tests {
         let found = random.range(0, 4_001);
         assert!(found[0].iter().enumerate().all(|(i, (of, _))| i as u32 == *of));
         assert_eq!(found[100..200], random.range(100, 200)[..]);
-        // Subject 0 comes to each of 40 places some 100 times: 5 standard deviations are 50.
+        // Subject 0 occupies each of 40 places about 100 times: 5 standard deviations are 50.
         let mut places = [0; 40];
         found[1..].iter().for_each(|order| places[order.iter().position(|(of, _)| *of == 0).unwrap()] += 1);
         assert!(places.iter().all(|&count| (50..150).contains(&count)), "{places:?}");

@@ -1,26 +1,26 @@
-//! The linear model of a study, and what is asked of it.
+//! The linear model of a study and the hypothesis to test.
 
 use ndarray::{Array2, ArrayView2};
 
 use crate::ShapeError;
 
-/// A design matrix X, (n, p), of full column rank: a row for each subject.
+/// A design matrix X, (n, p), of full column rank: one row per subject.
 #[derive(Debug, Clone)]
 pub struct Design {
     matrix: Array2<f64>,
     names: Vec<String>,
 }
 
-/// Columns whose part outside of the others is below this share of their norm depend on them.
+/// Columns are linearly dependent if their part orthogonal to the others is below this fraction of their norm.
 const DEPENDENT: f64 = 1e-9;
 
 impl Design {
-    /// Takes a matrix and the names of its columns.
+    /// Creates a design from a matrix and the names of its columns.
     ///
     /// # Errors
     ///
-    /// [`ShapeError::NotFiniteValue`], [`ShapeError::Rank`] for a column that depends on those before it, and
-    /// [`ShapeError::Subjects`] where there are no more rows than columns.
+    /// [`ShapeError::NotFiniteValue`], [`ShapeError::Rank`] for a column that depends linearly on those before it, and
+    /// [`ShapeError::Subjects`] if there are no more rows than columns.
     pub fn new(matrix: Array2<f64>, names: Vec<String>) -> Result<Self, ShapeError> {
         let (n, p) = matrix.dim();
         if let Some(at) = matrix.iter().position(|value| !value.is_finite()) {
@@ -37,12 +37,12 @@ impl Design {
         Ok(Self { matrix, names })
     }
 
-    /// Makes the design of groups of these sizes, subjects in the order of their groups: a column of ones and zeros for
-    /// each group.
+    /// Creates the design of groups of the given sizes, with subjects in the order of their groups: a column of ones
+    /// and zeros for each group.
     ///
     /// # Errors
     ///
-    /// [`ShapeError::Subjects`] for no groups or empty ones, or one subject a group in all.
+    /// [`ShapeError::Subjects`] for no groups or empty ones, or if each group has a single subject.
     pub fn groups(sizes: &[usize]) -> Result<Self, ShapeError> {
         let of: Vec<usize> = sizes.iter().enumerate().flat_map(|(group, &size)| vec![group; size]).collect();
         if let Some(empty) = sizes.iter().position(|size| *size == 0) {
@@ -52,11 +52,11 @@ impl Design {
         Self::new(matrix, (1..=sizes.len()).map(|group| format!("group {group}")).collect())
     }
 
-    /// Adds columns of covariates, (n, k), with their means taken off, so that the other columns keep their meaning.
+    /// Adds columns of covariates, (n, k), after subtracting their means, so that the other columns keep their meaning.
     ///
     /// # Errors
     ///
-    /// Those of [`new`](Self::new), and [`ShapeError::Subjects`] for other numbers of rows.
+    /// Those of [`new`](Self::new), and [`ShapeError::Subjects`] if the number of rows differs.
     pub fn with_covariates(&self, covariates: ArrayView2<'_, f64>, names: &[String]) -> Result<Self, ShapeError> {
         let (n, p) = self.matrix.dim();
         if covariates.nrows() != n {
@@ -86,7 +86,7 @@ impl Design {
         self.matrix.nrows()
     }
 
-    /// Returns the group of each subject where the design has two columns of ones and zeros, one for each group.
+    /// Returns the group of each subject if the design has two columns of ones and zeros, one for each group.
     pub fn two_groups(&self) -> Option<Vec<usize>> {
         if self.matrix.ncols() != 2 {
             return None;
@@ -103,7 +103,7 @@ impl Design {
     }
 }
 
-/// Rows of weights over a design's columns: `c^T B` is tested against zero.
+/// Rows of weights over a design's columns; the hypothesis is that `c^T B` is zero.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Contrast {
     /// Weights, (q, p), of full row rank.
@@ -111,25 +111,25 @@ pub struct Contrast {
 }
 
 impl Contrast {
-    /// Makes a contrast of one row.
+    /// Creates a contrast of one row.
     pub fn row(weights: &[f64]) -> Self {
         Self { weights: Array2::from_shape_fn((1, weights.len()), |(_, column)| weights[column]) }
     }
 
-    /// Makes the contrast of column `first` minus column `second` of `columns`.
+    /// Creates the contrast of column `first` minus column `second` of `columns`.
     pub fn difference(columns: usize, first: usize, second: usize) -> Self {
         let weight = |column: usize| f64::from(column == first) - f64::from(column == second);
         Self { weights: Array2::from_shape_fn((1, columns), |(_, column)| weight(column)) }
     }
 
-    /// Makes the contrast of column `column` of `columns` alone: the slope of a covariate.
+    /// Creates the contrast of the single column `column` of `columns`: the slope of a covariate.
     pub fn column(columns: usize, column: usize) -> Self {
         Self { weights: Array2::from_shape_fn((1, columns), |(_, at)| f64::from(at == column)) }
     }
 }
 
-/// Returns an orthonormal basis Q, (n, r), of the columns' span, by Gram-Schmidt with a second round, and the first
-/// column that depends on those before it; without those columns.
+/// Returns an orthonormal basis Q, (n, r), of the columns' span, by Gram-Schmidt with reorthogonalisation, and the
+/// first column that depends on those before it. Q leaves out dependent columns.
 pub(crate) fn orthonormalise(matrix: ArrayView2<'_, f64>) -> (Array2<f64>, Option<usize>) {
     let (n, p) = matrix.dim();
     let mut basis: Vec<Vec<f64>> = Vec::with_capacity(p);
@@ -159,7 +159,7 @@ pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
 }
 
 fn norm(a: &[f64]) -> f64 {
-    // Scaled, so that squares stay within range.
+    // Scaled, so that squares neither overflow nor underflow.
     let largest = a.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
     if largest == 0.0 { 0.0 } else { largest * a.iter().map(|value| (value / largest).powi(2)).sum::<f64>().sqrt() }
 }

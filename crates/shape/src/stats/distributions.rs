@@ -1,7 +1,7 @@
-//! Tails of Student's t and Fisher's F, and quantiles of t.
+//! Tail probabilities of Student's t and Fisher's F, and quantiles of t.
 //!
-//! Tails are regularised incomplete beta functions of the tail itself, never one minus the other tail, so that small p
-//! values keep their digits.
+//! Each tail is computed directly as a regularised incomplete beta function, never as one minus the other tail, so that
+//! small p values keep their precision.
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
 use statrs::function::beta::beta_reg;
@@ -15,7 +15,7 @@ pub fn p_of_t(t: f64, freedom: f64) -> f64 {
     tail(freedom, t * t, 0.5 * freedom, 0.5)
 }
 
-/// Returns the upper tail of F on (`between`, `within`) degrees of freedom, both > 0. NaN for NaN.
+/// Returns the upper tail probability of F on (`between`, `within`) degrees of freedom, both > 0. NaN for NaN.
 pub fn p_of_f(f: f64, between: f64, within: f64) -> f64 {
     if f.is_nan() {
         return f64::NAN;
@@ -23,7 +23,7 @@ pub fn p_of_f(f: f64, between: f64, within: f64) -> f64 {
     tail(within, between * f.max(0.0), 0.5 * within, 0.5 * between)
 }
 
-/// `I_x(a, b)` at `x = u / (u + v)`.
+/// Returns `I_x(a, b)` at `x = u / (u + v)`.
 fn tail(u: f64, v: f64, a: f64, b: f64) -> f64 {
     if v.is_infinite() {
         return 0.0;
@@ -33,8 +33,8 @@ fn tail(u: f64, v: f64, a: f64, b: f64) -> f64 {
     if x <= 0.5 { beta_reg(a, b, x) } else { 1.0 - beta_reg(b, a, rest) }
 }
 
-/// Returns the two-sided quantile of t: |t| is above it with probability `1 - coverage`, for a coverage in (0, 1) and
-/// `freedom` > 0. NaN for arguments outside.
+/// Returns the two-sided quantile of t: |t| exceeds it with probability `1 - coverage`, for a coverage in (0, 1) and
+/// `freedom` > 0. NaN for arguments out of range.
 pub fn quantile_of_t(coverage: f64, freedom: f64) -> f64 {
     let Ok(distribution) = StudentsT::new(0.0, 1.0, freedom) else { return f64::NAN };
     if !(coverage > 0.0 && coverage < 1.0) {

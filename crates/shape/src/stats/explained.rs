@@ -1,4 +1,4 @@
-//! The share of a relabelled study's scatter that the effect explains.
+//! The fraction of a relabelled study's scatter that the effect explains.
 
 use ndarray::{Array2, ArrayView2, Axis, s};
 use rayon::prelude::*;
@@ -9,18 +9,18 @@ use super::projection::Projection;
 use super::resampling::Resampling;
 use crate::product::{COLUMNS, product};
 
-/// The share of the scatter that the effect explains.
+/// Evaluator of the fraction of the scatter that the effect explains.
 pub(crate) struct Explained<'a> {
     /// Residuals of the reduced model, whitened, (n, V d).
     whitened: Array2<f64>,
     components: usize,
     model: &'a Projection,
-    /// Whether residuals stay orthogonal to the reduced model when they are relabelled.
+    /// Whether relabelled residuals stay orthogonal to the reduced model.
     orthogonal: bool,
 }
 
 impl<'a> Explained<'a> {
-    /// Takes the residuals of the reduced model and the values, (n, V d).
+    /// Prepares the evaluation from the residuals of the reduced model and the values, (n, V d).
     pub(crate) fn new(
         mut reduced: Array2<f64>,
         values: ArrayView2<'_, f64>,
@@ -45,18 +45,18 @@ impl<'a> Explained<'a> {
             }
         });
         drop(blocks);
-        // Exchanges keep sums of zero.
+        // Permutations preserve sums of zero.
         let constant = resampling == Resampling::Permutations && model.nuisance.ncols() == 1;
         Self { whitened: reduced, components, model, orthogonal: constant || model.nuisance.ncols() == 0 }
     }
 
-    /// Calls `use_it(which relabelling, first vertex, shares)` for runs of vertices.
+    /// Calls `use_it(index of the relabelling, first vertex, shares)` for runs of vertices.
     pub(crate) fn evaluate(&self, relabellings: &[Relabelling], mut use_it: impl FnMut(usize, usize, &[f64])) {
         let (effect, nuisance, d) = (&self.model.effect, &self.model.nuisance, self.components);
         let (q, z) = (effect.ncols(), if self.orthogonal { 0 } else { nuisance.ncols() });
         let each = q + z;
         let n = effect.nrows();
-        // A relabelling's rows: those of its effect, those of its reduced model.
+        // Rows of a relabelling: those of its effect, then those of its reduced model.
         let mut rows = Array2::zeros((relabellings.len() * each, n));
         for (relabelling, mut rows) in relabellings.iter().zip(rows.axis_chunks_iter_mut(Axis(0), each)) {
             for (i, (from, sign)) in relabelling.iter().enumerate() {
@@ -92,7 +92,8 @@ impl<'a> Explained<'a> {
     }
 }
 
-/// `u = b (1 - g^T g)^-1 b^T` of the rows b, the first q, and g; summed over rows b of one component.
+/// Returns `u = b (1 - g^T g)^-1 b^T`; the first q rows are b, the others g. For one component it is summed over rows
+/// b.
 fn explained(products: ArrayView2<'_, f64>, q: usize) -> f64 {
     let d = products.ncols();
     if d == 1 {

@@ -1,14 +1,14 @@
-//! The linear model at each vertex: t, F, Hotelling's `T^2`, and effects with their confidence.
+//! The linear model at each vertex: t, F, Hotelling's `T^2`, and effects with their confidence intervals.
 //!
-//! With the orthonormal bases of `projection`, b = Q_E^T Y and T = |residual of the reduced model|^2,
-//! the errors' sum of squares is `W = T - b^T b`, on v = n - p degrees of freedom, and
+//! With the orthonormal bases of `projection`, b = Q_E^T Y and T = |residual of the reduced model|^2, the errors' sum
+//! of squares is `W = T - b^T b`, on v = n - p degrees of freedom, and
 //!
 //! - d = 1, one row: `t = b / sqrt(W / v)`;
 //! - d = 1, q rows: `F = (|b|^2 / q) / (W / v)` on (q, v);
 //! - d > 1, one row: `T^2 = v b W^-1 b^T`, of which `(v - d + 1) / (v d) T^2` is F on (d, v - d + 1): T. W. Anderson,
 //!   "An Introduction to Multivariate Statistical Analysis", 3rd ed. (2003), theorem 5.2.2.
 //!
-//! Two groups are the two-sample tests; of the mean alone, the one-sample tests. Cost: 2 n V d (p + 2) flops.
+//! Two groups give the two-sample tests, the mean alone the one-sample tests. Cost: 2 n V d (p + 2) flops.
 
 use ndarray::{Array2, ArrayView2, Axis};
 use rayon::prelude::*;
@@ -26,19 +26,19 @@ use crate::product::product;
 pub enum Statistic {
     /// Student's t.
     T {
-        /// Degrees of freedom; of Welch's t those of the vertex where they are least.
+        /// Degrees of freedom; for Welch's t those of the vertex with the fewest.
         freedom: f64,
     },
     /// Fisher's F.
     F {
-        /// Rows of the contrast.
+        /// Number of rows of the contrast.
         between: f64,
         /// Degrees of freedom of the errors.
         within: f64,
     },
     /// Hotelling's `T^2`.
     TSquared {
-        /// Components at a vertex, d.
+        /// Number of components per vertex, d.
         components: usize,
         /// Degrees of freedom of the errors.
         freedom: f64,
@@ -54,8 +54,8 @@ pub struct Effect {
     pub standard_error: Array2<f64>,
     /// Half the width of its confidence interval, (V, d).
     pub margin: Array2<f64>,
-    /// The estimate over the errors' standard deviation: for two groups Cohen's d; for d > 1 Mahalanobis' distance,
-    /// (V). NaN where there is no variance.
+    /// The estimate divided by the errors' standard deviation: for two groups Cohen's d; for d > 1 Mahalanobis'
+    /// distance, (V). NaN if there is no variance.
     pub size: Vec<f64>,
 }
 
@@ -108,7 +108,7 @@ pub(crate) fn check(
 
 pub(crate) type Found = (Statistic, Vec<f64>, Vec<f64>, Option<Effect>);
 
-/// Statistics and p values, NaN where there is no variance.
+/// Returns statistics and p values, NaN if there is no variance.
 pub(crate) fn statistics(
     values: ArrayView2<'_, f64>,
     components: usize,
@@ -122,7 +122,7 @@ pub(crate) fn statistics(
     let (freedom, rows) = (model.freedom as f64, contrast.weights.nrows());
     debug_assert_eq!(rows, along.nrows());
     let vertices = values.ncols() / components;
-    // The largest value of each column says below which sum of squares there are but rounding errors.
+    // The largest value of each column determines the sum of squares below which only rounding errors are left.
     let floor = floors(values);
     if components == 1 {
         let squares = column_squares(errors.view());
@@ -182,7 +182,7 @@ fn effect(
     Effect { estimate, standard_error, margin, size }
 }
 
-/// Sums of squares of the columns.
+/// Returns the sums of squares of the columns.
 pub(crate) fn column_squares(values: ArrayView2<'_, f64>) -> Vec<f64> {
     let mut sums = vec![0.0; values.ncols()];
     for row in values.axis_iter(Axis(0)) {
@@ -191,20 +191,20 @@ pub(crate) fn column_squares(values: ArrayView2<'_, f64>) -> Vec<f64> {
     sums
 }
 
-/// Sums of squares that rounding errors of the columns' values may leave.
+/// Returns bounds of the sums of squares that rounding errors of the columns' values can cause.
 pub(crate) fn floors(values: ArrayView2<'_, f64>) -> Vec<f64> {
     let n = values.nrows() as f64;
     column_squares(values).into_iter().map(|sum| sum * n * (8.0 * f64::EPSILON).powi(2)).collect()
 }
 
-/// A symmetric matrix of a few rows.
+/// A small symmetric matrix.
 pub(crate) struct Small {
     size: usize,
     values: Vec<f64>,
 }
 
 impl Small {
-    /// `B^T B` of (n, d) values.
+    /// Returns `B^T B` of (n, d) values.
     pub(crate) fn gram(block: ArrayView2<'_, f64>) -> Self {
         let size = block.ncols();
         let mut values = vec![0.0; size * size];
@@ -231,7 +231,7 @@ impl Small {
         }
     }
 
-    /// The unit matrix without `sum g g^T`.
+    /// Returns the identity matrix minus `sum g g^T`.
     pub(crate) fn unit_without<'g>(size: usize, vectors: impl Iterator<Item = &'g [f64]>) -> Self {
         let mut values = vec![0.0; size * size];
         (0..size).for_each(|i| values[i * size + i] = 1.0);
@@ -245,7 +245,7 @@ impl Small {
         Self { size, values }
     }
 
-    /// Replaces the lower triangle by its Cholesky factor; false where a pivot is no more than rounding errors, or than
+    /// Replaces the lower triangle by its Cholesky factor; returns false if a pivot is within rounding errors or below
     /// `floor`.
     pub(crate) fn factorise(&mut self, floor: f64) -> bool {
         let d = self.size;
@@ -269,14 +269,14 @@ impl Small {
         true
     }
 
-    /// `b M^-1 b^T`, by the factor.
+    /// Returns `b M^-1 b^T`, using the factor.
     pub(crate) fn quotient(&self, b: &[f64]) -> f64 {
         let mut b = b.to_vec();
         self.whiten(&mut b);
         b.iter().map(|value| value * value).sum()
     }
 
-    /// `b <- L^-1 b`.
+    /// Computes `b <- L^-1 b`.
     pub(crate) fn whiten(&self, b: &mut [f64]) {
         let d = self.size;
         for i in 0..d {

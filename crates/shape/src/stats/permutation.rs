@@ -1,20 +1,20 @@
-//! Family-wise p values: how often the largest statistic of a relabelled study reaches a vertex's own.
+//! Family-wise p values: how often the largest statistic of a relabelled study reaches a vertex's own statistic.
 //!
 //! P. H. Westfall and S. S. Young, "Resampling-Based Multiple Testing" (1993): single-step max-T. The residuals of the
-//! reduced model are relabelled: D. Freedman and D. Lane, "A nonstochastic interpretation of reported significance
-//! levels", J. Bus. Econ. Stat. 1 (1983), by exchanges of subjects or flips of signs ([`Resampling`]). If there are at
-//! most [`PermutationParams::exact_up_to`] relabellings all of them are taken and p values are exact; else p is `(count
-//! + 1) / (B + 1)`.
+//! reduced model are relabelled by permutations of subjects or sign flips ([`Resampling`]): D. Freedman and D. Lane, "A
+//! nonstochastic interpretation of reported significance levels", J. Bus. Econ. Stat. 1 (1983). If there are at most
+//! [`PermutationParams::exact_up_to`] relabellings, all of them are used and p values are exact; else p is `(count + 1)
+//! / (B + 1)`.
 //!
 //! # Computation
 //!
-//! The residuals e of the reduced model are whitened once at each vertex: their d components are uncorrelated, their
-//! sums of squares one. For a signed permutation P let `b = (P^T Q_E)^T e`, `g = (P^T Q_Z)^T e`: a product of a row of
-//! n with (n, V d). The share of the reduced model's scatter that the effect explains, `u = b (1 - g^T g)^-1 b^T`,
-//! grows with |t|, F and `T^2` alike (`T^2 = v u / (1 - u)`), so that only u is compared; g = 0 for exchanges if the
-//! reduced model is a constant. Statistics of unequal variances: `welch_flips`. Cost: `2 n V d (q + p - q)` flops a
-//! relabelling, `2 n V d q` with a constant alone; 10,000 of 100 subjects at 10,242 vertices of a scalar are 2e10.
-//! Memory: `8 n V d` bytes for the residuals, and 2 MB a thread.
+//! The residuals e of the reduced model are whitened once at each vertex, so that their d components are uncorrelated
+//! with sums of squares of one. For a signed permutation P let `b = (P^T Q_E)^T e`, `g = (P^T Q_Z)^T e`: the product of
+//! a row of length n with (n, V d). The share of the reduced model's scatter that the effect explains, `u = b (1 - g^T
+//! g)^-1 b^T`, increases with |t|, F and `T^2` (`T^2 = v u / (1 - u)`), so that only u needs to be compared; g = 0 for
+//! permutations if the reduced model is a constant. `welch_flips` has the statistics of unequal variances. Cost: `2 n V
+//! d (q + p - q)` flops per relabelling, `2 n V d q` if the reduced model is a constant; 10,000 relabellings of 100
+//! subjects at 10,242 vertices of a scalar take 2e10. Memory: `8 n V d` bytes for the residuals, and 2 MB per thread.
 
 use ndarray::{ArrayView2, Axis};
 use rayon::prelude::*;
@@ -27,17 +27,18 @@ use super::resampling::Resampling;
 use super::welch_flips::WelchFlips;
 use crate::ShapeError;
 
-/// The most relabellings of a test, for which random ones take 2.4 GB.
+/// Maximum number of relabellings of a test; random ones then take 2.4 GB.
 pub const MAX_RELABELLINGS: usize = 100_000_000;
 
-/// Relabellings of a study.
+/// Settings of the relabellings of a study.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PermutationParams {
     /// Number of random relabellings, 1 to [`MAX_RELABELLINGS`]. Default: 10,000.
     pub count: usize,
-    /// Up to this number of possible relabellings all are taken instead; at most [`MAX_RELABELLINGS`]. Default: 20,000.
+    /// Maximum number of possible relabellings for which all are used instead; at most [`MAX_RELABELLINGS`]. Default:
+    /// 20,000.
     pub exact_up_to: usize,
-    /// Seed of the random ones. Default: 0.
+    /// Seed of the random relabellings. Default: 0.
     pub seed: u64,
 }
 
@@ -50,36 +51,37 @@ impl Default for PermutationParams {
 /// p values by relabelling, at each of V vertices.
 #[derive(Debug, Clone)]
 pub struct FamilyWise {
-    /// Probability under no effect anywhere that the largest statistic of all vertices is at least this one, (V).
+    /// Probability, without any effect anywhere, that the largest statistic over all vertices is at least this one,
+    /// (V).
     pub p: Vec<f64>,
-    /// The same for the statistic of this vertex alone: uncorrected, without assuming normal errors, (V).
+    /// The same for this vertex's statistic alone: uncorrected, without assuming normal errors, (V).
     pub pointwise: Vec<f64>,
-    /// The changes that relabelled studies differ by.
+    /// Kind of relabelling used.
     pub resampling: Resampling,
-    /// Number of relabellings, the labels as they are among them.
+    /// Number of relabellings, including the original labels.
     pub relabellings: usize,
     /// Whether these are all relabellings.
     pub exact: bool,
-    /// The smallest p that they can give.
+    /// The smallest possible p.
     pub floor: f64,
 }
 
-/// Relabellings whose products are formed together.
+/// Number of relabellings whose products are computed together.
 const BATCH: usize = 64;
-/// Statistics that differ by less are the same but for rounding errors.
+/// Statistics are treated as equal if they differ by less than this, the level of rounding errors.
 const TIE: f64 = 1e-9;
 
 const STAGE: Stage = Stage::counted("permutations", "relabellings");
 
-/// The statistic that relabelled studies are compared by.
+/// The statistic by which relabelled studies are compared.
 pub(crate) enum Compared<'a> {
-    /// t, F or `T^2` of equal variances.
+    /// t, F or `T^2` with pooled variances.
     Pooled(&'a Projection),
     /// Welch's t or its `T^2` of two groups, given the group of each subject.
     Welch(&'a Projection, &'a [usize]),
 }
 
-/// Family-wise p values of values (n, V d); none if no relabelling changes the statistics.
+/// Returns family-wise p values of values (n, V d); none if no relabelling changes the statistics.
 pub(crate) fn family_wise(
     values: ArrayView2<'_, f64>,
     components: usize,
@@ -161,7 +163,7 @@ pub(crate) fn family_wise(
     }))
 }
 
-/// The share of all relabellings that have the statistics of the labels as they are.
+/// Returns the fraction of all relabellings that have the same statistics as the original labels.
 fn smallest(arrangements: &Arrangements, model: &Projection) -> f64 {
     let batches = (0..arrangements.count).step_by(BATCH);
     let count: usize = batches
@@ -173,14 +175,14 @@ fn smallest(arrangements: &Arrangements, model: &Projection) -> f64 {
     count.max(1) as f64 / arrangements.count as f64
 }
 
-/// What is compared between relabellings.
+/// Evaluator of the statistic that is compared between relabellings.
 enum Share<'a> {
     Explained(Explained<'a>),
     Welch(WelchFlips),
 }
 
 impl Share<'_> {
-    /// Calls `use_it(which relabelling, first vertex, values)` for runs of vertices.
+    /// Calls `use_it(index of the relabelling, first vertex, values)` for runs of vertices.
     fn evaluate(&self, relabellings: &[Relabelling], use_it: impl FnMut(usize, usize, &[f64])) {
         match self {
             Self::Explained(explained) => explained.evaluate(relabellings, use_it),

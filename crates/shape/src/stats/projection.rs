@@ -1,9 +1,9 @@
-//! The part of a design that a contrast asks for, and the rest of it.
+//! Split of a design into the part that a contrast tests and the rest.
 //!
 //! With `X = Q R` the estimate of `C B` is `C R^-1 Q^T Y = U^T Q^T Y`, `R^T U = C^T`. So the columns of `W = Q U` span
-//! what the contrast adds to the model, and what is orthogonal to them in X's span is the reduced model of the null
-//! hypothesis: the partition of G. M. Ridgway (in A. M. Winkler et al., "Permutation inference for the general linear
-//! model", NeuroImage 92 (2014), appendix A), by orthogonal bases in place of normal equations.
+//! the contrast's contribution to the model, and their orthogonal complement in X's span is the reduced model of the
+//! null hypothesis: the partition of G. M. Ridgway (in A. M. Winkler et al., "Permutation inference for the general
+//! linear model", NeuroImage 92 (2014), appendix A), by orthogonal bases in place of normal equations.
 
 use ndarray::{Array2, ArrayView2, concatenate, s};
 
@@ -11,14 +11,14 @@ use super::design::{Contrast, Design, orthonormalise};
 use crate::ShapeError;
 use crate::product::product;
 
-/// Orthonormal bases of the two parts, and of the errors' degrees of freedom.
+/// Orthonormal bases of the two parts, and the errors' degrees of freedom.
 #[derive(Debug, Clone)]
 pub(crate) struct Projection {
-    /// What the contrast tests, (n, q).
+    /// The tested part, (n, q).
     pub(crate) effect: Array2<f64>,
     /// The reduced model, (n, p - q).
     pub(crate) nuisance: Array2<f64>,
-    /// `|W|` for q = 1: the contrast's estimate over its part along `effect`.
+    /// `|W|` for q = 1: the ratio of the contrast's estimate to its component along `effect`.
     pub(crate) scale: f64,
     /// Degrees of freedom of the errors, n - p.
     pub(crate) freedom: usize,
@@ -54,19 +54,20 @@ impl Projection {
         Ok(Self { effect, nuisance, scale, freedom: n - p })
     }
 
-    /// Takes the reduced model off: `(I - Q_Z Q_Z^T) Y`, (n, V d).
+    /// Returns the residual of the reduced model: `(I - Q_Z Q_Z^T) Y`, (n, V d).
     pub(crate) fn residual(&self, values: ArrayView2<'_, f64>) -> Array2<f64> {
         without(self.nuisance.view(), values.to_owned())
     }
 
-    /// Whether a constant is in the span of the reduced model, so that residuals have a mean of zero.
+    /// Returns whether a constant is in the span of the reduced model, so that residuals have zero mean.
     pub(crate) fn keeps_constant(&self) -> bool {
         let n = self.nuisance.nrows() as f64;
         let along: f64 = self.nuisance.columns().into_iter().map(|column| column.sum().powi(2)).sum();
         along >= n * (1.0 - 1e-9)
     }
 
-    /// Whether a relabelled study has the statistics of the study itself: both parts of the model span what they did.
+    /// Returns whether a relabelled study has the study's own statistics, because the spans of both parts are
+    /// unchanged.
     pub(crate) fn unchanged_by(&self, relabelling: &[(u32, f64)]) -> bool {
         let keeps = |basis: &Array2<f64>| {
             if basis.ncols() == 0 {
@@ -84,7 +85,7 @@ impl Projection {
     }
 }
 
-/// Takes the part along the columns of an orthonormal basis off.
+/// Returns values without their projection on the columns of an orthonormal basis.
 pub(crate) fn without(basis: ArrayView2<'_, f64>, mut values: Array2<f64>) -> Array2<f64> {
     if basis.ncols() > 0 {
         let along = product(basis.t(), values.view());
@@ -103,7 +104,7 @@ mod tests {
         let design = Design::groups(&[4, 5]).unwrap().with_covariates(age.view(), &[]).unwrap();
         let contrast = Contrast::row(&[1.0, -1.0, 0.5]);
         let found = Projection::new(&design, &contrast).unwrap();
-        // The contrast's estimate of values that the model explains is that of their coefficients.
+        // If the model explains the values exactly, the contrast's estimate is that of their coefficients.
         let coefficients = ndarray::array![[2.0], [-1.0], [4.0]];
         let y = product(design.matrix(), coefficients.view());
         let estimate = found.scale * product(found.effect.t(), y.view())[[0, 0]];

@@ -1,28 +1,28 @@
-//! The changes of a study that leave its errors as likely as before: exchanges of subjects, flips of signs, or both.
+//! Kinds of relabelling that leave the errors' distribution unchanged: permutations of subjects, sign flips, or both.
 //!
 //! A. M. Winkler, G. R. Ridgway, M. A. Webster, S. M. Smith and T. E. Nichols, "Permutation inference for the general
-//! linear model", NeuroImage 92 (2014). Exchanges need a constant in the reduced model: a mean that isn't accounted for
-//! stays in the residuals, and no exchange changes their sum, so that tests of means would compare a statistic with
+//! linear model", NeuroImage 92 (2014). Permutations need a constant in the reduced model: otherwise the mean stays in
+//! the residuals, and no permutation changes their sum, so that a test of the mean would compare a statistic with
 //! itself. Signs are flipped in these cases.
 
 use ndarray::ArrayView2;
 
 use super::projection::Projection;
 
-/// The changes that relabelled studies differ by.
+/// The kind of relabelling.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Resampling {
-    /// Exchanges of subjects. Assumes exchangeable errors.
+    /// Permutations of subjects. Assumes exchangeable errors.
     Permutations,
-    /// Flips of the signs of residuals. Assumes errors that are independent and symmetric about zero.
+    /// Sign flips of residuals. Assumes errors that are independent and symmetric about zero.
     SignFlips,
-    /// Exchanges and flips. Assumes errors that are exchangeable and symmetric about zero.
+    /// Permutations and sign flips. Assumes errors that are exchangeable and symmetric about zero.
     Both,
 }
 
 impl Resampling {
-    /// Returns the changes by name.
+    /// Returns the name of the kind.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -32,7 +32,7 @@ impl Resampling {
         }
     }
 
-    /// Returns the assumption that the p values rest on.
+    /// Returns the assumption on which the p values rest.
     #[must_use]
     pub fn assumption(self) -> &'static str {
         match self {
@@ -42,8 +42,8 @@ impl Resampling {
         }
     }
 
-    /// Chooses the changes for a contrast: exchanges if the reduced model has a constant, else flips; both if flips
-    /// alone are too few, as the estimate rests on few of the subjects.
+    /// Chooses the kind for a contrast: permutations if the reduced model has a constant, else sign flips; both if sign
+    /// flips alone are too few because the estimate depends on few of the subjects.
     pub(crate) fn choose(model: &Projection) -> Self {
         if model.keeps_constant() {
             return Self::Permutations;
@@ -53,11 +53,12 @@ impl Resampling {
     }
 }
 
-/// Estimates that rest on fewer subjects have fewer than 1,000 statistics by flips of signs alone; the mean of 5 of 24
-/// subjects has 16, and a family-wise error of 0.01 in place of 0.05.
+/// Estimates that depend on fewer subjects have fewer than 1,000 distinct statistics by sign flips alone. For the mean
+/// of 5 of 24 subjects there are 16, and the family-wise error is 0.01 instead of 0.05.
 const MIN_SUPPORT: f64 = 11.0;
 
-/// The number of subjects that an estimate rests on: `(sum h)^2 / sum h^2` of their leverages h, n for a mean of n.
+/// Returns the number of subjects on which an estimate depends: `(sum h)^2 / sum h^2` of their leverages h, n for a
+/// mean of n.
 fn support(effect: ArrayView2<'_, f64>) -> f64 {
     let leverage = effect.rows().into_iter().map(|row| row.iter().map(|value| value * value).sum::<f64>());
     let (sum, squares) = leverage.fold((0.0, 0.0), |(sum, squares), h| (sum + h, squares + h * h));

@@ -1,4 +1,4 @@
-//! Designs from what is known of the subjects: a column to test, and covariates to account for.
+//! Designs from tables of subjects: a column to test, and covariates to account for.
 
 use std::collections::BTreeSet;
 
@@ -7,7 +7,7 @@ use ndarray::Array2;
 use super::design::{Contrast, Design};
 use crate::ShapeError;
 
-/// What a table's column has for each subject.
+/// A table's column, with one value per subject.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Column {
     /// A number: age, volume.
@@ -17,7 +17,7 @@ pub enum Column {
 }
 
 impl Column {
-    /// Takes the cells of a column: numbers where all of them are finite numbers, else levels.
+    /// Parses the cells of a column: numbers if all of them are finite numbers, else levels.
     ///
     /// ```
     /// use spharm_shape::stats::Column;
@@ -39,8 +39,8 @@ impl Column {
         }
     }
 
-    /// Returns the values of numbers that may be codes of levels: at most six, all whole, fewer than subjects. None for
-    /// levels.
+    /// Returns the distinct values of numbers that may be codes of levels: at most six, all integers, fewer than
+    /// subjects. None for levels.
     ///
     /// ```
     /// use spharm_shape::stats::Column;
@@ -62,38 +62,38 @@ impl Column {
         (values.len() < numbers.len()).then_some(values)
     }
 
-    /// Whether there are none.
+    /// Returns whether there are no subjects.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 }
 
-/// More values than these are taken for measurements.
+/// With more distinct values than this, numbers are treated as measurements.
 const MAX_CODES: usize = 6;
 
-/// A design, what to test of it, and what that means.
+/// A design, the contrast to test, and its meaning.
 #[derive(Debug, Clone)]
 pub struct Question {
-    /// The design: the effect's columns first.
+    /// The design, with the effect's columns first.
     pub design: Design,
     /// The contrast.
     pub contrast: Contrast,
-    /// In words: "control - patient", "slope of age".
+    /// Description of the contrast: "control - patient", "slope of age".
     pub meaning: String,
-    /// Subjects of each level, if the effect has levels.
+    /// Levels of the effect, if it has any, and their numbers of subjects.
     pub levels: Vec<(String, usize)>,
-    /// Columns taken as numbers that may be codes of levels, with their values.
+    /// Columns treated as numbers that may be codes of levels, with their distinct values.
     pub codes: Vec<(String, Vec<f64>)>,
 }
 
-/// Makes the design and the contrast of an effect, given its name, with covariates: the slope of a number, the
-/// difference of two levels (the first less the second), or any difference between more levels. Levels are in the order
-/// of `order`, else sorted. Covariates are taken about their mean, one column for each level but the first.
+/// Returns the design and the contrast of an effect, given its name, with covariates: the slope of a number, the
+/// difference of two levels (the first minus the second), or any difference between more levels. Levels are in the
+/// order of `order`, by default sorted. Covariates are centred; levels have one column each except the first.
 ///
 /// # Errors
 ///
 /// [`ShapeError::Subjects`] for columns of different lengths, [`ShapeError::Levels`] for an effect of one level or an
-/// order that doesn't have all levels, [`ShapeError::Constant`] for numbers that are all the same; those of [`Design`].
+/// order that lacks levels, [`ShapeError::Constant`] for numbers that are all equal; those of [`Design`].
 pub fn question(
     (name, effect): (&str, &Column),
     order: &[String],
@@ -139,12 +139,13 @@ pub fn question(
     Ok(Question { design, contrast, meaning, levels, codes })
 }
 
-/// Makes the design and the contrast of the mean of n subjects, with covariates about their means: that the mean is
-/// zero. Values are differences of two measurements of each subject, or other values whose mean can be zero.
+/// Returns the design and the contrast of the mean of n subjects, with centred covariates; the hypothesis is that the
+/// mean is zero. Values are differences between two measurements of each subject, or other values whose mean can be
+/// zero.
 ///
 /// # Errors
 ///
-/// As those of [`question`].
+/// Those of [`question`].
 pub fn mean_question(subjects: usize, covariates: &[(String, Column)]) -> Result<Question, ShapeError> {
     let (columns, names) = columns_of(subjects, covariates)?;
     let base = Design::new(Array2::ones((subjects, 1)), vec!["mean".to_owned()])?;
@@ -162,7 +163,8 @@ fn with_columns(base: Design, columns: &[Vec<f64>], names: &[String]) -> Result<
     base.with_covariates(table.view(), names)
 }
 
-/// The columns of covariates and their names: numbers as they are, ones and zeros for each level but the first.
+/// Returns the columns of covariates and their names: numbers unchanged, ones and zeros for each level except the
+/// first.
 fn columns_of(n: usize, covariates: &[(String, Column)]) -> Result<(Vec<Vec<f64>>, Vec<String>), ShapeError> {
     if let Some((_, other)) = covariates.iter().find(|(_, column)| column.len() != n) {
         return Err(ShapeError::Subjects { what: "covariates", expected: n, found: other.len() });
@@ -186,7 +188,7 @@ fn columns_of(n: usize, covariates: &[(String, Column)]) -> Result<(Vec<Vec<f64>
     Ok((columns, names))
 }
 
-/// Refuses numbers that are all the same, which a design would have as a column that depends on others.
+/// Rejects numbers that are all equal, which would be a linearly dependent column of the design.
 fn check_varies(name: &str, column: &Column) -> Result<(), ShapeError> {
     let Column::Numbers(values) = column else { return Ok(()) };
     match values.first() {
@@ -197,7 +199,7 @@ fn check_varies(name: &str, column: &Column) -> Result<(), ShapeError> {
     }
 }
 
-/// Covariates that may be codes of levels; two values are the same model either way.
+/// Returns covariates that may be codes of levels. Two values aren't included: they give the same model either way.
 fn codes_of(covariates: &[(String, Column)]) -> Vec<(String, Vec<f64>)> {
     let codes = covariates.iter().filter_map(|(name, column)| Some((name.clone(), column.codes()?)));
     codes.filter(|(_, values)| values.len() > 2).collect()

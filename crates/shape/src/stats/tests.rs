@@ -9,7 +9,7 @@ use crate::product::product;
 mod means;
 mod unequal;
 
-/// Numbers in (-1, 1) that look random.
+/// Pseudorandom numbers in (-1, 1).
 fn noise(rows: usize, columns: usize, seed: u64) -> Array2<f64> {
     Array2::from_shape_fn((rows, columns), |(i, j)| {
         let mut x = (i * columns + j) as u64 ^ seed.wrapping_mul(0x9e37_79b9_7f4a_7c15);
@@ -24,7 +24,7 @@ fn without_permutations() -> TestParams {
     TestParams { permutations: None, ..TestParams::default() }
 }
 
-/// The pooled t of two groups, as it is defined.
+/// The pooled t of two groups, by its definition.
 fn pooled_t(y: &[f64], first: &[bool]) -> f64 {
     let of =
         |group: bool| -> Vec<f64> { y.iter().zip(first).filter(|(_, of)| **of == group).map(|(y, _)| *y).collect() };
@@ -122,7 +122,7 @@ fn covariates_are_freedman_and_lanes() {
     let design = Design::groups(&[n]).unwrap().with_covariates(covariates.view(), &[]).unwrap();
     let found = test(y.view(), 1, &design, &Contrast::column(3, 2), &TestParams::default(), &Silent).unwrap();
     let family_wise = found.family_wise.unwrap();
-    // 7! relabellings, each by the fit of the full model to relabelled residuals of the reduced one.
+    // 7! relabellings, each by fitting the full model to relabelled residuals of the reduced one.
     assert!(family_wise.exact && family_wise.relabellings == 5040);
     let x = design.matrix().to_owned();
     let (reduced, _) = design::orthonormalise(x.slice(s![.., ..2]));
@@ -149,7 +149,7 @@ fn covariates_are_freedman_and_lanes() {
 
 #[test]
 fn vectors_with_covariates_agree_with_the_statistic() {
-    // The share that is compared grows with T^2: for the labels as they are both are at hand.
+    // The compared share grows with T^2: for the original labels both are available.
     let y = noise(15, 9, 21);
     let covariates = noise(15, 1, 22);
     let design = Design::groups(&[8, 7]).unwrap().with_covariates(covariates.view(), &[]).unwrap();
@@ -162,7 +162,7 @@ fn vectors_with_covariates_agree_with_the_statistic() {
     order.sort_by(|a, b| found.statistic[*b].total_cmp(&found.statistic[*a]));
     assert!(family_wise.p[order[0]] <= family_wise.p[order[1]] && family_wise.p[order[1]] <= family_wise.p[order[2]]);
     assert!(family_wise.p.iter().zip(&family_wise.pointwise).all(|(family, own)| family >= own));
-    // With normal errors both p values would agree; with these they are near.
+    // With normal errors both p values would agree; here they are close.
     for v in 0..3 {
         assert!((family_wise.pointwise[v] - found.p[v]).abs() < 0.1, "{} {}", family_wise.pointwise[v], found.p[v]);
     }
@@ -242,7 +242,7 @@ fn few_subjects_are_warned_of_and_bad_input_is_refused() {
     assert!(matches!(refused(&wide, 5, &contrast, &params), ShapeError::Subjects { expected: 7, .. }));
     let welch = TestParams { welch: true, ..TestParams::default() };
     assert!(matches!(refused(&y, 1, &Contrast::row(&[1.0, 1.0]), &welch), ShapeError::NotTwoGroups));
-    // T^2 of three components takes a covariance of each group: four subjects.
+    // T^2 of three components needs a covariance of each group: four subjects.
     let found = refused(&y, 3, &contrast, &welch);
     assert!(matches!(found, ShapeError::Subjects { what: "a group", expected: 4, found: 3 }), "{found}");
     for count in [MAX_RELABELLINGS + 1, usize::MAX] {

@@ -6,11 +6,11 @@ use super::TestWarning;
 use super::design::{Contrast, Design, orthonormalise};
 use super::projection::without;
 
-/// Sizes and variances that differ by less are left alone.
+/// Smallest ratio of sizes and of variances that gives a warning.
 const RATIO: f64 = 1.5;
 
-/// Compares the total variances of two groups about the model, of values (n, V d): a warning if both sizes and
-/// variances differ by more than [`RATIO`]. None for other contrasts than the difference of two groups.
+/// Compares the two groups' total residual variances of values (n, V d). Returns a warning if both sizes and variances
+/// differ by more than [`RATIO`], and `None` for contrasts other than the difference of two groups.
 pub(crate) fn unequal(values: ArrayView2<'_, f64>, design: &Design, contrast: &Contrast) -> Option<TestWarning> {
     let columns = two_groups(design, contrast)?;
     let x = design.matrix();
@@ -30,7 +30,7 @@ pub(crate) fn unequal(values: ArrayView2<'_, f64>, design: &Design, contrast: &C
         }
         if freedom > 1e-9 { squares / freedom } else { f64::NAN }
     });
-    // NaN for groups whose variance isn't known.
+    // NaN for groups whose variance is unknown.
     if !more(variances[0], variances[1]) || variances.iter().any(|variance| variance.is_nan()) {
         return None;
     }
@@ -46,7 +46,7 @@ pub(crate) fn unequal(values: ArrayView2<'_, f64>, design: &Design, contrast: &C
     })
 }
 
-/// The columns of the two groups whose difference is tested.
+/// Returns the columns of the two groups whose difference is tested.
 fn two_groups(design: &Design, contrast: &Contrast) -> Option<[usize; 2]> {
     let (x, weights) = (design.matrix(), &contrast.weights);
     if weights.nrows() != 1 {

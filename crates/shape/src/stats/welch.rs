@@ -10,7 +10,7 @@
 //! ```
 //!
 //! (K. Krishnamoorthy and J. Yu, "Modified Nel and Van der Merwe test for the multivariate Behrens-Fisher problem",
-//! Stat. Probab. Lett. 66 (2004)). Degrees of freedom differ from vertex to vertex; for d = 1 both are the same.
+//! Stat. Probab. Lett. 66 (2004)). Degrees of freedom differ between vertices; for d = 1 both formulas agree.
 
 use ndarray::{Array2, ArrayView2, Axis, s};
 use rayon::prelude::*;
@@ -21,15 +21,15 @@ use super::linear::{Effect, Found, Small, Statistic, floors};
 use crate::ShapeError;
 use crate::product::product;
 
-/// The group of each subject, 0 or 1, and the weight of the first one's mean in a contrast of two groups; `components`
-/// at a vertex.
+/// Returns the group of each subject, 0 or 1, and the weight of the first group's mean in a contrast of two groups, for
+/// `components` components per vertex.
 pub(crate) fn groups(design: &Design, contrast: &Contrast, components: usize) -> Result<(Vec<usize>, f64), ShapeError> {
     let groups = design.two_groups().ok_or(ShapeError::NotTwoGroups)?;
     let weights = &contrast.weights;
     if weights.nrows() != 1 || weights[[0, 0]] != -weights[[0, 1]] {
         return Err(ShapeError::NotTwoGroups);
     }
-    // Each group's own covariance has to have an inverse.
+    // Each group's own covariance must be invertible.
     let expected = components + 1;
     let sizes = [0, 1].map(|group| groups.iter().filter(|of| **of == group).count());
     if let Some(&found) = sizes.iter().find(|size| **size < expected) {
@@ -38,7 +38,7 @@ pub(crate) fn groups(design: &Design, contrast: &Contrast, components: usize) ->
     Ok((groups, weights[[0, 0]]))
 }
 
-/// Welch's statistics and their p at each vertex, NaN if there is no variance, of values (n, V d).
+/// Returns Welch's statistics and their p at each vertex, NaN if there is no variance, of values (n, V d).
 pub(crate) fn statistics(
     values: ArrayView2<'_, f64>,
     components: usize,
@@ -75,7 +75,7 @@ pub(crate) fn statistics(
     (kind, column(|row| row.statistic), column(|row| row.p), Some(effect))
 }
 
-/// One group at a vertex.
+/// One group's statistics at a vertex.
 struct Half {
     n: f64,
     mean: Vec<f64>,
@@ -94,7 +94,7 @@ impl Half {
         Self { n: n as f64, mean, scatter }
     }
 
-    /// The covariance of the mean, `C_g`.
+    /// Returns an element of the covariance of the mean, `C_g`.
     fn error(&self, i: usize, j: usize) -> f64 {
         self.scatter[[i, j]] / (self.n - 1.0) / self.n
     }
@@ -155,7 +155,7 @@ impl Vertex {
     }
 }
 
-/// Krishnamoorthy and Yu's degrees of freedom, given the factor of C.
+/// Returns Krishnamoorthy and Yu's degrees of freedom, given the factor of C.
 fn freedom(halves: &[Half; 2], factor: &Small) -> f64 {
     let d = halves[0].mean.len();
     let sum: f64 = halves

@@ -1,16 +1,16 @@
-//! Relabelled studies of two groups of unequal variance: flips of the signs of residuals about a common mean.
+//! Relabelled studies of two groups of unequal variance: sign flips of residuals about a common mean.
 //!
-//! Exchanges between groups assume equal variances, and exchanges within groups change nothing. So signs are flipped,
-//! as in A. M. Winkler et al., NeuroImage 92 (2014), with the statistic v of A. A. Aspin and B. L. Welch (1949), which
-//! has a variance for each group. Residuals are about the mean that both groups have under the null hypothesis,
-//! weighted by `n_g / tr S_g`: the restricted wild bootstrap, whose first relabelling is the study itself. With
-//! residuals about each group's own mean the family-wise error of `T^2` was 0.18 in place of 0.05 (5 subjects against
-//! 15, standard deviations 2 : 1, 300 null studies in NumPy), with as much power for t.
+//! Permutations between groups assume equal variances, and permutations within groups change nothing. So signs are
+//! flipped, as in A. M. Winkler et al., NeuroImage 92 (2014), with the statistic v of A. A. Aspin and B. L. Welch
+//! (1949), which has a variance for each group. Residuals are taken about the mean that both groups share under the
+//! null hypothesis, weighted by `n_g / tr S_g`: the restricted wild bootstrap, whose first relabelling is the study
+//! itself. With residuals about each group's own mean the family-wise error of `T^2` was 0.18 instead of 0.05 (5
+//! subjects against 15, standard deviations 2 : 1, 300 null studies in NumPy), with the same power for t.
 //!
-//! Sums of squares `Q_g = sum r r^T` don't change with signs: a relabelling takes the groups' sums of signed residuals,
-//! `s_g`, a product of two rows of n with (n, V d), and at each vertex `d^T (C_1 + C_2)^-1 d` of
-//! `d = s_1 / n_1 - s_2 / n_2`, `C_g = (Q_g - s_g s_g^T / n_g) / (n_g (n_g - 1))`. Cost: `4 n V d` flops a relabelling
-//! and some `d^3` a vertex. Memory: `8 n V d + 8 V d (d + 1)` bytes.
+//! Sums of squares `Q_g = sum r r^T` don't change with signs. A relabelling needs the groups' sums of signed residuals,
+//! `s_g`, a product of two rows of length n with (n, V d), and at each vertex `d^T (C_1 + C_2)^-1 d` with `d = s_1 /
+//! n_1 - s_2 / n_2`, `C_g = (Q_g - s_g s_g^T / n_g) / (n_g (n_g - 1))`. Cost: `4 n V d` flops per relabelling and about
+//! `d^3` per vertex. Memory: `8 n V d + 8 V d (d + 1)` bytes.
 
 use ndarray::{Array2, ArrayView1, ArrayView2, s};
 
@@ -20,20 +20,20 @@ use crate::product::{COLUMNS, product};
 
 /// Residuals about the common mean and their sums of squares by group.
 pub(crate) struct WelchFlips {
-    /// (n, V d).
+    /// Residuals about the common mean, (n, V d).
     residuals: Array2<f64>,
     /// Lower triangles of `Q_g` by rows, (2, V d (d + 1) / 2).
     squares: Array2<f64>,
-    /// The least pivot of `C_1 + C_2` that isn't rounding errors, (V).
+    /// The smallest pivot of `C_1 + C_2` above rounding errors, (V).
     floor: Vec<f64>,
     components: usize,
-    /// Whether a subject is of the first group, (n).
+    /// Whether each subject belongs to the first group, (n).
     first: Vec<bool>,
     sizes: [f64; 2],
 }
 
 impl WelchFlips {
-    /// Takes values (n, V d) and the group of each subject, 0 or 1.
+    /// Prepares the flips from values (n, V d) and the group of each subject, 0 or 1.
     pub(crate) fn new(values: ArrayView2<'_, f64>, components: usize, groups: &[usize]) -> Self {
         let first: Vec<bool> = groups.iter().map(|group| *group == 0).collect();
         let n1 = first.iter().filter(|first| **first).count();
@@ -63,7 +63,7 @@ impl WelchFlips {
         Self { residuals, squares, floor, components, first, sizes }
     }
 
-    /// Calls `use_it(which relabelling, first vertex, statistics)` for runs of vertices.
+    /// Calls `use_it(index of the relabelling, first vertex, statistics)` for runs of vertices.
     pub(crate) fn evaluate(&self, relabellings: &[Relabelling], mut use_it: impl FnMut(usize, usize, &[f64])) {
         let (n, d) = (self.first.len(), self.components);
         let rows = Array2::from_shape_fn((2 * relabellings.len(), n), |(row, i)| {
@@ -88,7 +88,7 @@ impl WelchFlips {
         }
     }
 
-    /// `t^2` of vertices from `first` on, given the sums of both groups.
+    /// Computes `t^2` of vertices from `first` on, given the sums of both groups.
     fn squared_t(&self, first: usize, sums: &[ArrayView1<'_, f64>; 2], found: &mut [f64]) {
         let [n1, n2] = self.sizes;
         for (v, found) in found.iter_mut().enumerate() {
@@ -100,7 +100,7 @@ impl WelchFlips {
         }
     }
 
-    /// `T^2` of vertices from `first` on, given the sums of both groups.
+    /// Computes `T^2` of vertices from `first` on, given the sums of both groups.
     fn squared(&self, first: usize, sums: &[ArrayView1<'_, f64>; 2], found: &mut [f64]) {
         let d = self.components;
         let each = d * (d + 1) / 2;
@@ -126,7 +126,7 @@ impl WelchFlips {
     }
 }
 
-/// Values less the mean that both groups have under the null hypothesis, (n, V d).
+/// Returns the values minus the mean that both groups share under the null hypothesis, (n, V d).
 fn about_common_mean(values: ArrayView2<'_, f64>, components: usize, first: &[bool], sizes: [f64; 2]) -> Array2<f64> {
     let mut means = Array2::<f64>::zeros((2, values.ncols()));
     for (row, first) in values.rows().into_iter().zip(first) {
@@ -141,7 +141,7 @@ fn about_common_mean(values: ArrayView2<'_, f64>, components: usize, first: &[bo
         }
     }
     let common = |column: usize| {
-        // Precisions are n_g (n_g - 1) / scatter; multiplied by both scatters there is no division by zero.
+        // Precisions are n_g (n_g - 1) / scatter; multiplying by both scatters avoids division by zero.
         let v = column / components;
         let weights = [sizes[0] * (sizes[0] - 1.0) * scatter[[1, v]], sizes[1] * (sizes[1] - 1.0) * scatter[[0, v]]];
         let sum = weights[0] + weights[1];

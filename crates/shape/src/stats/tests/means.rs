@@ -1,4 +1,4 @@
-//! Tests of means, beside brute force.
+//! Tests of means against brute force.
 
 use super::*;
 

@@ -1,4 +1,4 @@
-//! Groups of unequal variance: the warning, and Welch's test beside SciPy and brute force.
+//! Groups of unequal variance: the warning, and Welch's test against SciPy and brute force.
 
 use ndarray::concatenate;
 
@@ -60,7 +60,7 @@ fn unequal_variances_of_groups_of_unequal_size_are_warned_of() {
     };
     assert!((6.0..13.0).contains(ratio), "{ratio}");
     assert!(warning.to_string().contains("group 1 (6 subjects)") && warning.to_string().contains("too small"));
-    // The larger group's variance is the larger one: the other way.
+    // The reverse: the larger group has the larger variance.
     let turned =
         concatenate![Axis(0), y.slice(s![6..12, ..]), y.slice(s![..6, ..]), y.slice(s![..6, ..]), y.slice(s![..6, ..])];
     let warnings = run(&turned, &[6, 18], &without_permutations());
