@@ -4,8 +4,8 @@
 //! (L_k f)(u) = <e_k x u, grad f(u)>,    L f = u x grad f,    grad f = -u x L f
 //! ```
 //!
-//! `L_k f` is what an infinitesimal rotation of the directions about axis k changes, so it stays within a degree, and
-//! with it the gradient of a sum of harmonics is found by synthesis alone, without angles, whose derivatives are
+//! `L_k f` is the derivative of f under an infinitesimal rotation of the directions about axis k, so it stays within a
+//! degree. Hence the gradient of a sum of harmonics is found by synthesis alone, without angles, whose derivatives are
 //! singular at the poles. On the complex coefficients c of a degree (D. A. Varshalovich et al., Quantum Theory of
 //! Angular Momentum (1988), section 5.8; `L = i` times theirs), with `p = sqrt((l - m + 1)(l + m))`, `q = sqrt((l + m +
 //! 1)(l - m))`:
@@ -15,7 +15,7 @@
 //! ```
 //!
 //! Here they are written out for the real coefficients. The operators are antisymmetric, `[L_x, L_y] = -L_z` and so on
-//! cyclically, and `L_x^2 + L_y^2 + L_z^2` is the Laplacian, `-l (l + 1)`. Cost: some 20 flops a coefficient.
+//! cyclically, and `L_x^2 + L_y^2 + L_z^2` is the Laplacian, `-l (l + 1)`. Cost: about 20 flops per coefficient.
 
 use ndarray::{Array2, ArrayView2};
 use spharm_harmonics::HarmonicsError;
@@ -39,14 +39,14 @@ pub fn rotational_derivatives(coefficients: ArrayView2<'_, f64>) -> Result<[Arra
     Ok(out)
 }
 
-/// Returns `L_x f`, `L_y f` and `L_z f` of C functions side by side; there are `(L + 1)^2` rows.
+/// Returns `L_x f`, `L_y f` and `L_z f` of C functions side by side, from `(L + 1)^2` rows.
 pub(crate) fn generators<const C: usize>(values: &[[f64; C]]) -> [Vec<[f64; C]>; 3] {
     let mut out = [(); 3].map(|()| vec![[0.0; C]; values.len()]);
     let [x, y, z] = &mut out;
     let mut l = 1;
     while (l + 1) * (l + 1) <= values.len() {
         let centre = column(l, 0);
-        // Beyond the orders of the degree there is nothing; order 0 counts sqrt2 among the cosines, and has no sine.
+        // Orders beyond the degree are zero; order 0 has a factor sqrt2 as a cosine, and no sine.
         let cosine = |m: usize| match m {
             0 => values[centre].map(|v| v * std::f64::consts::SQRT_2),
             m if m <= l => values[centre + m],
@@ -92,7 +92,7 @@ mod tests {
         synthesis(&Directions::from_vertices(at).unwrap(), a.view()).unwrap()
     }
 
-    /// `exp(t [axis])` by central differences of the turned directions, also at the poles.
+    /// `exp(t [axis])` by central differences of the rotated directions, also at the poles.
     #[test]
     fn they_are_differences_of_turned_directions() {
         let a = sample(7);
@@ -110,7 +110,7 @@ mod tests {
                 at.iter().map(turn).collect()
             };
             let step = 1e-3;
-            // Fourth order: the error is some 7^5 step^4 / 30.
+            // Fourth order: the error is about 7^5 step^4 / 30.
             let difference = |h: f64| (values(&a, &turned(h)) - values(&a, &turned(-h))) / (2.0 * h);
             let expected = (difference(step) * 4.0 - difference(2.0 * step)) / 3.0;
             let found = values(&derivatives[axis], &at);

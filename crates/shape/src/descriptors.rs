@@ -1,4 +1,4 @@
-//! Descriptors that rotations don't change: power and singular values of each degree.
+//! Descriptors that are invariant under rotations: power and singular values of each degree.
 //!
 //! With A_l the 2l + 1 rows of degree l of the coefficients:
 //!
@@ -7,16 +7,16 @@
 //! ```
 //!
 //! A rotation of the directions multiplies A_l by an orthogonal matrix from the left, one of the surface from the
-//! right, so neither changes these; nor does a reflection, which they can't tell (M. Kazhdan, T. Funkhouser and S.
-//! Rusinkiewicz, "Rotation invariant spherical harmonic representation of 3D shape descriptors", SGP 2003, of the
-//! power; the singular values also know how a degree is shared out among the axes). They depend on the
-//! parameterisation. Degree 0, the position, is left out.
+//! right, so both leave these unchanged. So does a reflection, which the descriptors therefore can't detect (M.
+//! Kazhdan, T. Funkhouser and S. Rusinkiewicz, "Rotation invariant spherical harmonic representation of 3D shape
+//! descriptors", SGP 2003, on the power; the singular values also describe how a degree is distributed over the axes).
+//! They depend on the parameterisation. Degree 0, the position, is left out.
 //!
-//! The distance of two surfaces' singular values is never above the root mean square distance of the surfaces, however
+//! The distance of two surfaces' singular values never exceeds the root mean square distance of the surfaces, however
 //! they are rotated, mirrored and moved (L. Mirsky, Q. J. Math. 11 (1960): `sum (sigma_i(A) - sigma_i(B))^2 <= |A -
 //! B|^2`, for each degree). That makes retrieval by them exact, see [`retrieval`](crate::retrieval).
 //!
-//! Cost: some 100 flops a coefficient.
+//! Cost: about 100 flops per coefficient.
 
 use ndarray::{Axis, Slice};
 use spharm_harmonics::Coefficients;
@@ -27,14 +27,14 @@ use crate::error::ShapeError;
 use crate::extent::finite;
 use crate::singular_values::singular_values;
 
-/// The descriptors of one model, in its unit.
+/// The descriptors of one model, in the model's unit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Descriptors {
-    /// `P_l` for the degrees from 1 on, (L): the mean square over the sphere of what each degree adds.
+    /// `P_l` for the degrees from 1 on, (L): the mean square over the sphere of each degree's contribution.
     pub power: Vec<f64>,
     /// Singular values for the degrees from 1 on, largest first, (L, c) row-major; their squares sum to the power.
     pub singular_values: Vec<f64>,
-    /// Channels, c.
+    /// Number of channels, c.
     pub channels: usize,
 }
 
@@ -51,7 +51,7 @@ impl Descriptors {
         self.power.iter().sum::<f64>().sqrt()
     }
 
-    /// Returns those of the degrees up to `degree`, of all where that is above L.
+    /// Returns the descriptors of the degrees up to `degree`; of all degrees if it is above L.
     #[must_use]
     pub fn up_to(&self, degree: usize) -> Self {
         let degree = degree.min(self.max_degree());
@@ -62,7 +62,7 @@ impl Descriptors {
         }
     }
 
-    /// Returns those of the model scaled to size 1; of a model of size 0 they stay 0.
+    /// Returns the descriptors of the model scaled to size 1; those of a model of size 0 stay 0.
     #[must_use]
     pub fn unit_size(&self) -> Self {
         let size = self.size();
@@ -75,7 +75,7 @@ impl Descriptors {
     }
 }
 
-/// Returns the descriptors of coefficients, (K, c), of any number of channels.
+/// Returns the descriptors of coefficients, (K, c), with any number of channels.
 ///
 /// # Errors
 ///
@@ -108,8 +108,8 @@ mod tests {
         Coefficients::new(Array2::from_shape_fn((basis_size(max_degree), 3), value)).unwrap()
     }
 
-    /// The coefficients of `f(R^T u)` by quadrature of the function at turned directions, and of the surface turned by
-    /// Q and moved.
+    /// Returns the coefficients of `f(R^T u)` by quadrature of the function at rotated directions, with the surface
+    /// rotated by Q and translated.
     fn turned(coefficients: &Coefficients, r: &[Vec3; 3], q: &[Vec3; 3]) -> Coefficients {
         let max_degree = coefficients.max_degree();
         let n = max_degree + 1;

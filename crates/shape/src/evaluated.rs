@@ -1,4 +1,4 @@
-//! Models as the surfaces that poses are found of.
+//! Evaluation of models as surfaces for pose estimation.
 
 use ndarray::{ArrayView2, s};
 use spharm_harmonics::{Directions, basis_size};
@@ -10,12 +10,12 @@ use spharm_transform::{Transform as Synthesis, TransformParams};
 use crate::error::ShapeError;
 use crate::transform::{Similarity, Transform};
 
-/// Vertices of the meshes: 2,562.
+/// Subdivisions of the icosphere: 2,562 vertices.
 const LEVEL: u32 = 4;
 /// Accuracy of the vertices, relative to the coefficients.
 const ACCURACY: f64 = 1e-6;
 
-/// What evaluations of one degree share.
+/// State shared by the evaluations at one degree.
 pub(crate) struct Evaluated {
     sphere: Mesh,
     transform: Synthesis,
@@ -30,7 +30,8 @@ impl Evaluated {
         Ok(Self { sphere, transform, degree })
     }
 
-    /// The surface of coefficients of the degree or a higher one, (K, 3); `None` of a point, or a line.
+    /// Returns the surface of coefficients of the evaluator's degree or a higher one, (K, 3); `None` for a point or a
+    /// line.
     pub(crate) fn surface(&self, coefficients: ArrayView2<'_, f64>) -> Result<Option<PoseSurface>, ShapeError> {
         let rows = self.transform.synthesis(coefficients.slice_move(s![..basis_size(self.degree), ..]))?;
         let vertices = rows.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect();
@@ -38,8 +39,8 @@ impl Evaluated {
     }
 }
 
-/// The transform of a motion that brings a surface onto another. Its sphere is mirrored too where else the outside of
-/// one would be the inside of the other.
+/// Returns the transform of a similarity that aligns a surface to another. Its sphere is mirrored too if otherwise the
+/// surfaces' orientations would be opposite.
 pub(crate) fn in_pose(similarity: Similarity, moving: &PoseSurface, fixed: &PoseSurface) -> Transform {
     let outside = moving.volume * fixed.volume > 0.0;
     Transform { antipodal: similarity.mirrors() == outside, similarity, ..Transform::default() }

@@ -1,4 +1,4 @@
-//! What a group of models measures at the vertices of a common sampling, as tests take it.
+//! Measurements of a group of models at the vertices of a common sampling, the input of tests.
 
 use ndarray::{Array2, Axis, s};
 use spharm_harmonics::{Coefficients, Directions};
@@ -9,7 +9,7 @@ use crate::extent::finite;
 use crate::mean::mean;
 use crate::{MeasureParams, ShapeError, local_geometry, measure};
 
-/// What is measured of a model at a vertex.
+/// The quantity measured at a vertex.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Measurement {
     /// Displacement from the group's mean along the mean's outward normal: one component, in the unit of length.
@@ -25,15 +25,15 @@ pub enum Measurement {
 pub struct Field {
     /// Values, (n, V d), the d components of a vertex side by side.
     pub values: Array2<f64>,
-    /// Components at a vertex, d.
+    /// Number of components per vertex, d.
     pub components: usize,
     /// Mean of the models.
     pub mean: Coefficients,
 }
 
 impl Field {
-    /// Returns the differences of paired models: those of the first half less those of the second half, in order. The
-    /// mean stays that of all.
+    /// Returns the differences of paired models: the first half minus the second half, in order. The mean stays that of
+    /// all models.
     ///
     /// # Errors
     ///
@@ -48,7 +48,7 @@ impl Field {
         Ok(Self { values, ..self })
     }
 
-    /// Returns the values at the vertices that `kept`, (V), marks; the mean stays that of the whole.
+    /// Returns the values at the vertices that the mask `kept`, (V), selects; the mean is unchanged.
     ///
     /// # Errors
     ///
@@ -64,13 +64,13 @@ impl Field {
     }
 }
 
-/// Evaluates models at directions. Models are of the degree of the first one or of higher ones, of which the degrees up
-/// to that are used. Memory: `8 n V d` bytes and a transform's.
+/// Evaluates models at directions, up to the first model's degree; the others must have at least that degree. Memory:
+/// `8 n V d` bytes and a transform's.
 ///
 /// # Errors
 ///
-/// [`ShapeError::TooFewMembers`] for no models, [`ShapeError::Differ`] for another number of channels than the
-/// measurement takes or a lower degree than the first one's, [`ShapeError::NotFinite`], [`ShapeError::Transform`],
+/// [`ShapeError::TooFewMembers`] for no models, [`ShapeError::Differ`] if a model's number of channels doesn't match
+/// the measurement or its degree is below the first one's, [`ShapeError::NotFinite`], [`ShapeError::Transform`],
 /// [`ShapeError::Interrupted`].
 pub fn measure_group(
     group: &[Coefficients],
@@ -92,7 +92,7 @@ pub fn measure_group(
     let normals = match measurement {
         Measurement::Normal => {
             let points = local_geometry(&mean, directions, monitor)?;
-            // Outwards, whichever way the surface is parametrised: the volume's sign needs no accurate area.
+            // Outwards regardless of the parameterisation's orientation: the volume's sign needs no accurate area.
             let params = MeasureParams { tolerance: 1.0, ..MeasureParams::default() };
             let sign = if measure(&mean, &params, monitor)?.inwards { -1.0 } else { 1.0 };
             Some(points.into_iter().map(|p| p.normal.map(|n| sign * n)).collect::<Vec<_>>())

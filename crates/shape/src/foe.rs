@@ -1,14 +1,14 @@
 //! The frame of the first-order ellipsoid.
 //!
 //! C. Brechbuehler, G. Gerig and O. Kuebler, "Parametrization of closed surfaces for 3-D shape description", Computer
-//! Vision and Image Understanding 61 (1995). The rows of degree 1 are a linear map of the direction to space, `F = U S
-//! V^T`, an ellipsoid. In its frame, `R = V^T` and `Q = U^T`, the map is diagonal: the longest axis of the ellipsoid is
-//! x, the shortest z, in space and in the parameters. Both are rotations; a map that mirrors has a negative third
-//! diagonal element.
+//! Vision and Image Understanding 61 (1995). The rows of degree 1 are a linear map from directions to space, `F = U S
+//! V^T`, whose image is an ellipsoid. In its frame, `R = V^T` and `Q = U^T`, the map is diagonal: the longest axis of
+//! the ellipsoid is x, the shortest z, in space and in the parameters. Both are rotations; a map that mirrors has a
+//! negative third diagonal element.
 //!
-//! The frame is determined up to half turns about the axes, the same ones in the parameters and in space, and not at
-//! all where two of the singular values agree. Half turns are chosen by the sign of the surface's skewness along x and
-//! y, `int f_c^3 du`, so that the frame follows the surface.
+//! The frame is determined up to half turns about the axes, the same ones in the parameters and in space. It is
+//! undetermined if two of the singular values are equal. Half turns are chosen by the sign of the surface's skewness
+//! along x and y, `int f_c^3 du`, so that the frame rotates with the surface.
 
 use ndarray::Array2;
 use spharm_harmonics::{Coefficients, Directions, gauss_legendre, synthesis};
@@ -21,25 +21,25 @@ use crate::rotation::Rotation;
 use crate::transform::{Similarity, Transform};
 use spharm_surface::kabsch::{Svd, svd};
 
-/// The frame says nothing where neighbouring axes have lengths nearer to each other than this.
+/// Smallest ratio of neighbouring axes for which the frame is meaningful.
 pub const LEAST_RATIO: f64 = 1.1;
 
-/// Degrees that the skewness is taken of.
+/// Degree up to which the skewness is computed.
 const SKEWNESS_DEGREE: usize = 8;
 
 /// The frame of a surface's first-order ellipsoid.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EllipsoidFrame {
-    /// R, which turns the parameters into the frame.
+    /// R, the rotation of the parameters into the frame.
     pub rotation: Rotation,
-    /// Q, which turns space into the frame.
+    /// Q, the rotation of space into the frame.
     pub object: Rotation,
     /// Semi-axes, descending, in the surface's unit; the last one is negative for a map that mirrors.
     pub axes: [f64; 3],
 }
 
 impl EllipsoidFrame {
-    /// Finds the frame. A surface without degree 1 has the frame that it is in.
+    /// Finds the frame. For a surface without degree 1 it is the identity.
     ///
     /// # Errors
     ///
@@ -55,14 +55,14 @@ impl EllipsoidFrame {
         Ok(Self { rotation: half_turn * rotation, object: half_turn * object, axes })
     }
 
-    /// Returns what brings the surface into its frame; its place in space stays relative to the origin.
+    /// Returns the transform of the surface into its frame; the surface is rotated about the origin, not centred.
     #[must_use]
     pub fn transform(&self) -> Transform {
         Transform { rotation: self.rotation, antipodal: false, similarity: Similarity::rotation(&self.object) }
     }
 
     /// Returns the smallest ratio of neighbouring axes, at least 1; below [`LEAST_RATIO`] the frame has little meaning.
-    /// It is infinite where an axis is zero.
+    /// It is infinite if an axis is zero.
     #[must_use]
     pub fn ratio(&self) -> f64 {
         let [a, b, c] = self.axes.map(f64::abs);
@@ -71,7 +71,7 @@ impl EllipsoidFrame {
     }
 }
 
-/// U, the singular values and V of degree 1, with proper rotations.
+/// Returns U, the singular values and V of degree 1, with proper rotations.
 fn proper(coefficients: &Coefficients) -> (Matrix3, [f64; 3], Matrix3) {
     let values = coefficients.values();
     if coefficients.max_degree() == 0 {
@@ -81,7 +81,7 @@ fn proper(coefficients: &Coefficients) -> (Matrix3, [f64; 3], Matrix3) {
     proper_of(|row, c| values[[row, c]])
 }
 
-/// The same of the rows 1 to 3.
+/// The same for rows 1 to 3, given by `values`.
 fn proper_of(values: impl Fn(usize, usize) -> f64) -> (Matrix3, [f64; 3], Matrix3) {
     // Rows of x, y and z: orders 1, -1 and 0.
     let map: Matrix3 = std::array::from_fn(|c| [3, 1, 2].map(|row| values(row, c)));
@@ -95,7 +95,7 @@ fn proper_of(values: impl Fn(usize, usize) -> f64) -> (Matrix3, [f64; 3], Matrix
     (u, values, v)
 }
 
-/// The four rotations of the parameters after which the ellipsoids of two surfaces, (K, 3), have the same axes.
+/// Returns the four rotations of the parameters that align the axes of two surfaces' ellipsoids; surfaces are (K, 3).
 pub(crate) fn common_axes(from: &[[f64; 3]], to: &[[f64; 3]]) -> Vec<Rotation> {
     if from.len() < 4 || to.len() < 4 {
         return Vec::new();
@@ -110,9 +110,9 @@ fn low_degrees(coefficients: &Coefficients) -> Result<Coefficients, ShapeError> 
     Ok(Coefficients::new(values)?)
 }
 
-/// `int f_c^3 du` of three functions of degree at most [`SKEWNESS_DEGREE`], exactly.
+/// Returns `int f_c^3 du` of three functions up to degree [`SKEWNESS_DEGREE`], exactly.
 fn skewness(coefficients: &Coefficients) -> Result<[f64; 3], ShapeError> {
-    // 13 rings integrate degree 24 exactly, and 26 azimuths too.
+    // 13 rings integrate degree 24 exactly, and so do 26 azimuths.
     let (rings, around) = (3 * SKEWNESS_DEGREE / 2 + 1, 3 * SKEWNESS_DEGREE + 2);
     let rule = gauss_legendre(rings);
     let mut directions = Vec::with_capacity(rings * around);
@@ -132,14 +132,14 @@ fn skewness(coefficients: &Coefficients) -> Result<[f64; 3], ShapeError> {
     Ok(sums)
 }
 
-/// The half turn about an axis, or none, after which the skewness along x and y isn't negative.
+/// Returns the half turn about an axis, or the identity, that makes the skewness along x and y non-negative.
 fn half_turn(skewness: [f64; 3]) -> Rotation {
     let sign = |v: f64| if v < 0.0 { -1.0 } else { 1.0 };
     let (x, y) = (sign(skewness[0]), sign(skewness[1]));
     Rotation::of_orthogonal([[x, 0.0, 0.0], [0.0, y, 0.0], [0.0, 0.0, x * y]])
 }
 
-/// The half turns about x, y and z, and none.
+/// Returns the identity and the half turns about x, y and z.
 pub(crate) fn half_turns() -> [Rotation; 4] {
     [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)].map(|(x, y)| half_turn([x, y, 1.0]))
 }

@@ -9,17 +9,16 @@
 //! K = (e g - f^2) / (E G - F^2),    H = -(e G - 2 f F + g E) / (2 (E G - F^2))
 //! ```
 //!
-//! (M. P. do Carmo, Differential Geometry of Curves and Surfaces (1976), section 3.3). |N| is the area element: the
-//! surface's area for a unit of the sphere's. H is the mean of the principal curvatures and positive on a sphere, whose
-//! normal points outwards. Nothing is singular at the poles, as no angles are used.
+//! (M. P. do Carmo, Differential Geometry of Curves and Surfaces (1976), section 3.3). |N| is the area element: area of
+//! the surface per area of the sphere. H is the mean of the principal curvatures and positive on a sphere, whose normal
+//! points outwards. There is no singularity at the poles, because no angles are used.
 //!
 //! The principal curvatures are those of the second form in an orthonormal basis of the tangent plane, whose
-//! discriminant `((a - c) / 2)^2 + b^2` has no cancellation at umbilics, as `H^2 - K` has. Where the surface has no
-//! tangent plane, that is where |N| is below [`SINGULAR`] times `|X_1|^2 + |X_2|^2`, normal, forms and curvatures are
-//! 0.
+//! discriminant `((a - c) / 2)^2 + b^2` has no cancellation at umbilics, unlike `H^2 - K`. If |N| is below [`SINGULAR`]
+//! times `|X_1|^2 + |X_2|^2`, the surface has no tangent plane; normal, forms and curvatures are then 0.
 //!
-//! Cost: ten syntheses of three columns, and 240 bytes a direction while they last, for at most 2^18 to 2^21 directions
-//! at a time; the result has 168 bytes a direction.
+//! Cost: ten syntheses of three columns, with 240 bytes of workspace per direction, for at most 2^18 to 2^21 directions
+//! at a time; the result has 168 bytes per direction.
 
 use ndarray::{Array2, Axis, Slice};
 use rayon::prelude::*;
@@ -42,24 +41,24 @@ const PAIRS: [[usize; 2]; 6] = [[0, 0], [1, 1], [2, 2], [0, 1], [0, 2], [1, 2]];
 /// The geometry of a surface at one direction; lengths in the surface's unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LocalGeometry {
-    /// X.
+    /// The position X.
     pub position: Vec3,
     /// `X_1` and `X_2`, the derivatives along the [frame](tangent_frame) of the direction.
     pub tangents: [Vec3; 2],
-    /// Unit normal, outwards where the triangles of the sphere are counter-clockwise; 0 at singular points.
+    /// Unit normal, outwards if the triangles of the sphere are counter-clockwise; 0 at singular points.
     pub normal: Vec3,
-    /// |N|: the surface's area for a unit of the sphere's.
+    /// |N|: area of the surface per area of the sphere.
     pub area_element: f64,
     /// E, F, G of the first fundamental form.
     pub first_form: [f64; 3],
-    /// e, f, g of the second fundamental form, by `normal`: negative on a sphere.
+    /// e, f, g of the second fundamental form with respect to `normal`: negative on a sphere.
     pub second_form: [f64; 3],
     /// Principal curvatures, the larger first, positive on a sphere; 1 / length.
     pub principal: [f64; 2],
 }
 
 impl LocalGeometry {
-    /// From the position, the derivatives along the frame, and `X_11`, `X_12`, `X_22`.
+    /// Computes the geometry from the position, the derivatives along the frame, and `X_11`, `X_12`, `X_22`.
     fn new(position: Vec3, tangents: [Vec3; 2], second: [Vec3; 3]) -> Self {
         let [x1, x2] = tangents;
         let first_form = [dot(x1, x1), dot(x1, x2), dot(x2, x2)];
@@ -95,10 +94,10 @@ impl LocalGeometry {
         0.5 * (self.principal[0] + self.principal[1])
     }
 
-    /// Returns the shape index, from -1 (cup) over 0 (saddle) to 1 (cap, as on a sphere); 0 where it is flat.
+    /// Returns the shape index, from -1 (cup) over 0 (saddle) to 1 (cap, as on a sphere); 0 for a flat point.
     ///
-    /// `2/pi atan((k1 + k2) / (k1 - k2))`, J. J. Koenderink and A. J. van Doorn, Image Vis. Comput. 10 (1992), with the
-    /// sign that curvatures have here.
+    /// `2/pi atan((k1 + k2) / (k1 - k2))`, J. J. Koenderink and A. J. van Doorn, Image Vis. Comput. 10 (1992), with
+    /// this module's sign of curvatures.
     #[must_use]
     pub fn shape_index(&self) -> f64 {
         let [k1, k2] = self.principal;
@@ -111,13 +110,13 @@ impl LocalGeometry {
         self.principal[0].hypot(self.principal[1]) * std::f64::consts::FRAC_1_SQRT_2
     }
 
-    /// Returns whether there is no tangent plane.
+    /// Returns whether the point has no tangent plane.
     #[must_use]
     pub fn is_singular(&self) -> bool {
         self.normal == [0.0; 3]
     }
 
-    /// Returns the geometry with the normal to the other side: curvatures change their sign, K doesn't. For models over
+    /// Returns the geometry with the normal reversed: curvatures change their sign, K doesn't. Intended for models over
     /// a mirrored sphere, whose normals point inwards.
     #[must_use]
     pub fn flipped(&self) -> Self {
@@ -146,7 +145,7 @@ pub fn tangent_frame(u: Vec3) -> [Vec3; 2] {
 
 /// Returns the geometry of the surface with the canonical coefficients `coefficients`, (K, 3), at `directions`, (n).
 ///
-/// Runs on the rayon pool that it is called in; the result is the same bits on any number of threads.
+/// Runs on the current rayon pool; the result is bitwise the same on any number of threads.
 ///
 /// # Errors
 ///
@@ -184,7 +183,7 @@ pub fn local_geometry(
     Ok(found)
 }
 
-/// The geometry from X, `L_k X` and the six `S_ij`, vectors 0 to 9.
+/// Computes the geometry from X, `L_k X` and the six `S_ij`, vectors 0 to 9.
 fn at(u: Vec3, vector: impl Fn(usize) -> Vec3) -> LocalGeometry {
     let [e1, e2] = tangent_frame(u);
     let sum = |weights: [f64; 3]| {
@@ -203,7 +202,7 @@ fn at(u: Vec3, vector: impl Fn(usize) -> Vec3) -> LocalGeometry {
     LocalGeometry::new(vector(0), tangents, second)
 }
 
-/// Arrays of as many rows, one after another, as columns of one.
+/// Concatenates the columns of arrays with equal numbers of rows.
 pub(crate) fn side_by_side(arrays: &[Array2<f64>]) -> Array2<f64> {
     let width: usize = arrays.iter().map(Array2::ncols).sum();
     let rows = arrays.first().map_or(0, Array2::nrows);
@@ -216,8 +215,8 @@ pub(crate) fn side_by_side(arrays: &[Array2<f64>]) -> Array2<f64> {
     joined
 }
 
-/// Directions that are evaluated together: enough that planning their transform, whose cost grows with the degree
-/// alone, isn't what takes the time, and few enough that memory stays bounded.
+/// Number of directions evaluated together: large enough that planning the transform, whose cost depends on the degree
+/// alone, doesn't dominate the time, and small enough that memory stays bounded.
 pub(crate) fn run_length(max_degree: usize) -> usize {
     (max_degree * max_degree).clamp(1 << 18, 1 << 21)
 }

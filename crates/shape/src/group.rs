@@ -1,4 +1,4 @@
-//! The members of a group while it is brought together, and their mean.
+//! The members of a group during its alignment, and their mean.
 
 use crate::half_turn::Workspace;
 use crate::matrix3::determinant;
@@ -7,7 +7,7 @@ use crate::refine::{Fit, Target};
 use crate::rotation::Rotation;
 use crate::transform::SQRT_4_PI;
 
-/// How a member was brought to the mean.
+/// Pose of a member relative to the mean.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Pose {
     pub(crate) fit: Fit,
@@ -15,7 +15,7 @@ pub(crate) struct Pose {
 }
 
 impl Pose {
-    /// Whether it is the mirror image that was brought to the mean.
+    /// Returns whether the mirror image of the member was aligned to the mean.
     pub(crate) fn mirrors(&self) -> bool {
         determinant(&self.fit.orthogonal) < 0.0
     }
@@ -30,7 +30,7 @@ pub(crate) struct Member {
 }
 
 impl Member {
-    /// Puts a surface of norm 1 into a pose, times `size`.
+    /// Applies a pose to a surface of norm 1 and scales it by `size`.
     pub(crate) fn new(unit: &Unit, size: f64, pose: Pose, plan: Option<&Plan>) -> Self {
         let other = pose.antipodal.then(|| unit.antipodal());
         let from = &other.as_ref().unwrap_or(unit).rows;
@@ -46,7 +46,7 @@ impl Member {
     }
 }
 
-/// A group in its poses.
+/// State of a group: its members in their poses.
 #[derive(Debug)]
 pub(crate) struct Round {
     pub(crate) members: Vec<Member>,
@@ -57,14 +57,14 @@ pub(crate) struct Round {
 }
 
 impl Round {
-    /// The mean, scaled to norm 1; zero if it is.
+    /// Returns the mean, scaled to norm 1; zero if the mean is zero.
     pub(crate) fn target(&self) -> Target {
         let norm = self.norm();
         let scale = if norm > 0.0 { 1.0 / norm } else { 0.0 };
         Target::new(self.mean.iter().map(|row| row.map(|v| v * scale)).collect())
     }
 
-    /// The mean of the members but one, scaled to norm 1; zero if it is.
+    /// Returns the mean of all members except one, scaled to norm 1; zero if that mean is zero.
     pub(crate) fn without(&self, index: usize) -> Target {
         let (count, without) = (self.members.len() as f64, &self.members[index].rows);
         let rest = |(mean, row): (&[f64; 3], &[f64; 3])| std::array::from_fn(|c| count * mean[c] - row[c]);
@@ -79,30 +79,30 @@ impl Round {
         self.mean.as_flattened().iter().map(|v| v * v).sum::<f64>().sqrt()
     }
 
-    /// Root mean square distance of the mean from its centre.
+    /// Returns the root mean square distance of the mean from its centre.
     pub(crate) fn size(&self) -> f64 {
         self.norm() / SQRT_4_PI
     }
 
-    /// The distance from the mean of a member of a size whose unit comes as near to the mean's as `distance`.
+    /// Returns the distance from the mean of a member of norm `size`, given the `distance` of the two scaled to norm 1.
     pub(crate) fn rmsd_of(&self, distance: f64, size: f64) -> f64 {
         let norm = self.norm();
         (norm - size).hypot((norm * size).sqrt() * distance) / SQRT_4_PI
     }
 
-    /// Distances of the members from the mean.
+    /// Returns the distances of the members from the mean.
     pub(crate) fn distances(&self) -> Vec<f64> {
         self.members.iter().map(|member| square(&member.rows, &self.mean).sqrt() / SQRT_4_PI).collect()
     }
 
-    /// The most that a member has moved since another round, relative to the mean's size.
+    /// Returns the largest distance that a member moved since another round, relative to the mean's size.
     pub(crate) fn moved_from(&self, other: &Self) -> f64 {
         let moved = self.members.iter().zip(&other.members).map(|(a, b)| square(&a.rows, &b.rows).sqrt());
         moved.fold(0.0, f64::max) / self.norm().max(f64::MIN_POSITIVE)
     }
 }
 
-/// The mean of the members' rows, added in their order.
+/// Returns the mean of the members' rows, summed in their order.
 pub(crate) fn mean_of(members: &[Member]) -> Vec<[f64; 3]> {
     let mut mean = vec![[0.0; 3]; members.first().map_or(0, |member| member.rows.len())];
     for member in members {
@@ -115,7 +115,7 @@ pub(crate) fn mean_of(members: &[Member]) -> Vec<[f64; 3]> {
     mean
 }
 
-/// The root mean square distance of the members from a mean.
+/// Returns the root mean square distance of the members from a mean.
 pub(crate) fn spread_of(members: &[Member], mean: &[[f64; 3]]) -> f64 {
     let total: f64 = members.iter().map(|member| square(&member.rows, mean)).sum();
     (total / members.len() as f64).sqrt() / SQRT_4_PI

@@ -1,4 +1,4 @@
-//! The half turn J about (y + z)/sqrt2 in one degree, by which any rotation is made of turns about z.
+//! The half turn J about (y + z)/sqrt2 in one degree, from which any rotation is composed with turns about z.
 //!
 //! D. Pinchon and P. E. Hoggan, "Rotation matrices for real spherical harmonics: general rotations of atomic orbitals
 //! in space-fixed axes", J. Phys. A 40 (2007): `D = Z(al) J Z(be) J Z(ga)`, with J real, symmetric and `J^2 = 1`. From
@@ -10,28 +10,28 @@
 //! i + l odd:  sin'_i = sum over k with i + k even of w_{ik} sin_k,   cos'_i =   sum over i + k odd of w_{ik} sin_k
 //! ```
 //!
-//! so that a row i reads either cosines or sines. W rows of one parity are made together, a lane each, and their values
-//! are used at once and never stored: `(l+1)^2 (3 + 2c)` flops for c columns, hidden rows aside, and O(l) memory.
-//! Making use of the quarter's symmetry would spare half of the recurrence, but load and store sums for every few
+//! so that row i reads either cosines or sines. W rows of one parity are computed together, one lane each. Their values
+//! are used at once and never stored: `(l+1)^2 (3 + 2c)` flops for c columns, not counting hidden rows, and O(l)
+//! memory. Using the quarter's symmetry would save half of the recurrence, but would load and store sums for every few
 //! products.
 
 use crate::quarter::{Quarter, rows, steps};
 use crate::row_sums::{WIDTH, row_sums};
 
-/// Coefficients of a degree by order, and what J needs beside them.
+/// Coefficients of a degree by order, and workspace of J.
 #[derive(Debug, Default)]
 pub(crate) struct Workspace {
     /// (l + 1, columns): the coefficients of cos(k phi) and of sin(k phi); sin_0 is zero.
     pub(crate) cos: Vec<f64>,
     pub(crate) sin: Vec<f64>,
-    /// By parity of i: what its rows read, (steps, columns), t = l - k ascending, zeros after l.
+    /// By parity of i: input of its rows, (steps, columns), t = l - k ascending, zeros after l.
     inputs: [Vec<f64>; 2],
     /// By parity of i and parity of t: (columns, rows).
     sums: [[Vec<f64>; 2]; 2],
 }
 
 impl Workspace {
-    /// Makes room for a degree.
+    /// Resizes the workspace for a degree.
     pub(crate) fn resize(&mut self, degree: usize, columns: usize) {
         for values in [&mut self.cos, &mut self.sin] {
             values.clear();
@@ -63,7 +63,7 @@ impl Workspace {
         }
         for i in 0..=l {
             let (p, count) = (i % 2, rows(l, i % 2, WIDTH));
-            // Sums over t of parity 0 are those over k of the parity of l.
+            // Sums over t of parity 0 are those over k with the parity of l.
             let reads_cos = p == l % 2;
             let [same, other] = if reads_cos { [0, 1] } else { [1, 0] };
             let same_sign = if p == 1 { -scale(i) } else { scale(i) };

@@ -1,16 +1,16 @@
 //! Smoothing by the heat kernel.
 //!
-//! Diffusion on the sphere for a time s multiplies the coefficients of degree l by
+//! Diffusion on the sphere over a time s multiplies the coefficients of degree l by
 //!
 //! ```text
 //! h_l = exp(-l (l + 1) s),    FWHM = 4 sqrt(s ln 2) rad,    s = FWHM^2 / (16 ln 2)
 //! ```
 //!
 //! (M. K. Chung et al., "Weighted Fourier series representation and its application to quantifying the amount of gray
-//! matter", IEEE Trans. Med. Imaging 26 (2007), of the kernel; the width is that of the plane's Gaussian.) The kernel's
-//! full width at half maximum on the sphere is the formula's times 1.0002 at s = 1e-3, 1.0017 at 1e-2 and 1.017 at 0.1.
-//! Degree 0, and with it the mean position, stays as it is. The width is one over the sphere of directions; in the
-//! surface's unit it varies with the area element, and is about `FWHM sqrt(area / (4 pi))`.
+//! matter", IEEE Trans. Med. Imaging 26 (2007), for the kernel; the width is that of the Gaussian in the plane.) The
+//! kernel's full width at half maximum on the sphere is 1.0002 times the formula at s = 1e-3, 1.0017 times at 1e-2 and
+//! 1.017 times at 0.1. Degree 0, and with it the mean position, is unchanged. The width refers to the sphere of
+//! directions; in the surface's unit it varies with the area element, and is about `FWHM sqrt(area / (4 pi))`.
 
 use ndarray::Array2;
 use spharm_harmonics::index::degree_order;
@@ -26,7 +26,7 @@ pub struct HeatKernel {
 }
 
 impl HeatKernel {
-    /// The kernel after a time s, at least 0.
+    /// Returns the kernel of a diffusion time s, at least 0.
     ///
     /// # Errors
     ///
@@ -39,7 +39,7 @@ impl HeatKernel {
         Ok(Self { time })
     }
 
-    /// The kernel of a full width at half maximum in radians, at least 0.
+    /// Returns the kernel of a full width at half maximum in radians, at least 0.
     ///
     /// # Errors
     ///
@@ -75,7 +75,7 @@ impl HeatKernel {
     ///
     /// # Errors
     ///
-    /// None for coefficients, whose number of rows is known to be one of a degree.
+    /// Never fails for `Coefficients`, whose number of rows is valid by construction.
     pub fn smooth(&self, coefficients: &Coefficients) -> Result<Coefficients, HarmonicsError> {
         let values = coefficients.values();
         let factors: Vec<f64> = (0..=coefficients.max_degree()).map(|degree| self.factor(degree)).collect();
@@ -90,7 +90,7 @@ mod tests {
     use spharm_harmonics::index::basis_size;
     use std::f64::consts::PI;
 
-    /// The kernel at an angle, `sum (2l + 1) / (4 pi) h_l P_l(cos angle)`, to degree 400.
+    /// Returns the kernel at an angle, `sum (2l + 1) / (4 pi) h_l P_l(cos angle)`, to degree 400.
     fn kernel(heat: HeatKernel, angle: f64) -> f64 {
         let (x, mut older, mut old) = (angle.cos(), 0.0, 1.0);
         (0..=400)

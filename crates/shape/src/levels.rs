@@ -1,4 +1,4 @@
-//! Coarser levels of a model: what leaving out degrees changes, by Parseval's identity.
+//! Coarser levels of a model: the error of truncation, by Parseval's identity.
 //!
 //! ```text
 //! tail(d) = sqrt(sum over l > d of |A_l|^2 / (4 pi))
@@ -15,8 +15,8 @@ use std::f64::consts::PI;
 use crate::error::ShapeError;
 use crate::extent::finite;
 
-/// Returns the root mean square distance between coefficients, (K, c), and their degrees up to d, for d from 0 to L:
-/// (L + 1), the last one 0, in the model's unit.
+/// Returns the root mean square distance between coefficients, (K, c), and their degrees up to d, for d from 0 to L, in
+/// the model's unit: L + 1 values, of which the last is 0.
 ///
 /// # Errors
 ///
@@ -26,7 +26,7 @@ pub fn tails(coefficients: &Coefficients) -> Result<Vec<f64>, ShapeError> {
     let max_degree = coefficients.max_degree();
     let mut tails = vec![0.0; max_degree + 1];
     let mut sum = 0.0;
-    // The highest degrees first: they are the small ones.
+    // The highest degrees first, because they are the smallest.
     for l in (1..=max_degree).rev() {
         let rows = Slice::from(first_column(l)..first_column(l) + order_count(l));
         let rows = coefficients.values().slice_axis(Axis(0), rows);
@@ -36,7 +36,7 @@ pub fn tails(coefficients: &Coefficients) -> Result<Vec<f64>, ShapeError> {
     Ok(tails)
 }
 
-/// Returns the smallest degree to which a model changes by no more than `tolerance`, in its unit, and that change.
+/// Returns the smallest degree whose truncation error is at most `tolerance`, in the model's unit, and that error.
 ///
 /// # Errors
 ///

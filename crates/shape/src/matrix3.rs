@@ -3,7 +3,7 @@
 pub use spharm_surface::matrix3::Matrix3;
 pub(crate) use spharm_surface::matrix3::{IDENTITY, determinant, product, transposed};
 
-/// a . b.
+/// Returns a . b.
 pub(crate) fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
     spharm_surface::geometry::dot(*a, *b)
 }

@@ -1,4 +1,4 @@
-//! Groups of models taken to one degree, and their mean.
+//! Groups of models brought to one common degree, and their mean.
 
 use std::fmt;
 
@@ -7,23 +7,23 @@ use spharm_harmonics::Coefficients;
 
 use crate::error::ShapeError;
 
-/// A group's coefficients to one degree.
+/// A group's coefficients at one common degree.
 #[derive(Debug, Clone)]
 pub struct CommonDegree {
-    /// Canonical coefficients of each, (K, c).
+    /// Canonical coefficients of each member, (K, c).
     pub members: Vec<Coefficients>,
-    /// The degree L of all of them.
+    /// The common degree L.
     pub degree: usize,
-    /// Set where nobody asked for a degree and higher ones were left out.
+    /// Warning that higher degrees were left out because no degree was requested.
     pub warning: Option<DegreesDiffer>,
 }
 
-/// Models of different degrees, of which the lowest is used.
+/// Models have different degrees, of which the lowest is used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DegreesDiffer {
     /// Lowest degree of the models, which is used.
     pub lowest: usize,
-    /// Highest one.
+    /// Highest degree of the models.
     pub highest: usize,
 }
 
@@ -34,11 +34,11 @@ impl fmt::Display for DegreesDiffer {
     }
 }
 
-/// Takes models to the degree `asked`, else to the lowest of theirs.
+/// Truncates models to the degree `asked`, by default to the lowest of their degrees.
 ///
 /// # Errors
 ///
-/// [`ShapeError::TooFewMembers`] for none; [`ShapeError::DegreeAbove`]: a model doesn't go to the degree asked for.
+/// [`ShapeError::TooFewMembers`] for an empty group; [`ShapeError::DegreeAbove`]: a model's degree is below `asked`.
 pub fn to_common_degree(group: &[Coefficients], asked: Option<usize>) -> Result<CommonDegree, ShapeError> {
     let degrees = group.iter().map(Coefficients::max_degree);
     let (Some(lowest), Some(highest)) = (degrees.clone().min(), degrees.max()) else {
@@ -54,12 +54,12 @@ pub fn to_common_degree(group: &[Coefficients], asked: Option<usize>) -> Result<
     Ok(CommonDegree { members, degree, warning })
 }
 
-/// Returns the mean of models, (K, c), to the degree of the first.
+/// Returns the mean of models, (K, c), at the degree of the first.
 ///
 /// # Errors
 ///
-/// [`ShapeError::TooFewMembers`] for none; [`ShapeError::Differ`]: a model has another number of channels than the
-/// first, or a lower degree.
+/// [`ShapeError::TooFewMembers`] for an empty group; [`ShapeError::Differ`]: a model's number of channels differs from
+/// the first one's, or its degree is lower.
 pub fn mean(group: &[Coefficients]) -> Result<Coefficients, ShapeError> {
     let Some(first) = group.first() else { return Err(ShapeError::TooFewMembers { found: 0, least: 1 }) };
     let degree = first.max_degree();

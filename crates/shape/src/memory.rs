@@ -1,37 +1,37 @@
-//! What the analyses of groups take of memory, to be planned with. K = (L + 1)^2.
+//! Memory requirements of group analyses, for planning. K = (L + 1)^2.
 
 use spharm_harmonics::basis_size;
 use spharm_transform::{FINEST, Transform, TransformParams};
 
 use crate::geometry::run_length;
 
-/// Sizes of a group of models.
+/// Dimensions of a group of models.
 #[derive(Debug, Clone, Copy)]
 pub struct GroupSizes {
-    /// Models, n.
+    /// Number of models, n.
     pub models: usize,
     /// Their highest degree, L.
     pub max_degree: usize,
-    /// Columns of a model, c.
+    /// Number of columns of a model, c.
     pub channels: usize,
 }
 
 impl GroupSizes {
-    /// Values of the group, `n K c`.
+    /// Number of values of the group, `n K c`.
     fn values(self) -> u64 {
         let of_model = basis_size(self.max_degree).saturating_mul(self.channels);
         (self.models as u64).saturating_mul(of_model as u64)
     }
 
-    /// Returns the bytes of the group's coefficients, and of them to a common degree: `16 n K c`.
+    /// Returns the bytes of the group's coefficients and of their copies at a common degree: `16 n K c`.
     #[must_use]
     pub fn coefficients(self) -> u64 {
         self.values().saturating_mul(16)
     }
 
-    /// Returns the bytes that bringing the group together takes beside the coefficients: `96 n K` for members in their
-    /// poses; for each thread [`align_bytes`], or after that a surface with its search tree; and those of the mean and
-    /// a member.
+    /// Returns the bytes that aligning the group takes in addition to the coefficients: `96 n K` for members in their
+    /// poses; for each thread the larger of [`align_bytes`] and a surface with its search tree; and the surfaces of the
+    /// mean and a member.
     #[must_use]
     pub fn procrustes(self, threads: usize) -> u64 {
         let members = (96 * self.models as u64).saturating_mul(basis_size(self.max_degree) as u64);
@@ -41,9 +41,9 @@ impl GroupSizes {
         members.saturating_add(of_thread.saturating_mul(threads as u64)).saturating_add(2 * surface)
     }
 
-    /// Returns the bytes that the modes of the group take beside the coefficients: members as columns, their singular
-    /// vectors and modes, and what the decomposition works in, `40 n K c + 64 n^2`; for the quality by so many random
-    /// shapes, the scores without a member for each thread, `24 n^2`, and `8 n` a shape.
+    /// Returns the bytes that the modes of the group take in addition to the coefficients: members as columns, their
+    /// singular vectors and modes, and the workspace of the decomposition, `40 n K c + 64 n^2`; for the quality by
+    /// `samples` random shapes, the leave-one-out scores of each thread, `24 n^2`, and `8 n` per shape.
     #[must_use]
     pub fn modes(self, samples: usize, threads: usize) -> u64 {
         let n = self.models as u64;
@@ -53,11 +53,11 @@ impl GroupSizes {
         decomposition.saturating_add(quality).saturating_add((8 * n).saturating_mul(samples as u64))
     }
 
-    /// Returns the bytes that the quality of so many modes takes beside the coefficients, at so many directions V:
-    /// members as points, twice, `48 n V`, and with their search trees, `360 n V`; inner products and decompositions,
-    /// `64 n^2` and `48 n^2` a thread; the nearest shapes of 200 members, `1600 n m`, and of the random ones, `40 m`
-    /// each, of the group and for each thread of a draw; the transform of a member, and landmarks at four times the
-    /// directions.
+    /// Returns the bytes that the quality of `modes` modes takes in addition to the coefficients, at `directions`
+    /// directions V: members as points, twice, `48 n V`, and with their search trees, `360 n V`; inner products and
+    /// decompositions, `64 n^2` and `48 n^2` per thread; the nearest shapes of 200 members, `1600 n m`, and of the
+    /// random ones, `40 m` each, for the group and for each thread of a draw; the transform of a member, and landmarks
+    /// at four times the directions.
     #[must_use]
     pub fn quality(self, directions: u64, modes: usize, samples: usize, threads: usize) -> u64 {
         let (n, m) = (self.models as u64, (modes.min(self.models)) as u64);
@@ -72,10 +72,10 @@ impl GroupSizes {
             .saturating_add(evaluated.saturating_mul(threads as u64))
     }
 
-    /// Returns the bytes that a test at so many vertices takes beside the coefficients, with so many relabellings: the
-    /// samples of all models, d each, their residuals, and both again for Welch's test and while they are made, `32 n V
-    /// d`; the transform of one of them; `8 V` a thread and 24 a relabelling; the geometry of the mean; maps and their
-    /// table, 1200 a vertex.
+    /// Returns the bytes that a test at `vertices` vertices takes in addition to the coefficients, with `relabellings`
+    /// relabellings: the samples of all models, d each, their residuals, and both again for Welch's test and while they
+    /// are computed, `32 n V d`; the transform of one model; `8 V` per thread and 24 per relabelling; the geometry of
+    /// the mean; maps and their table, 1200 per vertex.
     #[must_use]
     pub fn test(self, vertices: u64, components: usize, relabellings: usize, threads: usize) -> u64 {
         let of_models = (32 * (self.models * components) as u64).saturating_mul(vertices);
@@ -87,30 +87,30 @@ impl GroupSizes {
     }
 }
 
-/// Returns the bytes that one alignment at degree L takes beside the coefficients, see [`align`](mod@crate::align): at
-/// most 8 starts, and a grid of bandwidth 8.
+/// Returns the bytes that one alignment at degree L takes in addition to the coefficients, see
+/// [`align`](mod@crate::align): at most 8 starts, and a grid of bandwidth 8.
 #[must_use]
 pub fn align_bytes(max_degree: usize) -> u64 {
     (12 + 8 * 240) * basis_size(max_degree) as u64 + 11 * 8_u64.pow(4)
 }
 
-/// Returns the bytes that [`local_geometry`](crate::local_geometry) takes for so many directions, the result included:
-/// 368 each, as they are collected; the transform of 30 columns for as many as are evaluated at a time, and what comes
-/// of it.
+/// Returns the bytes that [`local_geometry`](crate::local_geometry) takes for `directions` directions, including the
+/// result: 368 per direction while the result is collected, and the transform of 30 columns with its output for the
+/// directions evaluated at a time.
 #[must_use]
 pub fn local_geometry_bytes(directions: u64, max_degree: usize) -> u64 {
     directions.saturating_mul(368).saturating_add(evaluating(directions, max_degree, 30, run_length(max_degree)))
 }
 
-/// Returns the most bytes that [`measure`](crate::measure) takes: 12 columns on as many directions as are evaluated at
-/// a time, of a grid of 1,024 rings or 2 L + 2.
+/// Returns the maximum number of bytes that [`measure`](crate::measure) takes: 12 columns at the directions evaluated
+/// at a time, of a grid of 1,024 rings or 2 L + 2.
 #[must_use]
 pub fn measure_bytes(max_degree: usize) -> u64 {
     let rings = 1024.max(2 * max_degree + 2);
     evaluating(2 * (rings * rings) as u64, max_degree, 12, run_length(max_degree))
 }
 
-/// Directions, transform and values of so many directions at a time.
+/// Returns the bytes of directions, transform and values, for at most `most` directions at a time.
 fn evaluating(directions: u64, max_degree: usize, channels: usize, most: usize) -> u64 {
     let run = usize::try_from(directions).unwrap_or(usize::MAX / 1024).min(most);
     let params = TransformParams { max_degree, accuracy: FINEST, channels: channels.min(3) };
@@ -125,7 +125,7 @@ mod tests {
     #[test]
     fn figures_grow_with_every_size_and_never_wrap() {
         let group = GroupSizes { models: 1000, max_degree: 29, channels: 3 };
-        // As procrustes.rs has it, 86 MB for these; and surfaces with their trees.
+        // 86 MB as stated in procrustes.rs, in addition to surfaces with their trees.
         let surfaces = group.procrustes(1) - 96 * 1000 * 900;
         assert!(surfaces > 6 << 20 && surfaces < 16 << 20, "{surfaces}");
         let more = GroupSizes { models: 2000, ..group };

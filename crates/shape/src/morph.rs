@@ -1,11 +1,11 @@
-//! Shapes between two surfaces.
+//! Intermediate shapes between two surfaces.
 //!
 //! The moving surface is first [aligned](mod@crate::align): its coefficients become `T a` with a rotation R of the
-//! parameters and a similarity of space. Between the two the shape is interpolated linearly, `(1 - t) T a + t b`,
-//! without row 0, and the pose, where it is to be kept, along the shortest path: the object's rotation at a constant
-//! angular speed (K. Shoemake, "Animating rotation with quaternion curves", SIGGRAPH 1985), scale and place linearly.
-//! So a surface that is only moved isn't deformed on its way. Where surfaces don't correspond well, the volume half way
-//! is small: see [`volume_ratio`].
+//! parameters and a similarity of space. The shape, without row 0, is interpolated linearly, `(1 - t) T a + t b`. The
+//! pose, if it is kept, is interpolated along the shortest path: the object's rotation at a constant angular speed (K.
+//! Shoemake, "Animating rotation with quaternion curves", SIGGRAPH 1985), scale geometrically and position linearly. So
+//! a surface that only differs in pose isn't deformed on its way. If surfaces don't correspond well, the volume half
+//! way is small: see [`volume_ratio`].
 
 use spharm_harmonics::Coefficients;
 use spharm_monitor::Monitor;
@@ -15,7 +15,7 @@ use crate::matrix3::transposed;
 use crate::transform::{SQRT_4_PI, Similarity, transform_object};
 use crate::{MeasureParams, Rotation, ShapeError, measure};
 
-/// Below this share of the smaller end's volume the one half way says that the surfaces don't correspond.
+/// If the volume half way is below this fraction of the smaller end's volume, the surfaces don't correspond.
 pub const LEAST_VOLUME: f64 = 0.8;
 
 /// A path between two surfaces of one degree.
@@ -24,21 +24,21 @@ pub struct Morph {
     /// The first surface in the second one's parameters and pose.
     start: Coefficients,
     end: Coefficients,
-    /// From the first surface's pose to the second one's: what the alignment did in space.
+    /// Similarity from the first surface's pose to the second one's, as found by the alignment.
     pose: Similarity,
-    /// How the surfaces were aligned.
+    /// Alignment of the surfaces.
     pub alignment: Alignment,
     keep_pose: bool,
 }
 
 impl Morph {
-    /// Aligns `from` to `to` and makes the path between them, at the lower degree of the two. With `keep_pose` it
-    /// begins where `from` lies in space; else all of it is in the pose of `to`.
+    /// Aligns `from` to `to` and creates the path between them, at the lower of the two degrees. If `keep_pose`, the
+    /// path starts at the pose of `from`; else all of it is in the pose of `to`.
     ///
     /// # Errors
     ///
-    /// Those of [`align()`]; [`ShapeError::Setting`] for a mirrored alignment whose pose is to be kept, between which
-    /// there is no rotation.
+    /// Those of [`align()`]; [`ShapeError::Setting`] if the pose is kept and the alignment is mirrored, because no
+    /// rotation connects the two poses.
     pub fn new(
         from: &Coefficients,
         to: &Coefficients,
@@ -60,7 +60,7 @@ impl Morph {
         Ok(Self { start: cut(&alignment.coefficients)?, end: cut(to)?, pose, alignment, keep_pose })
     }
 
-    /// Returns the surface at time t: 0 is the first one, 1 the second one.
+    /// Returns the surface at time t: 0 is the first surface, 1 the second one.
     ///
     /// # Errors
     ///
@@ -74,14 +74,14 @@ impl Morph {
         if !self.keep_pose {
             return Ok(shape);
         }
-        // About the shape's own place: x -> Q(t)^T (x - c) s(t) + c'(t).
+        // About the shape's own centre: x -> Q(t)^T (x - c) s(t) + c'(t).
         let rotation = Rotation::from_matrix(self.pose.orthogonal)?;
         let part = portion(&rotation, 1.0 - t)?;
         let scale = self.pose.scale.powf(1.0 - t);
         let centre =
             |surface: &Coefficients| -> [f64; 3] { std::array::from_fn(|k| surface.values()[[0, k]] / SQRT_4_PI) };
         let (first, second, here) = (centre(&self.start), centre(&self.end), centre(&shape));
-        // Where the first surface was before the alignment.
+        // Centre of the first surface before the alignment.
         let back = transposed(&self.pose.orthogonal);
         let before: [f64; 3] = {
             let moved: [f64; 3] = std::array::from_fn(|k| (first[k] - self.pose.translation[k]) / self.pose.scale);
@@ -95,7 +95,7 @@ impl Morph {
     }
 }
 
-/// The part `share` of a rotation: about its axis, by that share of its angle.
+/// Returns the fraction `share` of a rotation: the rotation about its axis by that fraction of its angle.
 fn portion(rotation: &Rotation, share: f64) -> Result<Rotation, ShapeError> {
     let m = rotation.matrix();
     let angle = rotation.angle();
@@ -107,13 +107,14 @@ fn portion(rotation: &Rotation, share: f64) -> Result<Rotation, ShapeError> {
     if angle < 1.0 {
         return Ok(Rotation::IDENTITY);
     }
-    // A half turn: 1 + R is twice the projection to the axis.
+    // A half turn: 1 + R is twice the projection onto the axis.
     let plus: [[f64; 3]; 3] = std::array::from_fn(|i| std::array::from_fn(|j| m[i][j] + f64::from(i == j)));
     let longest = (0..3).max_by(|&a, &b| plus[a][a].total_cmp(&plus[b][b])).unwrap_or(0);
     Rotation::from_axis_angle(plus[longest], share * angle)
 }
 
-/// Returns the volume half way over the smaller one of the ends'. Below [`LEAST_VOLUME`] the surfaces don't correspond.
+/// Returns the volume half way over the smaller of the ends' volumes. Below [`LEAST_VOLUME`] the surfaces don't
+/// correspond.
 ///
 /// # Errors
 ///
@@ -126,7 +127,7 @@ pub fn volume_ratio(morph: &Morph, monitor: &dyn Monitor) -> Result<f64, ShapeEr
     Ok(volume(&middle)?.abs() / least)
 }
 
-/// Returns what to warn of where the volume half way is this share of the smaller end's.
+/// Returns a warning if the ratio of [`volume_ratio`] is too small.
 #[must_use]
 pub fn volume_warning(ratio: f64) -> Option<String> {
     (ratio < LEAST_VOLUME).then(|| {
@@ -177,7 +178,7 @@ mod tests {
         let volume = |surface: &Coefficients| measure(surface, &MeasureParams::default(), &Silent).unwrap().volume;
         let (first, half) = (morph.at(0.0).unwrap(), morph.at(0.5).unwrap());
         assert!((volume(&first) / volume(&from) - 1.0).abs() < 1e-9);
-        // Scale goes from 1 to 2: its root half way.
+        // Scale goes from 1 to 2: sqrt(2) half way.
         assert!((volume(&half) / volume(&from) - 8f64.sqrt()).abs() < 1e-8);
         let place = |surface: &Coefficients| [0, 1, 2].map(|k| surface.values()[[0, k]]);
         for k in 0..3 {
@@ -185,7 +186,7 @@ mod tests {
             let middle = 0.5 * (place(&first)[k] + to.values()[[0, k]]);
             assert!((place(&half)[k] - middle).abs() < 1e-9);
         }
-        // In the pose of the second one it rests.
+        // In the pose of the second surface it stays constant.
         let still = Morph::new(&from, &to, &params, false, &Silent).unwrap();
         assert!(rmsd(&still.at(0.3).unwrap(), &to).unwrap() < 1e-9);
         assert!((volume_ratio(&still, &Silent).unwrap() - 1.0).abs() < 1e-9);

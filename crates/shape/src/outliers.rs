@@ -1,38 +1,40 @@
-//! Values of a group that lie far from the others, and members that are there twice.
+//! Values of a group that lie far from the others, and duplicate members.
 //!
-//! The robust z of a value is its distance from the median in units of the group's spread, which few values can't move:
+//! The robust z of a value is its distance from the median in units of the group's spread, which is insensitive to a
+//! few values:
 //!
 //! ```text
 //! z = (x - median) / s,  s = 1.4826 MAD
 //! ```
 //!
-//! with MAD the median of the distances from the median, and 1.4826 the factor for which s is the standard deviation of
-//! normal values; where more than half of the values are equal, s is 1.2533 times the mean distance (then one value
-//! that differs is far from seven values on). B. Iglewicz and D. Hoaglin, "How to Detect and Handle Outliers" (1993).
+//! with MAD the median of the distances from the median, and 1.4826 the factor that makes s the standard deviation for
+//! normally distributed values. If more than half of the values are equal, s is 1.2533 times the mean distance (a
+//! single different value then is an outlier among seven or more). B. Iglewicz and D. Hoaglin, "How to Detect and
+//! Handle Outliers" (1993).
 
 use std::collections::HashMap;
 
 use spharm_harmonics::Coefficients;
 
-/// The robust z above which a value is far from the others.
+/// The robust z above which a value is an outlier.
 pub const FAR: f64 = 5.0;
-/// Smallest number of values for which outliers are reported.
+/// Minimum number of values for which outliers are reported.
 pub const LEAST: usize = 5;
 
-/// A value that is far from the others.
+/// An outlier.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Outlier {
-    /// Its place, counted from 0.
+    /// Index of the value, from 0.
     pub index: usize,
     /// The value.
     pub value: f64,
-    /// Median of all.
+    /// Median of all values.
     pub median: f64,
-    /// Robust z.
+    /// Robust z of the value.
     pub z: f64,
 }
 
-/// Returns the robust z of each value; zeros for values that are all alike.
+/// Returns the robust z of each value; zeros if all values are equal.
 #[must_use]
 pub fn robust_z(values: &[f64]) -> Vec<f64> {
     let centre = median(values);
@@ -43,7 +45,7 @@ pub fn robust_z(values: &[f64]) -> Vec<f64> {
     values.iter().map(z).collect()
 }
 
-/// Returns the values whose robust z is above [`FAR`], the farthest first; none of fewer than [`LEAST`].
+/// Returns the values whose robust z is above [`FAR`], the farthest first; none for fewer than [`LEAST`] values.
 #[must_use]
 pub fn outliers(values: &[f64]) -> Vec<Outlier> {
     if values.len() < LEAST {
@@ -59,13 +61,13 @@ pub fn outliers(values: &[f64]) -> Vec<Outlier> {
     found
 }
 
-/// Returns the members of a group that are equal to the bit, a list for each set of them, in the group's order.
+/// Returns the members of a group that are bitwise equal, a list for each set of them, in the group's order.
 #[must_use]
 pub fn equal_members(members: &[Coefficients]) -> Vec<Vec<usize>> {
     let mut places: HashMap<Vec<u64>, usize> = HashMap::new();
     let mut sets: Vec<Vec<usize>> = Vec::new();
     for (index, member) in members.iter().enumerate() {
-        // A few of them first: those of other members differ there already.
+        // The first values are the key: different members normally differ in them already.
         let key: Vec<u64> = member.values().iter().take(KEY).map(|value| value.to_bits()).collect();
         let set = *places.entry(key).or_insert_with(|| {
             sets.push(Vec::new());
@@ -91,10 +93,10 @@ fn equal(a: &Coefficients, b: &Coefficients) -> bool {
     a.dim() == b.dim() && a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits())
 }
 
-/// Coefficients that members are sorted by.
+/// Number of coefficients in the key.
 const KEY: usize = 12;
 
-/// The median; 0 of no values.
+/// Returns the median; 0 for no values.
 fn median(values: &[f64]) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);

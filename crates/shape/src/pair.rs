@@ -1,10 +1,10 @@
 //! The joint search over both rotations of a pair of surfaces.
 //!
 //! Without row 0, `|Q R f - g|^2 = |f|^2 + |g|^2 - 2 tr Q^T M(R)` with `M_ij(R) = <g_i, R f_j>`. The best Q of a given
-//! R is closed form ([`kabsch`](spharm_surface::kabsch)), so that one [grid](crate::so3_grid) of R searches both
-//! rotations; its best local maxima are [refined](mod@crate::refine), and so are the four rotations that give both
-//! surfaces' [first-order ellipsoids](crate::foe) the same axes: optima that are half turns apart may be nearly alike.
-//! Where mirror images are allowed, Q may be a reflection, and f(-u) is searched beside f(u).
+//! R has a closed form ([`kabsch`](spharm_surface::kabsch)), so that one [grid](crate::so3_grid) of R searches both
+//! rotations. Its best local maxima are [refined](mod@crate::refine), and so are the four rotations that give both
+//! surfaces' [first-order ellipsoids](crate::foe) the same axes: optima that are half turns apart may be nearly equal.
+//! If mirror images are allowed, Q may be a reflection, and f(-u) is searched in addition to f(u).
 
 use rayon::prelude::*;
 use spharm_harmonics::{Coefficients, basis_size};
@@ -24,12 +24,12 @@ use spharm_surface::kabsch::svd;
 pub(crate) struct Unit {
     /// (K, 3).
     pub(crate) rows: Vec<[f64; 3]>,
-    /// What it was divided by; zero for a surface that is a point.
+    /// Norm before scaling; zero for a surface that is a point.
     pub(crate) norm: f64,
 }
 
 impl Unit {
-    /// Takes the degrees up to `degree` of finite coefficients of three columns.
+    /// Takes the degrees up to `degree` of finite coefficients with three columns.
     pub(crate) fn new(coefficients: &Coefficients, degree: usize) -> Self {
         let rows = coefficients.up_to(degree);
         let mut rows: Vec<[f64; 3]> = rows.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect();
@@ -47,13 +47,13 @@ impl Unit {
         Self { rows, norm: largest * length }
     }
 
-    /// -f(u).
+    /// Returns -f(u).
     pub(crate) fn negative(&self) -> Self {
         let rows = self.rows.iter().map(|row| row.map(|v| -v)).collect();
         Self { rows, norm: self.norm }
     }
 
-    /// f(-u).
+    /// Returns f(-u).
     pub(crate) fn antipodal(&self) -> Self {
         let mut other = self.clone();
         for (k, row) in other.rows.iter_mut().enumerate() {
@@ -65,16 +65,16 @@ impl Unit {
     }
 }
 
-/// What a search found.
+/// Result of a search.
 #[derive(Debug, Clone)]
 pub(crate) struct Found {
     pub(crate) fit: Fit,
     pub(crate) antipodal: bool,
-    /// |Q R f - g| where the starts ended, the best start of the grid first.
+    /// |Q R f - g| reached by each start, the best start of the grid first.
     pub(crate) ends: Vec<f64>,
 }
 
-/// What searches of one degree share: `12 (L+1)^2 + 32/3 B^4` bytes.
+/// State shared by the searches at one degree: `12 (L+1)^2 + 32/3 B^4` bytes.
 pub(crate) struct Plan {
     pub(crate) rotator: Rotator,
     grid: So3Grid,
@@ -86,10 +86,10 @@ impl Plan {
         Self { rotator: Rotator::new(max_degree), grid: So3Grid::new(bandwidth), starts }
     }
 
-    /// Searches all rotations of a surface of norm 1.
+    /// Searches all rotations for a surface of norm 1.
     pub(crate) fn search(&self, f: &Unit, target: &Target, space: Space, monitor: &dyn Monitor) -> Found {
         let mut starts = self.starts_of(f, target, space, false);
-        // A surface in a known pose has its outside outside: the sphere is never mirrored.
+        // A surface in a known pose is oriented outwards: the sphere is never mirrored.
         let other = (space == Space::Mirrored).then(|| f.antipodal());
         if let Some(other) = &other {
             starts.extend(self.starts_of(other, target, space, true));
@@ -130,7 +130,7 @@ impl Plan {
         peaks.map(|Peak { rotation, score }| Start { rotation, score, antipodal }).collect()
     }
 
-    /// Refines one rotation.
+    /// Refines a single rotation.
     pub(crate) fn continued(
         &self,
         f: &Unit,
@@ -151,11 +151,11 @@ struct Start {
     antipodal: bool,
 }
 
-/// Surfaces of more than twice this degree are refined to it first, and then only from the places where that ends:
-/// starts often end in the same ones.
+/// Surfaces of more than twice this degree are first refined at this degree, and then only from the distinct ends,
+/// because starts often converge to the same one.
 const COARSE: usize = 20;
 
-/// The different places where starts ended, in the order of the starts.
+/// Returns the distinct ends of the starts, in the order of the starts.
 fn distinct(fits: &[Fit], starts: &[Start]) -> Vec<Start> {
     let mut kept: Vec<(Start, f64)> = Vec::new();
     for (fit, start) in fits.iter().zip(starts) {
@@ -171,7 +171,7 @@ fn distinct(fits: &[Fit], starts: &[Start]) -> Vec<Start> {
     kept.into_iter().map(|(start, _)| start).collect()
 }
 
-/// The best Q alone.
+/// Returns the fit with the best Q only.
 pub(crate) fn object_only(f: &[[f64; 3]], g: &[[f64; 3]], mirror: bool) -> Fit {
     let correlation = outer(g, f);
     let values = svd(&correlation).values;
@@ -181,7 +181,7 @@ pub(crate) fn object_only(f: &[[f64; 3]], g: &[[f64; 3]], mirror: bool) -> Fit {
         rotation: Rotation::IDENTITY,
         orthogonal,
         distance: distance(f, &orthogonal, g),
-        // Only Q was searched for, and its singular values say enough.
+        // Only Q was searched; its singular values are sufficient.
         stiffness: 1.0,
         singular_values: [values[0], values[1], sign * values[2]],
     }

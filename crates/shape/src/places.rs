@@ -1,11 +1,11 @@
-//! Whether equal directions are equal places in a group whose maps to the sphere may have been made apart.
+//! Check whether equal directions correspond in a group whose maps to the sphere may have been made separately.
 //!
-//! Surfaces at the same directions of an icosphere are compared with each other there, and each with the nearest points
-//! of the other. Members are compared with the typical one, which is nearest to their mean. If they are farther from it
-//! at equal directions than their surfaces are by a factor above [`FAR_FROM_A_MEMBER`], means, modes and tests show how
-//! the maps differ.
+//! Surfaces are compared with each other at the same directions of an icosphere, and each with the nearest points of
+//! the other. Members are compared with the typical one, which is nearest to their mean. If their distance from it at
+//! equal directions exceeds that of their surfaces by a factor above [`FAR_FROM_A_MEMBER`], means, modes and tests show
+//! how the maps differ.
 //!
-//! Cost: some 10 ms a member of one thread, of [`MOST`] members at most. What needs poses is looked at by
+//! Cost: about 10 ms per member on one thread, for at most [`MOST`] members. Poses are checked by
 //! [`surface_poses`](crate::surface_poses()).
 
 use rayon::prelude::*;
@@ -21,26 +21,26 @@ use crate::error::ShapeError;
 use crate::mean::mean;
 use crate::surface_poses::{FAR_FROM_A_MEMBER, SurfacePoseWarning};
 
-/// Members that are compared with the typical one, at most: evenly over the group.
+/// Maximum number of members compared with the typical one, evenly spaced over the group.
 pub const MOST: usize = 64;
-/// Subdivisions of the icosphere whose triangles are the surfaces, and of that whose vertices look for the nearest.
+/// Subdivisions of the icosphere whose triangles are the surfaces, and of that whose vertices are the query points.
 const LEVELS: [u32; 2] = [4, 3];
 const ACCURACY: f64 = 1e-6;
 
-/// Returns whether models are over one sphere, by the keys of their sampling schemes: these are known and equal. Only
-/// then do equal directions mean equal places before an alignment. False of no models.
+/// Returns whether models are over one sphere, by the keys of their sampling schemes, which must be known and equal.
+/// Only then do equal directions correspond before an alignment. Returns false for no models.
 #[must_use]
 pub fn one_key<'a>(keys: impl IntoIterator<Item = Option<&'a str>>) -> bool {
     let mut keys = keys.into_iter();
     keys.next().flatten().is_some_and(|first| keys.all(|key| key == Some(first)))
 }
 
-/// Looks at a group of surfaces of one degree, (K, 3) each, that lie in one pose, whatever their places. `None` where
-/// equal directions are equal places as far as surfaces tell, and of fewer than two.
+/// Checks a group of surfaces of one degree, (K, 3) each, that lie in one pose, registered or not. Returns `None` if
+/// equal directions correspond as far as the surfaces show, or for fewer than two surfaces.
 ///
 /// # Errors
 ///
-/// [`ShapeError::Differ`] of members of lower degrees than the first, [`ShapeError::Transform`],
+/// [`ShapeError::Differ`] for members of lower degree than the first, [`ShapeError::Transform`],
 /// [`ShapeError::Interrupted`].
 pub fn places_differ(group: &[Coefficients], monitor: &dyn Monitor) -> Result<Option<SurfacePoseWarning>, ShapeError> {
     if group.len() < 2 {
@@ -108,7 +108,7 @@ mod tests {
         assert!(!one_key([]));
     }
 
-    /// Lumps that differ a little, their spheres turned by some degrees.
+    /// Slightly different blobs, their spheres rotated by some degrees.
     fn turned_by(degrees: f64) -> Option<SurfacePoseWarning> {
         let common = blob(6, 1);
         let member = |n: usize| {

@@ -1,17 +1,17 @@
-//! Whether the models of a group lie in one pose, as a mean, modes and tests need it.
+//! Check whether the models of a group lie in one pose, which a mean, modes and tests require.
 //!
-//! The degree 1 rows of a surface, B (3 x 3), map a direction to its place on the first-order ellipsoid. Where surfaces
-//! correspond they are alike. Turned in space or in the parameters, Q B R, they cancel each other in the sum. It is
-//! largest where all have the same singular vectors: `|sum Q_i B_i R_i| <= |sum s_i|`, with s_i the vectors of singular
-//! values in descending order (von Neumann's trace inequality). The share
+//! The degree 1 rows of a surface, B (3 x 3), map a direction to its place on the first-order ellipsoid. If surfaces
+//! correspond, their B are similar. If they are rotated in space or in the parameters, Q B R, they cancel each other in
+//! the sum. The sum is largest if all have the same singular vectors: `|sum Q_i B_i R_i| <= |sum s_i|`, with s_i the
+//! vectors of singular values in descending order (von Neumann's trace inequality). The ratio
 //!
 //! ```text
 //! |sum B_i| / |sum s_i|
 //! ```
 //!
-//! is 1 for surfaces in one pose, whatever their sizes and shapes, and some 1 / sqrt(n) for n in random ones: 0.27 for
-//! 12, 0.42 for 5 and 0.55 for 3, of an ellipsoid of axes 9, 5 and 3. It takes no search. What it doesn't see are half
-//! turns about the axes of the ellipsoid in both spaces, which leave B as it is.
+//! is 1 for surfaces in one pose, whatever their sizes and shapes, and about 1 / sqrt(n) for n in random ones: 0.27 for
+//! 12, 0.42 for 5 and 0.55 for 3, for an ellipsoid of axes 9, 5 and 3. It needs no search. It can't detect half turns
+//! about the axes of the ellipsoid in both spaces, which leave B unchanged.
 
 use std::fmt;
 
@@ -20,19 +20,19 @@ use spharm_harmonics::Coefficients;
 use crate::matrix3::Matrix3;
 use spharm_surface::kabsch::svd;
 
-/// The least share of surfaces that lie in one pose. Of 5 surfaces in random poses 1 in 200 have more, of 3 every
-/// twelfth.
+/// Minimum ratio for surfaces in one pose. In random poses 1 in 200 groups of 5 surfaces exceed it, and one in twelve
+/// groups of 3.
 const LEAST: f64 = 0.75;
 
-/// Surfaces that don't lie in one pose.
+/// Warning that surfaces don't lie in one pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PosesDiffer {
-    /// How much of their first-order ellipsoids is left in the mean, where all of it would be 1.
+    /// Fraction of their first-order ellipsoids that remains in the mean; 1 if all are in one pose.
     pub left: f64,
 }
 
 impl PosesDiffer {
-    /// Looks at a group of surfaces, (K, 3) each; `None` where they lie in one pose, or where degree 1 doesn't tell.
+    /// Checks a group of surfaces, (K, 3) each. Returns `None` if they lie in one pose, or if degree 1 is inconclusive.
     #[must_use]
     pub fn of(group: &[Coefficients]) -> Option<Self> {
         let first_order = |surface: &Coefficients| -> Option<Matrix3> {
@@ -84,7 +84,7 @@ mod tests {
         let apart: Vec<_> = (0..8).map(|n| posed(&blob(4, 1), &some_pose(n))).collect();
         let found = PosesDiffer::of(&apart).unwrap();
         assert!(found.left < 0.6 && found.to_string().contains("align"), "{found}");
-        // Only in the parameters, as spheres are of maps that know nothing of each other.
+        // Rotated in the parameters alone, like spheres of independent maps.
         let still = |n: usize| crate::Transform { rotation: some_pose(n).rotation, ..crate::Transform::default() };
         let turned: Vec<_> = (0..8).map(|n| posed(&blob(4, 1), &still(n))).collect();
         assert!(PosesDiffer::of(&turned).is_some());

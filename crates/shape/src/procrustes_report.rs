@@ -12,16 +12,16 @@ use crate::transform::Transform;
 /// Settings of a group's alignment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ProcrustesParams {
-    /// How a surface is brought to another: [`Method::Joint`](crate::Method::Joint),
+    /// Alignment of a surface to another: [`Method::Joint`](crate::Method::Joint),
     /// [`Method::Surfaces`](crate::Method::Surfaces) or [`Method::FixedParameters`](crate::Method::FixedParameters). By
-    /// default 3 starts are refined in each search, as every surface is searched several times.
+    /// default 3 starts are refined in each search, because every surface is searched several times.
     pub align: AlignParams,
-    /// Templates to start from; by default every member of up to 20, and 5 members of larger groups.
+    /// Number of templates to start from; by default every member of up to 20, and 5 members of larger groups.
     pub templates: Option<usize>,
-    /// A start ends when the spread falls by less than this, relative to itself; 1e-7 by default. The best start goes
-    /// on until surfaces move by less than 1e-10 of their size.
+    /// Relative decrease of the spread below which a start has converged; 1e-7 by default. The best start continues
+    /// until surfaces move by less than 1e-10 of their size.
     pub tolerance: f64,
-    /// Rounds of a start, at most; 100 by default.
+    /// Maximum number of rounds per start; 100 by default.
     pub max_rounds: usize,
 }
 
@@ -36,65 +36,65 @@ impl Default for ProcrustesParams {
     }
 }
 
-/// Something to know about a group's alignment.
+/// Warnings about a group's alignment.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum ProcrustesWarning {
-    /// Members have different degrees; those up to the lowest were compared.
+    /// Members have different degrees; degrees up to the lowest were compared.
     DegreesDiffer {
-        /// The lowest one.
+        /// The lowest degree.
         lowest: usize,
-        /// The highest one.
+        /// The highest degree.
         highest: usize,
     },
-    /// A member is nearer to the others as its mirror image, where these are nearer as they are: it may be of the other
-    /// side. Where shapes hardly differ from their mirror images, or differ more among themselves, as five hippocampi
-    /// do, a mirrored member mostly isn't noticed.
+    /// The mirror image of a member is nearer to the others, while each of these is nearer unmirrored: it may be of the
+    /// other side. If shapes hardly differ from their mirror images, or differ more among themselves, as five
+    /// hippocampi do, a mirrored member mostly goes undetected.
     Mirrored {
-        /// The member, counted from 0.
+        /// Index of the member, from 0.
         member: usize,
-        /// Its distance from the mean of the others.
+        /// Distance of the member from the mean of the others.
         rmsd: f64,
-        /// That of its mirror image.
+        /// Distance of its mirror image.
         mirrored: f64,
     },
-    /// The group is of two sides, and its mean of neither: with mirror images matched its spread is less by a fifth or
-    /// more.
+    /// The group mixes two sides, and its mean belongs to neither: matching mirror images reduces the spread by a fifth
+    /// or more.
     Sides {
-        /// The members of the smaller side, counted from 0; of two that are alike, of the one that the first member
-        /// isn't on. Empty where shapes don't tell which ones they are.
+        /// Members of the smaller side, from 0; if both sides have the same size, of the side without the first member.
+        /// Empty if the shapes don't show which members they are.
         members: Vec<usize>,
-        /// Members of the group.
+        /// Number of members of the group.
         of: usize,
-        /// The group's spread; where poses are by the surfaces, distance of those of one side from the typical one of
-        /// the other.
+        /// The group's spread; if poses are determined by the surfaces, the distance of the members of one side from
+        /// the typical member of the other.
         spread: f64,
         /// The same with mirror images matched.
         mirrored: f64,
     },
-    /// Something to know about how one member was brought to the mean.
+    /// A warning about the alignment of one member to the mean.
     Member {
-        /// The member, counted from 0.
+        /// Index of the member, from 0.
         member: usize,
-        /// What.
+        /// The warning.
         warning: AlignWarning,
     },
     /// The mean's first-order ellipsoid is nearly round: the group's pose has little meaning.
     NearlyRound {
-        /// The ratio of its neighbouring axes.
+        /// The smallest ratio of neighbouring axes.
         ratio: f64,
     },
-    /// A member has no area, so that poses are by the distance at equal directions, as of
+    /// A member has no area, so that poses are determined by the distance at equal directions, as with
     /// [`Method::Joint`](crate::Method::Joint).
     NoArea {
-        /// The member, counted from 0.
+        /// Index of the member, from 0.
         member: usize,
     },
-    /// The pose of a member's surface beside the others', of [`Method::Surfaces`](crate::Method::Surfaces).
+    /// The pose of a member's surface relative to the others, with [`Method::Surfaces`](crate::Method::Surfaces).
     Pose(GroupPoseWarning),
-    /// The surfaces don't lie on each other as the alignment suggests.
+    /// The surfaces lie on each other less well than the alignment suggests.
     Surfaces(SurfacePoseWarning),
-    /// The rounds were used up.
+    /// The maximum number of rounds was reached.
     NotConverged {
         /// The last relative change of the spread.
         change: f64,
@@ -102,7 +102,7 @@ pub enum ProcrustesWarning {
 }
 
 impl ProcrustesWarning {
-    /// Returns the member that it is about, counted from 0, if it is about one.
+    /// Returns the index of the member concerned, from 0, if there is a single one.
     #[must_use]
     pub fn member(&self) -> Option<usize> {
         match self {
@@ -115,7 +115,7 @@ impl ProcrustesWarning {
         }
     }
 
-    /// Returns what it says of the member, without its number, where it is about one; else all of it.
+    /// Returns the warning's text without the member's number, if it concerns one; else the entire text.
     #[must_use]
     pub fn of_member(&self) -> String {
         match self {
@@ -132,7 +132,7 @@ impl ProcrustesWarning {
         }
     }
 
-    /// Returns the members that are, or may be, mirror images of the others, counted from 0.
+    /// Returns the members that are, or may be, mirror images of the others, from 0.
     #[must_use]
     pub fn mirrored(&self) -> &[usize] {
         match self {
@@ -142,7 +142,7 @@ impl ProcrustesWarning {
         }
     }
 
-    /// Returns the warning with members by their names, at most 12 of a list.
+    /// Returns the warning's text with members by name, at most 12 in a list.
     pub fn naming(&self, name: impl Fn(usize) -> String) -> String {
         const MOST: usize = 12;
         match (self, self.member()) {
@@ -190,43 +190,43 @@ impl fmt::Display for ProcrustesWarning {
     }
 }
 
-/// Where a start ended.
+/// Result of one start.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TemplateEnd {
-    /// The member that all were brought to first.
+    /// The member that all were first aligned to.
     pub template: usize,
-    /// The spread that was reached.
+    /// The spread reached.
     pub spread: f64,
-    /// Rounds that it took.
+    /// Number of rounds.
     pub rounds: usize,
 }
 
-/// What an alignment of a group did.
+/// Report of a group's alignment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ProcrustesReport {
     /// Highest degree compared.
     pub degree: usize,
-    /// Root mean square distance of the members from their mean, in their unit: after centring alone, and at the end.
+    /// Root mean square distance of the members from their mean, in their unit, after centring alone.
     pub spread_before: f64,
-    /// See `spread_before`.
+    /// Root mean square distance of the members from their mean, in their unit, after the alignment.
     pub spread_after: f64,
     /// Distance of each member from the mean, at equal directions.
     pub rmsd: Vec<f64>,
-    /// Distance of each member's surface from the mean's, whatever the directions.
+    /// Distance of each member's surface from the mean's surface, regardless of directions.
     pub surface_distances: Vec<f64>,
-    /// Where each start ended.
+    /// Result of each start.
     pub ends: Vec<TemplateEnd>,
-    /// What to know.
+    /// Warnings.
     pub warnings: Vec<ProcrustesWarning>,
 }
 
-/// A group that was brought together.
+/// An aligned group.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Procrustes {
-    /// What brings each member to the mean, at all its degrees.
+    /// Transform of each member to the mean, which applies to all its degrees.
     pub transforms: Vec<Transform>,
-    /// The mean, (K, 3) of the highest degree compared, centred.
+    /// The mean at the highest degree compared, (K, 3), centred.
     pub mean: Coefficients,
-    /// What was done.
+    /// Spreads, distances and warnings.
     pub report: ProcrustesReport,
 }

@@ -1,20 +1,20 @@
-//! Products of matrices on one thread: the same bits on any number of threads, inside of parallel loops too.
+//! Products of matrices on one thread: bitwise the same on any number of threads, also inside parallel loops.
 //!
-//! ndarray's own `dot` goes to OpenBLAS where another crate of the program asks for it: its threads would then fight
-//! with those of the loop that it is called in.
+//! ndarray's own `dot` uses OpenBLAS if another crate of the program enables it. Its threads would then compete with
+//! those of the calling loop.
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
 use ndarray::{Array2, ArrayView2};
 
-/// Columns of B in one product: with some dozens of rows of A they fit the L2 cache.
+/// Number of columns of B in one product: with some dozens of rows of A they fit the L2 cache.
 pub(crate) const COLUMNS: usize = 768;
 
-/// `A B`: (m, n) for (m, k) and (k, n). Arguments that aren't row-major are copied first.
+/// Returns `A B`: (m, n) for (m, k) and (k, n). Arguments that aren't row-major are copied first.
 ///
 /// # Panics
 ///
-/// Where the inner sizes differ.
+/// If the inner dimensions differ.
 pub(crate) fn product(a: ArrayView2<'_, f64>, b: ArrayView2<'_, f64>) -> Array2<f64> {
     let ((m, k), (rows, n)) = (a.dim(), b.dim());
     assert_eq!(k, rows, "inner sizes of a product");

@@ -9,28 +9,28 @@
 //! q = (l-k)(l+k+1),   k = l-1, ..., 0
 //! ```
 //!
-//! A row starts where its values are smallest, as little as 2^-l, and grows until `i^2 + k^2 <= l^2`; from there it
-//! oscillates, and the recurrence is stable in both parts. **Each row keeps an exponent of its own:** plain doubles
-//! underflow at the start and grow back wrong, by 27 % in a column's norm at degree 3,000. A row is *hidden* while its
-//! values are below 2^-80, which count as zero; a degree of 3,000 has rows that start below 2^-3000.
+//! A row starts where its values are smallest, as small as 2^-l, and grows until `i^2 + k^2 <= l^2`; from there it
+//! oscillates, and the recurrence is stable in both parts. **Each row keeps its own exponent:** plain doubles underflow
+//! at the start and grow back wrong, by 27 % in a column's norm at degree 3,000. A row is *hidden* while its values are
+//! below 2^-80, and treated as zero; degree 3,000 has rows that start below 2^-3000.
 //!
-//! Rows don't depend on each other, so several are made at a time, a lane each. Cost: 3 flops a value; `O(l)` memory.
+//! Rows are independent, so several are computed together, one lane each. Cost: 3 flops per value; `O(l)` memory.
 
 use spharm_harmonics::double_double::DoubleDouble;
 
-/// Steps between two looks at the exponents: a row grows by less than 2^60 meanwhile, up to degree 30,000.
+/// Steps between two checks of the exponents: a row grows by less than 2^60 meanwhile, up to degree 30,000.
 pub(crate) const BLOCK: usize = 8;
-/// Rows are made in multiples of this.
+/// Rows are computed in multiples of this.
 pub(crate) const LANES: usize = 8;
-/// A hidden value is stored as 2^512 times what it is, or a higher power of that.
+/// A hidden value is stored multiplied by 2^512, or by a higher power of that.
 const HIDDEN_SCALE: f64 = f64::from_bits((1023 + 512) << 52);
 const HIDDEN_INVERSE: f64 = f64::from_bits((1023 - 512) << 52);
-/// A stored value above this is scaled down: its row is then known from 2^-120 on.
+/// A stored value above this is scaled down: its row is then accurate from 2^-120 on.
 const LARGE: f64 = f64::from_bits((1023 + 392) << 52);
-/// A row whose first value is below this starts hidden.
+/// A row whose first value is below this starts as hidden.
 const SMALL: f64 = f64::from_bits((1023 - 120) << 52);
 
-/// `Delta_{0,l}^2` of the degrees 0 to L.
+/// `Delta_{0,l}^2` for degrees 0 to L.
 #[derive(Debug, Clone)]
 pub(crate) struct Centre(Vec<f64>);
 
@@ -48,34 +48,34 @@ impl Centre {
     }
 }
 
-/// What the rows of one degree have in common, and where each of them starts. Steps t count down from k: `t = l - k`.
+/// Data shared by the rows of one degree, and the start of each row. Steps t count down from k: `t = l - k`.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Quarter {
     /// The degree, l.
     pub(crate) degree: usize,
-    /// `1/sqrt(q)` and `sqrt((l-k-1)(l+k+2)/q)` of the step from t to t + 1; zero from t = l on. A multiple of
-    /// [`BLOCK`] steps.
+    /// `1/sqrt(q)` and `sqrt((l-k-1)(l+k+2)/q)` of the step from t to t + 1; zero from t = l on. The length is a
+    /// multiple of [`BLOCK`] steps.
     pub(crate) first: Vec<f64>,
     pub(crate) second: Vec<f64>,
-    /// By parity p of i: `Delta_{i,l}` as it is stored, for i = p, p + 2, ...; zeros up to a multiple of [`LANES`]
-    /// after that.
+    /// By parity p of i: the stored values of `Delta_{i,l}` for i = p, p + 2, ..., padded by zeros to a multiple of
+    /// [`LANES`].
     pub(crate) starts: [Vec<f64>; 2],
-    /// By parity: how often the stored value has been multiplied by 2^512.
+    /// By parity: number of times that the stored value was multiplied by 2^512.
     pub(crate) exponents: [Vec<i32>; 2],
 }
 
-/// Steps of a degree, up to a multiple of [`BLOCK`].
+/// Number of steps of a degree, rounded up to a multiple of [`BLOCK`].
 pub(crate) const fn steps(degree: usize) -> usize {
     (degree + 1).next_multiple_of(BLOCK)
 }
 
-/// Rows of one parity, up to a multiple of `width`.
+/// Number of rows of one parity, rounded up to a multiple of `width`.
 pub(crate) const fn rows(degree: usize, parity: usize, width: usize) -> usize {
     ((degree + 2 - parity) / 2).next_multiple_of(width)
 }
 
 impl Quarter {
-    /// Prepares a degree, in the memory of another.
+    /// Prepares a degree, reusing the memory.
     pub(crate) fn set(&mut self, degree: usize, centre: &Centre, width: usize) {
         let l = degree;
         self.degree = l;
@@ -83,7 +83,7 @@ impl Quarter {
             steps_of.clear();
             steps_of.resize(steps(l), 0.0);
         }
-        // To t = l - k from t - 1: q = t (2l + 1 - t), (l-k-1)(l+k+2) = (t - 1)(2l + 2 - t).
+        // Step from t - 1 to t = l - k: q = t (2l + 1 - t), (l-k-1)(l+k+2) = (t - 1)(2l + 2 - t).
         let sum = (2 * l + 1) as f64;
         for (i, (first, second)) in self.first.iter_mut().zip(&mut self.second).take(l).enumerate() {
             let t = (i + 1) as f64;
@@ -113,7 +113,7 @@ impl Quarter {
     }
 }
 
-/// Which rows of those made together are hidden.
+/// Which of the rows computed together are hidden.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Hidden {
     All,
@@ -121,12 +121,12 @@ pub(crate) enum Hidden {
     None,
 }
 
-/// The recurrence of `W` rows of one parity.
+/// State of the recurrence for `W` rows of one parity.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Rows<const W: usize> {
     /// `-2i`.
     pub(crate) order: [f64; W],
-    /// The values at t and at t - 1, as stored.
+    /// The stored values at t and at t - 1.
     pub(crate) now: [f64; W],
     pub(crate) before: [f64; W],
     exponents: [i32; W],
@@ -143,7 +143,7 @@ impl<const W: usize> Rows<W> {
         Self { order, now, before: [0.0; W], exponents }
     }
 
-    /// One step: `first` and `second` are those of the [`Quarter`].
+    /// Advances one step; `first` and `second` are those of the [`Quarter`].
     #[inline(always)]
     pub(crate) fn step(&mut self, first: f64, second: f64) {
         for lane in 0..W {
@@ -153,7 +153,7 @@ impl<const W: usize> Rows<W> {
         }
     }
 
-    /// Which rows are hidden.
+    /// Returns which rows are hidden.
     #[inline(always)]
     pub(crate) fn hidden(&self) -> Hidden {
         match self.exponents.iter().filter(|&&e| e > 0).count() {
@@ -163,13 +163,13 @@ impl<const W: usize> Rows<W> {
         }
     }
 
-    /// One for the rows that aren't hidden, zero for the others.
+    /// Returns 1 for visible rows and 0 for hidden ones.
     #[inline(always)]
     pub(crate) fn visible(&self) -> [f64; W] {
         self.exponents.map(|e| if e == 0 { 1.0 } else { 0.0 })
     }
 
-    /// Scales down what has grown; to be called every [`BLOCK`] steps while rows are hidden.
+    /// Scales down values that have grown; must be called every [`BLOCK`] steps while rows are hidden.
     #[inline(always)]
     pub(crate) fn rescale(&mut self) {
         for lane in 0..W {
@@ -214,7 +214,8 @@ pub(crate) fn dense(degree: usize, centre: &Centre) -> Vec<f64> {
 mod tests {
     use super::*;
 
-    /// Rows of orthogonal matrices: the norm of row i over all k, where k < 0 has the values of k > 0 but for the sign.
+    /// Rows are orthogonal: the norm of row i over all k, where values at k < 0 equal those at k > 0 except for the
+    /// sign.
     fn worst_norm(degree: usize) -> f64 {
         let delta = dense(degree, &Centre::new(degree));
         let row_norm = |row: &[f64]| row[0] * row[0] + 2.0 * row[1..].iter().map(|v| v * v).sum::<f64>();
@@ -225,7 +226,7 @@ mod tests {
     fn rows_have_norm_one_beyond_the_range_of_doubles() {
         for degree in [0, 1, 2, 7, 8, 9, 60, 500, 1_500, 3_000] {
             let worst = worst_norm(degree);
-            // The worst row, i next to l, whose recurrence is the least well conditioned; the mean is a tenth.
+            // The worst row has i near l, where the recurrence is worst conditioned; the mean error is a tenth of it.
             assert!(worst < 1e-16 * degree.max(20) as f64, "degree {degree}: {worst:e}");
         }
     }
@@ -243,7 +244,7 @@ mod tests {
         }
     }
 
-    /// d^1 and d^2 at pi/2, from any textbook.
+    /// d^1 and d^2 at pi/2, from the literature.
     #[test]
     fn low_degrees_are_the_textbooks() {
         let root = |v: f64| v.sqrt();

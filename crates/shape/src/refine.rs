@@ -1,8 +1,8 @@
-//! Two surfaces brought together from a rotation near the best one.
+//! Refinement of an alignment from a rotation near the best one.
 //!
-//! For coefficients f and g of norm 1 without row 0, `<g, Q (R f)>` is made largest over the rotations R of the
-//! parameters and Q of space. Q follows from R in closed form ([`kabsch`](spharm_surface::kabsch)). Around (R, Q), for
-//! turns w and v,
+//! For coefficients f and g of norm 1 without row 0, `<g, Q (R f)>` is maximised over the rotations R of the parameters
+//! and Q of space. Q follows from R in closed form ([`kabsch`](spharm_surface::kabsch)). Around (R, Q), for rotation
+//! vectors w and v,
 //!
 //! ```text
 //! phi(w, v) = -<g, exp(v x) Q exp(-w.L) R f>
@@ -10,9 +10,9 @@
 //!
 //! has gradient and second derivatives that are sums of 3 x 3 products of g, R f and their [infinitesimal
 //! rotations](crate::derivatives): `O(K)`. The steps are Newton's, with Levenberg's damping in the metric of Gauss and
-//! Newton (the squared lengths of the six directions): their matrix is Newton's where g = Q R f, and keeps far steps
-//! short. Convergence is quadratic also where the surfaces differ. Where the pose is known ([`Space::Fixed`]) only R
-//! moves.
+//! Newton (the squared lengths of the six directions): its matrix equals Newton's if g = Q R f, and it keeps steps far
+//! from the optimum short. Convergence is quadratic even if the surfaces differ. If the pose is known
+//! ([`Space::Fixed`]), only R varies.
 
 use spharm_monitor::Monitor;
 
@@ -23,7 +23,7 @@ use crate::rotate::Rotator;
 use crate::rotation::Rotation;
 use spharm_surface::kabsch::{kabsch, svd};
 
-/// A surface that others are brought to.
+/// A surface that others are aligned to.
 #[derive(Debug)]
 pub(crate) struct Target {
     /// (K, 3), row 0 zero, norm 1.
@@ -37,28 +37,28 @@ impl Target {
     }
 }
 
-/// Where a search has ended.
+/// Result of a refinement.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Fit {
-    /// R.
+    /// Rotation R.
     pub(crate) rotation: Rotation,
-    /// Q, a reflection only if that was allowed.
+    /// Rotation Q; a reflection only if allowed.
     pub(crate) orthogonal: Matrix3,
     /// |Q R f - g|.
     pub(crate) distance: f64,
-    /// The smallest second derivative over all directions, relative to their squared lengths; about zero where the two
-    /// surfaces can be turned without a change.
+    /// The smallest second derivative over all directions, relative to their squared lengths; about zero if the two
+    /// surfaces can be rotated without changing the distance.
     pub(crate) stiffness: f64,
     /// The singular values of `sum g (R f)^T`, the last with the sign of the determinant.
     pub(crate) singular_values: [f64; 3],
 }
 
-/// Steps at most; a dozen are usual.
+/// Maximum number of steps; about a dozen are typical.
 const STEPS: usize = 60;
-/// A step below this, in radians, is the last one: the next would be of its square.
+/// The last step is below this, in radians: the next would be of the order of its square.
 const LAST: f64 = 1e-9;
 
-/// A rotation, what it makes of f, and how near that is.
+/// A rotation, the rotated f, and its distance from the target.
 struct State {
     rotation: Rotation,
     rows: Vec<[f64; 3]>,
@@ -67,24 +67,24 @@ struct State {
     distance: f64,
 }
 
-/// Which Q there may be.
+/// Matrices allowed for Q.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Space {
-    /// The best rotation.
+    /// Rotations.
     Turned,
-    /// The best rotation or reflection.
+    /// Rotations and reflections.
     Mirrored,
-    /// The identity: the pose is known.
+    /// The identity only: the pose is known.
     Fixed,
 }
 
 impl Space {
-    /// Rotations, and reflections on demand.
+    /// Returns [`Self::Mirrored`] if `mirror`, else [`Self::Turned`].
     pub(crate) fn free(mirror: bool) -> Self {
         if mirror { Self::Mirrored } else { Self::Turned }
     }
 
-    /// The best Q of a correlation.
+    /// Returns the best Q of a correlation.
     pub(crate) fn best(self, correlation: &Matrix3) -> Matrix3 {
         match self {
             Self::Fixed => IDENTITY,
@@ -93,8 +93,8 @@ impl Space {
     }
 }
 
-/// Refines a rotation of `f`, (K, 3) of norm 1 and row 0 zero. Ends early if the monitor says so; whoever called asks
-/// it.
+/// Refines a rotation of `f`, (K, 3), of norm 1 with row 0 zero. Stops early if the monitor interrupts; the caller has
+/// to check it.
 pub(crate) fn refine(
     rotator: &Rotator,
     f: &[[f64; 3]],
@@ -125,7 +125,7 @@ pub(crate) fn refine(
             if let Some(step) = model.step(damping) {
                 size = step.iter().map(|v| v * v).sum::<f64>().sqrt();
                 let trial = at(Rotation::exponential([step[0], step[1], step[2]]) * state.rotation);
-                // Next to the end only rounding decides.
+                // Near the optimum differences are rounding.
                 if trial.distance < state.distance || size < LAST {
                     next = Some(trial);
                     break;
@@ -155,7 +155,7 @@ pub(crate) fn refine(
     }
 }
 
-/// |Q f - g|.
+/// Returns |Q f - g|.
 pub(crate) fn distance(f: &[[f64; 3]], orthogonal: &Matrix3, g: &[[f64; 3]]) -> f64 {
     let square = |(f, g): (&[f64; 3], &[f64; 3])| -> f64 {
         (0..3).map(|i| dot(&orthogonal[i], f) - g[i]).map(|difference| difference * difference).sum()
@@ -163,7 +163,7 @@ pub(crate) fn distance(f: &[[f64; 3]], orthogonal: &Matrix3, g: &[[f64; 3]]) -> 
     f.iter().zip(g).map(square).sum::<f64>().sqrt()
 }
 
-/// The sum over rows of g f^T.
+/// Returns the sum over rows of g f^T.
 pub(crate) fn outer(g: &[[f64; 3]], f: &[[f64; 3]]) -> Matrix3 {
     let mut sum = [[0.0; 3]; 3];
     for (g, f) in g.iter().zip(f) {
@@ -176,7 +176,7 @@ pub(crate) fn outer(g: &[[f64; 3]], f: &[[f64; 3]]) -> Matrix3 {
     sum
 }
 
-/// phi to second order, in the variables (w, v).
+/// Quadratic model of phi in the variables (w, v).
 #[derive(Debug)]
 struct Model {
     gradient: [f64; 6],
@@ -191,7 +191,7 @@ impl Model {
         let trace = |m: &Matrix3| -> f64 { (0..3).map(|i| dot(&q[i], &m[i])).sum() };
         let own = generators(&state.rows);
         let mut model = Self { gradient: [0.0; 6], hessian: [[0.0; 6]; 6], metric: [0.0; 6] };
-        // N = sum g (Q R f)^T, symmetric as Q is the best one.
+        // N = sum g (Q R f)^T, symmetric because Q is the best one.
         let n = product(&state.correlation, &transposed(q));
         let total = n[0][0] + n[1][1] + n[2][2];
         let norms: [f64; 3] = std::array::from_fn(|c| state.rows.iter().map(|row| dot(&q[c], row).powi(2)).sum());
@@ -222,7 +222,7 @@ impl Model {
         model
     }
 
-    /// Leaves only R free: Q is coupled to nothing, and where it is the function is least.
+    /// Holds Q fixed: removes its coupling and sets its gradient to zero.
     fn hold_space(&mut self) {
         for j in 3..6 {
             self.gradient[j] = 0.0;
@@ -233,9 +233,9 @@ impl Model {
         }
     }
 
-    /// The step to the minimum, damped; none if there is none.
+    /// Returns the damped step to the minimum, or `None` if there is no minimum.
     fn step(&self, damping: f64) -> Option<[f64; 6]> {
-        // Directions that change nothing have to be passable.
+        // The floor allows directions along which nothing changes.
         let floor = 1e-14 * self.metric.iter().sum::<f64>() + f64::MIN_POSITIVE;
         let mut l = self.hessian;
         for (i, row) in l.iter_mut().enumerate() {
@@ -265,7 +265,7 @@ impl Model {
         Some(x)
     }
 
-    /// The smallest eigenvalue of the second derivatives in units of the metric, by Jacobi's rotations.
+    /// Returns the smallest eigenvalue of the second derivatives in units of the metric, by Jacobi rotations.
     fn stiffness(&self) -> f64 {
         let largest = self.metric.iter().fold(0.0_f64, |largest, &v| largest.max(v));
         if largest == 0.0 {

@@ -1,14 +1,14 @@
 //! Rotation of coefficients in their parameters.
 //!
-//! A rotation R turns the function on its sphere, `f'(u) = f(R^T u)`: a surface stays where it is, and the vertex that
-//! was at the direction u is now at R u. The coefficients of each degree are mixed among themselves, `D = Z(al) J Z(be)
-//! J Z(ga)` with Z(t) the turn about z, `a'_m = cos(mt) a_m - sin(mt) a_{-m}` for m of either sign, and J the half turn
-//! about (y + z)/sqrt2. Rotations of space are in [`transform`](crate::transform).
+//! A rotation R turns the function on its sphere, `f'(u) = f(R^T u)`: a surface is unchanged in space, and the vertex
+//! that was at direction u is now at R u. The coefficients of each degree are mixed among themselves, `D = Z(al) J
+//! Z(be) J Z(ga)` with Z(t) the rotation about z, `a'_m = cos(mt) a_m - sin(mt) a_{-m}` for m of either sign, and J the
+//! half turn about (y + z)/sqrt2. Rotations of space are in [`transform`](crate::transform).
 //!
-//! It takes `(L+1)^3 (2 + 4c/3)` flops for c columns of degree L and, beside the coefficients
-//! and the result, `48 (L+1)` bytes and `O(L)` in each thread. Degrees are independent of each other and their results
-//! don't depend on the number of threads. Errors are a few 1e-16 of the largest value at degree 100 and 1e-13 at 2,000,
-//! where the rounding of the rotation's own elements shows.
+//! Cost: `(L+1)^3 (2 + 4c/3)` flops for c columns of degree L and, in addition to the coefficients and the result, `48
+//! (L+1)` bytes and `O(L)` in each thread. Degrees are independent of each other and their results don't depend on the
+//! number of threads. Errors are a few 1e-16 of the largest value at degree 100 and 1e-13 at 2,000, where rounding of
+//! the rotation matrix's elements dominates.
 
 use ndarray::Array2;
 use rayon::prelude::*;
@@ -22,7 +22,7 @@ use crate::quarter::{Centre, Quarter};
 use crate::rotation::Rotation;
 use crate::row_sums::{COLUMNS, WIDTH};
 
-/// Turns functions on their sphere: `f'(u) = f(R^T u)`, for all columns, (K, c).
+/// Rotates functions on their sphere: `f'(u) = f(R^T u)`, for all columns, (K, c).
 ///
 /// # Errors
 ///
@@ -38,7 +38,7 @@ pub fn rotate_parameters(
     let values = values.as_slice().unwrap_or_default();
     let (turns, centre) = (Turns::new(rotation, max_degree), Centre::new(max_degree));
     let mut rotated = vec![0.0; values.len()];
-    // Long degrees first, so that no thread is left with one at the end.
+    // High degrees first, so that no thread ends with a long one.
     let mut degrees = Vec::with_capacity(max_degree + 1);
     let mut rest = rotated.as_mut_slice();
     for degree in 0..=max_degree {
@@ -47,7 +47,7 @@ pub fn rotate_parameters(
         rest = others;
     }
     degrees.reverse();
-    // Steps are in proportion to flops.
+    // Steps of the monitor are proportional to flops.
     let work = |degree: usize| ((degree + 1) * (degree + 1)) as u64;
     monitor.begin(Stage::counted("rotate", "elements"), (0..=max_degree).map(work).sum());
     let make = || (Quarter::default(), Workspace::default());
@@ -64,7 +64,7 @@ pub fn rotate_parameters(
     Ok(Coefficients::new(rotated.unwrap_or_default())?)
 }
 
-/// cos(m t) and sin(m t) of the three turns about z, al, be and ga.
+/// cos(m t) and sin(m t) of the three rotations about z, by al, be and ga.
 #[derive(Debug)]
 struct Turns([Vec<[f64; 2]>; 3]);
 
@@ -108,7 +108,7 @@ fn rotate_degree(
             let (plus, minus) = ((l + m) * columns + start, (l - m) * columns + start);
             for c in 0..group {
                 let (a, b) = (workspace.cos[m * group + c], workspace.sin[m * group + c]);
-                // The same element at m = 0.
+                // At m = 0 both are the same element.
                 out[minus + c] = cos * b + sin * a;
                 out[plus + c] = cos * a - sin * b;
             }
@@ -116,7 +116,7 @@ fn rotate_degree(
     }
 }
 
-/// Rotates many times to the same degree in one thread: what degrees have in common is kept, `8 (L+1)^2` bytes.
+/// Rotates repeatedly to the same degree in one thread; data shared by the rotations is kept, `8 (L+1)^2` bytes.
 #[derive(Debug)]
 pub(crate) struct Rotator {
     quarters: Vec<Quarter>,
@@ -133,7 +133,7 @@ impl Rotator {
         Self { quarters: quarters.collect() }
     }
 
-    /// Rotates three columns, (K, 3), of the rotator's degree or a lower one, to `out` of the same length.
+    /// Rotates three columns, (K, 3), of at most the rotator's degree into `out`, of the same length.
     pub(crate) fn rotate(
         &self,
         values: &[[f64; 3]],
@@ -169,7 +169,7 @@ mod tests {
         values.iter().fold(0.0, |largest: f64, v| largest.max(v.abs()))
     }
 
-    /// f'(u) = f(R^T u), by direct sums at R^T u and at u.
+    /// Compares f'(u) with f(R^T u), by direct sums at R^T u and at u.
     fn resynthesis(degree: usize, columns: usize, rotation: &Rotation) -> f64 {
         let a = sample(degree, columns);
         let rotated = rotate_parameters(&a, rotation, &Silent).unwrap();
@@ -202,7 +202,7 @@ mod tests {
 
     #[test]
     fn degrees_keep_their_norm_to_degree_2000() {
-        // One column, and the high degrees alone have values: the others would only take time.
+        // One column, with values in the high degrees only: the others would only take time.
         let degree = 2_000;
         let mut values = Array2::zeros((basis_size(degree), 1));
         let rows = degree * degree..basis_size(degree);

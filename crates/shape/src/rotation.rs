@@ -1,8 +1,8 @@
-//! Rotations of space: what users give, and what coefficients are turned by.
+//! Rotations of space and of the sphere of parameters.
 //!
 //! A rotation R moves the point u to R u. In Euler angles `R = Rz(al) Ry(be) Rz(ga)`, all in radians, with al and ga in
-//! (-pi, pi] and be in [0, pi]: first a turn about z by ga, then about y by be, then about z by al. A matrix that
-//! mirrors is refused, never mended: nothing here is a reflection.
+//! (-pi, pi] and be in [0, pi]: first a rotation about z by ga, then about y by be, then about z by al. A matrix that
+//! mirrors is rejected rather than corrected: no rotation here is a reflection.
 
 use std::ops::Mul;
 
@@ -14,7 +14,7 @@ pub use crate::matrix3::Matrix3;
 use crate::matrix3::{IDENTITY, determinant, product, transposed};
 use spharm_surface::kabsch::kabsch;
 
-/// How far `R^T R` may be from the identity, in any element, in what is taken for a rotation.
+/// Largest deviation of `R^T R` from the identity, in any element, for a matrix to be accepted as a rotation.
 pub const ORTHOGONALITY_TOLERANCE: f64 = 1e-6;
 
 /// A rotation of space: an orthogonal matrix of determinant 1.
@@ -36,15 +36,16 @@ impl From<&Rotation> for Matrix3 {
 }
 
 impl Rotation {
-    /// No rotation.
+    /// The identity.
     pub const IDENTITY: Self = Self { matrix: IDENTITY };
 
-    /// Takes a matrix by rows, and makes it the nearest orthogonal one, as a matrix from a file has few digits.
+    /// Creates a rotation from a matrix by rows, replaced by the nearest orthogonal one, as a matrix from a file has
+    /// few digits.
     ///
     /// # Errors
     ///
-    /// [`ShapeError::NotARotation`]: an element that isn't finite, `R^T R` farther than [`ORTHOGONALITY_TOLERANCE`]
-    /// from the identity, or a reflection.
+    /// [`ShapeError::NotARotation`]: an element isn't finite, `R^T R` deviates from the identity by more than
+    /// [`ORTHOGONALITY_TOLERANCE`], or the matrix is a reflection.
     pub fn from_matrix(matrix: Matrix3) -> Result<Self, ShapeError> {
         let refuse = |problem: String| Err(ShapeError::NotARotation { problem });
         if matrix.iter().flatten().any(|v| !v.is_finite()) {
@@ -65,16 +66,16 @@ impl Rotation {
         Ok(Self { matrix: kabsch(&matrix, false) })
     }
 
-    /// Takes a matrix that is orthogonal to rounding by the way it was computed.
+    /// Wraps a matrix that is orthogonal to rounding by construction.
     pub(crate) const fn of_orthogonal(matrix: Matrix3) -> Self {
         Self { matrix }
     }
 
-    /// `Rz(alpha) Ry(beta) Rz(gamma)`, in radians.
+    /// Returns `Rz(alpha) Ry(beta) Rz(gamma)`, in radians.
     ///
     /// # Errors
     ///
-    /// [`ShapeError::NotARotation`]: an angle that isn't finite.
+    /// [`ShapeError::NotARotation`]: an angle isn't finite.
     pub fn from_euler(alpha: f64, beta: f64, gamma: f64) -> Result<Self, ShapeError> {
         if ![alpha, beta, gamma].iter().all(|angle| angle.is_finite()) {
             let problem = format!("the Euler angles {alpha}, {beta}, {gamma} aren't all finite");
@@ -86,11 +87,12 @@ impl Rotation {
         Ok(z(alpha) * y * z(gamma))
     }
 
-    /// A turn about an axis of any length but zero, by an angle in radians, counter-clockwise seen from its tip.
+    /// Returns the rotation about an axis of nonzero length, by an angle in radians, counter-clockwise seen from its
+    /// tip.
     ///
     /// # Errors
     ///
-    /// [`ShapeError::NotARotation`]: an axis of length zero, or something that isn't finite.
+    /// [`ShapeError::NotARotation`]: the axis has length zero, or a value isn't finite.
     pub fn from_axis_angle(axis: [f64; 3], angle: f64) -> Result<Self, ShapeError> {
         // Scaled first, so that no square overflows or underflows.
         let largest = axis.iter().fold(0.0_f64, |largest, v| largest.max(v.abs()));
@@ -104,11 +106,11 @@ impl Rotation {
         Self::from_quaternion([c, s * axis[0] / length, s * axis[1] / length, s * axis[2] / length])
     }
 
-    /// Takes a quaternion (w, x, y, z) of any length but zero.
+    /// Creates a rotation from a quaternion (w, x, y, z) of nonzero length.
     ///
     /// # Errors
     ///
-    /// [`ShapeError::NotARotation`]: a quaternion of length zero, or one that isn't finite.
+    /// [`ShapeError::NotARotation`]: the quaternion has length zero, or a value isn't finite.
     pub fn from_quaternion(quaternion: [f64; 4]) -> Result<Self, ShapeError> {
         let largest = quaternion.iter().fold(0.0_f64, |largest, v| largest.max(v.abs()));
         if !(quaternion.iter().all(|v| v.is_finite()) && largest > 0.0) {
@@ -121,7 +123,7 @@ impl Rotation {
         Ok(Self::of_orthogonal(of_quaternion([w, x, y, z])))
     }
 
-    /// A rotation of the uniform distribution, from three numbers in [0, 1). After K. Shoemake, "Uniform random
+    /// Returns a uniformly distributed rotation, from three numbers in [0, 1). After K. Shoemake, "Uniform random
     /// rotations", Graphics Gems III (1992).
     #[must_use]
     pub fn uniform(numbers: [f64; 3]) -> Self {
@@ -131,7 +133,7 @@ impl Rotation {
         Self::from_quaternion([s * c.cos(), r * b.sin(), r * b.cos(), s * c.sin()]).unwrap_or_default()
     }
 
-    /// Returns the turn by the rotation vector w: about w, by its length in radians.
+    /// Returns the rotation of the rotation vector w: about w, by its length in radians.
     pub(crate) fn exponential(w: [f64; 3]) -> Self {
         let angle = w.iter().map(|v| v * v).sum::<f64>().sqrt();
         // sin(t/2)/t without a division by zero.
@@ -158,7 +160,7 @@ impl Rotation {
         self.matrix.map(|row| row[0] * u[0] + row[1] * u[1] + row[2] * u[2])
     }
 
-    /// Returns the angle of the turn, in [0, pi].
+    /// Returns the angle of the rotation, in [0, pi].
     #[must_use]
     pub fn angle(&self) -> f64 {
         let r = &self.matrix;
@@ -166,15 +168,15 @@ impl Rotation {
         sine.iter().map(|v| v * v).sum::<f64>().sqrt().atan2(r[0][0] + r[1][1] + r[2][2] - 1.0)
     }
 
-    /// Returns the Euler angles al, be, ga, in radians. At be = 0 and pi only al + ga or al - ga is defined; al is 0
-    /// where the matrix has no part of it.
+    /// Returns the Euler angles al, be, ga, in radians. At be = 0 and pi only al + ga or al - ga is defined; al is 0 if
+    /// the matrix doesn't determine it.
     #[must_use]
     pub fn euler(&self) -> [f64; 3] {
         self.turns().map(|turn| turn.sin.value().atan2(turn.cos.value()))
     }
 
-    /// The turns by al, be and ga. ga is read from what is left of R after Rz(al), so that the product is R to rounding
-    /// however small be is.
+    /// Returns the rotations by al, be and ga. ga is read from the remainder of R after removing Rz(al), so that the
+    /// product is R to rounding however small be is.
     pub(crate) fn turns(&self) -> [Turn; 3] {
         let exact = self.matrix.map(|row| row.map(Number::new));
         let alpha = Turn::of(exact[0][2], exact[1][2]);
@@ -184,7 +186,7 @@ impl Rotation {
     }
 }
 
-/// Applies the right one first.
+/// Applies the right operand first.
 impl Mul for Rotation {
     type Output = Self;
 
@@ -195,8 +197,8 @@ impl Mul for Rotation {
 
 type Number = DoubleDouble<false>;
 
-/// Cosine and sine of an angle, in double-double: their m-th powers are then right to one rounding, where `cos(m t)` of
-/// a rounded angle is off by m of them.
+/// Cosine and sine of an angle, in double-double: their m-th powers are then accurate to one rounding, whereas `cos(m
+/// t)` of a rounded angle is off by m of them.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Turn {
     cos: Number,
@@ -204,7 +206,7 @@ pub(crate) struct Turn {
 }
 
 impl Turn {
-    /// The turn to the direction (x, y); none for zero.
+    /// Returns the rotation to the direction (x, y); the identity for zero.
     fn of(x: Number, y: Number) -> Self {
         let length = (x * x + y * y).sqrt();
         if length.hi < 1e-150 {
@@ -276,7 +278,7 @@ mod tests {
     }
 
     proptest! {
-        /// Also next to beta = 0 and pi, where alpha and gamma alone mean nothing.
+        /// Also near beta = 0 and pi, where alpha and gamma are undetermined separately.
         #[test]
         fn euler_angles_give_the_rotation_back(a in -3.1..3.1, b in 0.0..3.1, c in -3.1..3.1, small in 0i32..18) {
             let near = 10.0_f64.powi(-small);

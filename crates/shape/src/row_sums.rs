@@ -1,25 +1,26 @@
-//! Sums of a [quarter](crate::quarter)'s rows with a few columns, while the rows are made: the inner loop of rotations.
+//! Products of a [quarter](crate::quarter)'s rows with a few columns, computed along with the rows: the inner loop of
+//! rotations.
 //!
 //! For rows i of one parity, t = l - k and columns x_{k,c}, the sums over even and over odd t of `Delta_{i,k} x_{k,c}`.
-//! Sixteen rows at a time have their recurrence and their sums in registers; a step loads two factors and c values of x
-//! for all of them and makes 3 + c operations on each. Hidden rows are carried along without products.
+//! Sixteen rows at a time keep their recurrence and their sums in registers. A step loads two factors and c values of x
+//! for all of them and makes 3 + c operations on each. Hidden rows are advanced without products.
 //!
-//! CPU time of a rotation of three columns at degree 1,000: 0.13 s; written as plain loops, which the compiler leaves
-//! scalar, 0.48 s; ducc0 0.42, in the same run, 0.41 s.
+//! CPU time of a rotation of three columns at degree 1,000: 0.13 s. As plain loops, which the compiler doesn't
+//! vectorise, it is 0.48 s; that of ducc0 0.42, in the same run, 0.41 s.
 
 use multiversion::{multiversion, target::match_target};
 
 use crate::quarter::{BLOCK, Hidden, Quarter, Rows, rows};
 
-/// Most columns taken together; the recurrence is made again for every group of so many.
+/// Maximum number of columns taken together; the recurrence is repeated for every such group.
 pub(crate) const COLUMNS: usize = 3;
-/// Rows taken together: with three columns, 18 of the 32 registers of AVX-512.
+/// Number of rows taken together: with three columns, 18 of the 32 registers of AVX-512.
 pub(crate) const WIDTH: usize = 16;
 
 /// By parity of t: the sums of C columns and the rows taken together.
 type Sums<const C: usize> = [[[f64; WIDTH]; C]; 2];
 
-/// Some steps: the factors of the recurrence, and (steps, C) values.
+/// A run of steps: the factors of the recurrence, and (steps, C) values.
 #[derive(Debug, Clone, Copy)]
 struct Steps<'a> {
     first: &'a [f64],
@@ -53,7 +54,8 @@ sums_for!(sums_1, 1);
 sums_for!(sums_2, 2);
 sums_for!(sums_3, 3);
 
-/// All rows of a parity, by `advance`, which makes some steps of the rows and adds their products to the sums.
+/// Computes all rows of a parity by `advance`, which advances the rows by some steps and adds their products to the
+/// sums.
 #[inline(always)]
 fn panels<const C: usize>(
     quarter: &Quarter,
@@ -94,7 +96,7 @@ fn panels<const C: usize>(
     }
 }
 
-/// The plain form, for processors without a kernel of their own and as the tests' oracle.
+/// The portable form, for processors without a kernel and as the tests' oracle.
 fn plain<const C: usize>(hidden: Hidden, rows: &mut Rows<WIDTH>, sums: &mut Sums<C>, steps: Steps<'_>) {
     let visible = rows.visible();
     for (t, (&first, &second)) in steps.first.iter().zip(steps.second).enumerate() {
@@ -109,7 +111,7 @@ fn plain<const C: usize>(hidden: Hidden, rows: &mut Rows<WIDTH>, sums: &mut Sums
     }
 }
 
-/// The same with the processor's vector instructions: from the plain form the compiler makes scalar code.
+/// The same with explicit vector instructions: the compiler turns the portable form into scalar code.
 #[cfg(target_arch = "x86_64")]
 mod x86 {
     use std::arch::x86_64::{
@@ -140,14 +142,14 @@ mod x86 {
                 });
             }
 
-            /// `X` columns of x, of which the first `C` are summed; with `MASK` hidden rows aren't.
+            /// Reads `X` columns of x, of which the first `C` are summed; with `MASK`, hidden rows aren't.
             #[target_feature(enable = $features)]
             fn $some<const C: usize, const X: usize, const MASK: bool>(
                 rows: &mut Rows<WIDTH>,
                 sums: &mut Sums<C>,
                 steps: Steps<'_>,
             ) {
-                /// Vectors that go together, and how often they make up the rows.
+                /// Number of vectors processed together, and number of such groups that make up the rows.
                 const TOGETHER: usize = $together;
                 const LANES: usize = size_of::<$vector>() / 8;
                 const PARTS: usize = WIDTH / LANES / TOGETHER;
@@ -200,7 +202,7 @@ mod x86 {
         2,
         [_mm512_set1_pd, _mm512_mul_pd, _mm512_fmadd_pd, _mm512_fmsub_pd]
     );
-    // Twice six sums and rows would not fit the 16 registers.
+    // Twice six sums and rows wouldn't fit into the 16 registers.
     kernel_for!(
         avx2,
         avx2_steps,
@@ -224,7 +226,7 @@ mod tests {
         }
     }
 
-    /// Every kernel, at degrees without and with hidden rows, against the sums written out.
+    /// Compares every kernel, at degrees without and with hidden rows, with the sums written out.
     #[test]
     fn sums_are_those_of_the_dense_quarter() {
         for degree in [0, 1, 8, 33, 300, 1_300] {

@@ -1,4 +1,4 @@
-//! Surfaces that the tests use.
+//! Surfaces used by the tests.
 
 use ndarray::Array2;
 use spharm_harmonics::{Coefficients, basis_size};
@@ -17,7 +17,7 @@ pub(crate) fn hippocampi(step: &str) -> Option<Vec<Coefficients>> {
     Some((1..=5).map(read).collect())
 }
 
-/// A surface of no symmetry, some units large and away from the origin.
+/// An asymmetric surface, some units large and away from the origin.
 pub(crate) fn blob(degree: usize, seed: u32) -> Coefficients {
     let value = |(k, c): (usize, usize)| {
         let l = k.isqrt() as f64;
@@ -28,7 +28,7 @@ pub(crate) fn blob(degree: usize, seed: u32) -> Coefficients {
     Coefficients::new(values).unwrap()
 }
 
-/// The ellipsoid of some semi-axes.
+/// The ellipsoid with the given semi-axes.
 pub(crate) fn ellipsoid(axes: [f64; 3]) -> Coefficients {
     let mut values = Array2::zeros((4, 3));
     let unit = (4.0 * std::f64::consts::PI / 3.0).sqrt();

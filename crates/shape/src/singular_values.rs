@@ -1,20 +1,20 @@
-//! Singular values of matrices of few columns, to full relative accuracy.
+//! Singular values of matrices with few columns, to full relative accuracy.
 //!
 //! One-sided Jacobi rotations (M. R. Hestenes, J. SIAM 6 (1958)) make the columns orthogonal; their lengths are the
-//! singular values. Unlike the eigenvalues of `A^T A`, whose square roots lose half of the digits, small singular
-//! values keep theirs (J. Demmel and K. Veselic, SIAM J. Matrix Anal. Appl. 13 (1992)). Cost: some 6 n c^2 flops a
-//! sweep, 4 to 6 sweeps for three columns.
+//! singular values. Small singular values keep full accuracy, unlike the square roots of the eigenvalues of `A^T A`,
+//! which lose half of the digits (J. Demmel and K. Veselic, SIAM J. Matrix Anal. Appl. 13 (1992)). Cost: about 6 n c^2
+//! flops per sweep, 4 to 6 sweeps for three columns.
 
 use ndarray::ArrayView2;
 
-/// More are never needed; a matrix of three columns takes 4 to 6.
+/// Maximum number of sweeps, which is never reached; a matrix of three columns takes 4 to 6.
 const MOST_SWEEPS: usize = 60;
 
 /// Returns the singular values of a matrix, (n, c), largest first, (c); those beyond its rank are 0 to rounding.
 #[must_use]
 pub fn singular_values(matrix: ArrayView2<'_, f64>) -> Vec<f64> {
     let mut columns: Vec<Vec<f64>> = matrix.columns().into_iter().map(|column| column.to_vec()).collect();
-    // So that no square overflows or underflows.
+    // Scaled, so that no square overflows or underflows.
     let largest = matrix.iter().fold(0.0f64, |most, value| most.max(value.abs()));
     if largest == 0.0 || !largest.is_finite() {
         return vec![if largest == 0.0 { 0.0 } else { f64::NAN }; columns.len()];
@@ -63,7 +63,7 @@ mod tests {
         let turn = array![[0.6, 0.8, 0.0], [-0.8, 0.6, 0.0], [0.0, 0.0, 1.0]];
         let matrix = crate::product::product((q * array![1.5, 1e-5, 2.5e-11]).view(), turn.view());
         for (found, known) in singular_values(matrix.view()).into_iter().zip(known) {
-            // The product itself is rounded, to some eps of the largest value.
+            // The product itself is rounded, by some eps of the largest value.
             assert!((found - known).abs() < 4e-16 * 3.0, "{found:e} {known:e}");
         }
         let scaled = matrix.mapv(|value| value * 1e200);

@@ -25,7 +25,7 @@ use crate::refine::Space;
 use crate::rotation::Rotation;
 use spharm_surface::kabsch::best_trace;
 
-/// tr Q^T M of the best Q that there may be.
+/// Returns tr Q^T M for the best allowed Q.
 fn score(m: &Matrix3, space: Space) -> f64 {
     match space {
         Space::Fixed => m[0][0] + m[1][1] + m[2][2],
@@ -33,7 +33,7 @@ fn score(m: &Matrix3, space: Space) -> f64 {
     }
 }
 
-/// The grid and what its sums need.
+/// The grid and its precomputed tables.
 pub(crate) struct So3Grid {
     bandwidth: usize,
     /// By be and degree: d, (2l + 1) x (2l + 1) by rows.
@@ -50,7 +50,7 @@ pub(crate) struct Peak {
 }
 
 impl So3Grid {
-    /// Makes a grid of bandwidth B, at least 2.
+    /// Creates a grid of bandwidth B, at least 2.
     pub(crate) fn new(bandwidth: usize) -> Self {
         let centre = Centre::new(bandwidth - 1);
         let quarters: Vec<Vec<f64>> = (0..bandwidth).map(|degree| dense(degree, &centre)).collect();
@@ -61,8 +61,8 @@ impl So3Grid {
         Self { bandwidth, wigner: wigner.collect(), fft: FftPlanner::new().plan_fft_forward(2 * bandwidth) }
     }
 
-    /// Returns the best local maxima of `tr Q^T M`, best first, over rotations Q or over all orthogonal ones; of those
-    /// nearer to each other than the grid's step the best.
+    /// Returns the best local maxima of `tr Q^T M`, best first, with Q any rotation or any orthogonal matrix. Of maxima
+    /// closer to each other than the grid's step, only the best is kept.
     pub(crate) fn peaks(&self, f: &[[f64; 3]], g: &[[f64; 3]], space: Space, most: usize) -> Vec<Peak> {
         let degrees = self.bandwidth.min(f.len().isqrt()).min(g.len().isqrt());
         let (f, g) = (complex(f, degrees), complex(g, degrees));
@@ -85,13 +85,13 @@ impl So3Grid {
                 }
             }
         }
-        // Ties in the order of the grid.
+        // Ties are broken by the order of the grid.
         found.sort_by(|x, y| y.0.total_cmp(&x.0).then(x.1.cmp(&y.1)));
         let near = PI / self.bandwidth as f64;
         let mut peaks: Vec<Peak> = Vec::new();
         for (score, at) in found {
             let rotation = self.rotation(at);
-            // Next to be = 0 and pi many points are nearly the same rotation.
+            // Near be = 0 and pi many points are nearly the same rotation.
             if peaks.iter().all(|peak| (peak.rotation.inverse() * rotation).angle() > near) {
                 peaks.push(Peak { rotation, score });
             }
@@ -102,13 +102,13 @@ impl So3Grid {
         peaks
     }
 
-    /// The rotation of a point, by the indices of al, be, ga.
+    /// Returns the rotation of a grid point, given the indices of al, be, ga.
     fn rotation(&self, [a, b, c]: [usize; 3]) -> Rotation {
         let step = PI / self.bandwidth as f64;
         Rotation::from_euler(a as f64 * step, (b as f64 + 0.5) * step, c as f64 * step).unwrap_or_default()
     }
 
-    /// M for one be, (ga, al).
+    /// Returns M for one be, (ga, al).
     fn matrices(&self, at: usize, f: &[Vec<[Complex64; 3]>], g: &[Vec<[Complex64; 3]>]) -> Vec<Matrix3> {
         let n = 2 * self.bandwidth;
         let mut planes = vec![Complex64::ZERO; 9 * n * n];
@@ -147,7 +147,7 @@ impl So3Grid {
     }
 }
 
-/// By degree: complex coefficients of three functions for m = -l..=l.
+/// Returns, by degree, the complex coefficients of three functions for m = -l..=l.
 fn complex(values: &[[f64; 3]], degrees: usize) -> Vec<Vec<[Complex64; 3]>> {
     let of_degree = |l: usize| {
         let mut out = vec![[Complex64::ZERO; 3]; 2 * l + 1];
@@ -165,7 +165,7 @@ fn complex(values: &[[f64; 3]], degrees: usize) -> Vec<Vec<[Complex64; 3]>> {
     (0..degrees).map(of_degree).collect()
 }
 
-/// d^l(be), by rows m and columns m'.
+/// Returns d^l(be), by rows m and columns m'.
 fn wigner(degree: usize, quarter: &[f64], beta: f64) -> Vec<f64> {
     let (l, side) = (degree as isize, 2 * degree + 1);
     let delta = |k: isize, m: isize| {

@@ -1,23 +1,24 @@
-//! Whether the surfaces of an aligned group lie on each other, whatever their parameters.
+//! Check whether the surfaces of an aligned group lie on each other, regardless of their parameters.
 //!
-//! An alignment compares surfaces at equal directions. If their maps to the sphere differ, the pose of least distance
-//! at equal directions may be a wrong one: of ten vertebrae, aligned so, places that a rigid motion leaves 4 to 7 mm
-//! apart were 4 to 65 mm apart. So the surfaces are compared. From points on each, evenly spread over its area, to the
-//! nearest points of the other,
+//! An alignment compares surfaces at equal directions. If their maps to the sphere differ, the pose of smallest
+//! distance at equal directions may be wrong: of ten vertebrae aligned in this way, points that a rigid motion leaves 4
+//! to 7 mm apart were 4 to 65 mm apart. So the surfaces themselves are compared. From points on each, evenly spread
+//! over its area, to the nearest points of the other, the distance
 //!
 //! ```text
 //! d(A, B)^2 = (mean_p d(p, B)^2 + mean_q d(q, A)^2) / 2,  p on A, q on B
 //! ```
 //!
-//! is measured between each member and the mean. The mean of a group in wrong poses has no member's shape, so members
-//! are then compared with the one that is nearest to it: as they lie, after a small rigid motion by nearest points, and
-//! in the best of all [poses](mod@spharm_surface::pose). A member that this brings nearer by more than [`GAIN`] lies in
-//! a wrong pose: six of those ten vertebrae gain 36 to 69 %, where hippocampi and generated bodies that are right gain
-//! at most 9 %. And if members are farther from the mean at equal directions than their surfaces are, by a factor above
-//! [`FAR`], equal directions aren't equal places: the variance is that of the maps. As a mean may have no member's
-//! shape, the same is asked of the typical member, with [`FAR_FROM_A_MEMBER`].
+//! is measured between each member and the mean. If the group's poses are wrong, the shape of its mean resembles no
+//! member's. So members are then compared with the member nearest to the mean: as they lie, after a small rigid motion
+//! by nearest points, and in the best of all [poses](mod@spharm_surface::pose). If the latter reduces the distance by
+//! more than [`GAIN`], the member's pose is wrong: six of those ten vertebrae gain 36 to 69 %, whereas hippocampi and
+//! generated bodies in correct poses gain at most 9 %. Furthermore, if the members' distance from the mean at equal
+//! directions exceeds that of their surfaces by a factor above [`FAR`], equal directions don't correspond: the variance
+//! is that of the maps. As the mean may not resemble any member, the same is checked for the typical member, with
+//! [`FAR_FROM_A_MEMBER`].
 //!
-//! Cost: some 70 ms a member, of two threads. Memory: 2 MB a thread.
+//! Cost: about 70 ms per member, on two threads. Memory: 2 MB per thread.
 
 use std::fmt;
 
@@ -32,19 +33,19 @@ use crate::error::ShapeError;
 use crate::evaluated::Evaluated;
 use crate::transform::{SQRT_4_PI, Similarity};
 
-/// Least share of its distance that a turn has to save.
+/// Minimum relative reduction of the distance by a rotation for a pose to be wrong.
 pub const GAIN: f64 = 0.2;
-/// Largest ratio of the distance at equal directions to that of the surfaces, from the mean.
+/// Maximum ratio of the distance at equal directions to that of the surfaces, from the mean.
 pub const FAR: f64 = 2.0;
-/// The same from a member, whose surface has more relief than a mean's: surfaces whose coefficients differ by noise
-/// alone have 2.0 to 2.3, hippocampi 2.1.
+/// Maximum ratio from a member, whose surface has more relief than a mean's: surfaces whose coefficients differ by
+/// noise alone have 2.0 to 2.3, hippocampi 2.1.
 pub const FAR_FROM_A_MEMBER: f64 = 2.5;
-/// Distances of the surfaces of a group from that of its mean.
+/// Distances of a group's surfaces from that of their mean.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SurfacePoses {
     /// Root mean square distance of each member's surface from the mean's, both ways, in their unit.
     pub distances: Vec<f64>,
-    /// Reasons to doubt the group.
+    /// Warnings about the correspondence of the group.
     pub warnings: Vec<SurfacePoseWarning>,
 }
 
@@ -52,27 +53,27 @@ pub struct SurfacePoses {
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum SurfacePoseWarning {
-    /// A member whose surface would be much nearer to the others' if it were turned.
+    /// Rotating a member would bring its surface much nearer to the others.
     Turned {
-        /// The member, counted from 0.
+        /// Index of the member, from 0.
         member: usize,
-        /// The member that it is compared with, the nearest to the mean.
+        /// The member it is compared with, the nearest to the mean.
         typical: usize,
-        /// Distance of their surfaces.
+        /// Distance between their surfaces.
         distance: f64,
-        /// The same, if it were turned.
+        /// Distance after the rotation.
         turned: f64,
-        /// The angle of that turn, in degrees.
+        /// Angle of the rotation, in degrees.
         angle: f64,
     },
-    /// Equal directions aren't equal places.
+    /// Equal directions don't correspond.
     PlacesDiffer {
-        /// Root mean square distance of the members from the mean, or from the one that is nearest to it, at equal
-        /// directions.
+        /// Root mean square distance at equal directions of the members from the mean, or from the member nearest to
+        /// it.
         rmsd: f64,
-        /// That of their surfaces.
+        /// Distance between their surfaces.
         distance: f64,
-        /// Which of the two, in words.
+        /// Name of the reference, in words.
         from: &'static str,
     },
 }
@@ -104,13 +105,12 @@ impl fmt::Display for SurfacePoseWarning {
     }
 }
 
-/// Compares the surfaces of members in the group's pose, (K, 3) each, with that of their mean. Members are of the
-/// mean's degree or of higher ones, of which the degrees up to that are used. Warnings are not of the members in
-/// `except`, such as those that are known to be mirror images.
+/// Compares the surfaces of members in the group's pose, (K, 3) each, with that of their mean. Members' degrees are at
+/// least the mean's; higher degrees are ignored. Members in `except`, such as known mirror images, give no warnings.
 ///
 /// # Panics
 ///
-/// If a member is of a lower degree than the mean.
+/// If a member's degree is below the mean's.
 ///
 /// # Errors
 ///
@@ -133,7 +133,7 @@ pub fn surface_poses(
     };
     let distances: Vec<Result<f64, ShapeError>> = (0..members.len()).into_par_iter().map(from_mean).collect();
     let distances = distances.into_iter().collect::<Result<Vec<f64>, _>>()?;
-    // If many poses are wrong, the mean's shape resembles no member's, so members are compared with the nearest to it.
+    // If many poses are wrong, the mean resembles no member, so members are compared with the one nearest to it.
     let candidates = (0..distances.len()).filter(|member| !except.contains(member));
     let Some(typical) = candidates.min_by(|a, b| distances[*a].total_cmp(&distances[*b])) else {
         return Ok(SurfacePoses { distances, warnings: Vec::new() });
@@ -156,7 +156,7 @@ pub fn surface_poses(
     let looks: Vec<Result<Look, ShapeError>> = alike.par_iter().map(look).collect();
     let looks = looks.into_iter().collect::<Result<Vec<_>, _>>()?;
     let mut warnings: Vec<SurfacePoseWarning> = looks.iter().filter_map(|look| look.turned).collect();
-    // Mirror images leave the mean no member's shape, as wrong poses do.
+    // With mirror images the mean resembles no member, as with wrong poses.
     let of_all = except.is_empty().then(|| {
         let rmsd = (0..members.len()).map(|member| rmsd(row(member), of_mean));
         (root_mean_square(rmsd), root_mean_square(distances.iter().copied()), "their mean", FAR)
@@ -169,16 +169,16 @@ pub fn surface_poses(
     Ok(SurfacePoses { distances, warnings })
 }
 
-/// What is found of a member beside the typical one.
+/// Comparison of a member with the typical one.
 struct Look {
     turned: Option<SurfacePoseWarning>,
-    /// At equal directions.
+    /// Distance at equal directions.
     rmsd: f64,
-    /// Of the surfaces.
+    /// Distance between the surfaces.
     distance: f64,
 }
 
-/// Root mean square distance of two surfaces at equal directions.
+/// Returns the root mean square distance of two surfaces at equal directions.
 fn rmsd(a: ArrayView2<'_, f64>, b: ArrayView2<'_, f64>) -> f64 {
     (&a - &b).iter().map(|v| v * v).sum::<f64>().sqrt() / SQRT_4_PI
 }
@@ -188,13 +188,14 @@ fn root_mean_square(values: impl ExactSizeIterator<Item = f64>) -> f64 {
     (values.map(|value| value * value).sum::<f64>() / count).sqrt()
 }
 
-/// Distance of two surfaces without a motion, of all of their points; 0 where there are none.
+/// Returns the distance of two surfaces without a motion, over all of their points; 0 if either is missing.
 fn as_they_lie(a: Option<&PoseSurface>, b: Option<&PoseSurface>) -> f64 {
     a.zip(b).map_or(0.0, |(a, b)| distance(a, b, &Similarity::default(), 0.0))
 }
 
-/// Distance of a member from the typical one, that in the best pose, and the angle of that, degrees, if it gains
-/// enough. Both are after a rigid motion by nearest points, so that what counts is the pose at large.
+/// Returns the distance of a member from the typical one, the distance in the best pose, and the angle of that pose in
+/// degrees, if the gain is large enough. Both are after a rigid motion by nearest points, so that only large changes of
+/// pose matter.
 fn better_turn(
     member: &PoseSurface,
     typical: &PoseSurface,
@@ -217,7 +218,7 @@ mod tests {
     use crate::samples::blob;
     use crate::{Transform as Pose, mean};
 
-    /// Lumps that differ a little, each in a pose.
+    /// Slightly different blobs, each in a pose.
     fn group(pose: impl Fn(usize) -> Pose) -> Vec<Coefficients> {
         let common = blob(6, 1);
         let member = |n: usize| {
@@ -242,7 +243,7 @@ mod tests {
 
     #[test]
     fn a_member_that_is_turned_is_named() {
-        // About each axis of the first-order ellipsoid in space and in the parameters, as an alignment may end.
+        // About each axis of the first-order ellipsoid in space and in the parameters, as an alignment may end up.
         for axis in [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]] {
             let turn = Rotation::from_axis_angle(axis, std::f64::consts::PI).unwrap();
             let similarity = Similarity { orthogonal: turn.matrix(), ..Similarity::default() };

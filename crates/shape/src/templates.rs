@@ -1,22 +1,22 @@
 //! The members of a group that its alignment starts from.
 //!
-//! A generalised Procrustes analysis has local optima, and where it ends depends on the member that all are brought to
-//! first. Up to [`ALL`] members each of them is tried; beyond that the medoid, whose distances from the others have the
-//! smallest sum after one alignment (from every second, third, ... member above 500), and four more that are spread
-//! evenly over the order of those sums. The choice doesn't depend on the order of the members, but for the one that
-//! they are aligned to for it.
+//! A generalised Procrustes analysis has local optima, and its result depends on the member that all are first aligned
+//! to. In groups of up to [`ALL`] members each of them is tried. In larger groups it is the medoid, whose distances
+//! from the others have the smallest sum after one alignment (from every second, third, ... member above 500), and four
+//! more, evenly spaced in the order of those sums. The choice depends on the order of the members only through the
+//! member that all are aligned to for it.
 
 use rayon::prelude::*;
 
-/// Groups of up to so many members start from each of them.
+/// Maximum size of groups whose members are all used as starts.
 pub(crate) const ALL: usize = 20;
-/// Starts of larger groups.
+/// Number of starts in larger groups.
 const FEW: usize = 5;
-/// Members that distances are measured from, at most about; the others are alike.
+/// Approximate maximum number of members from which distances are measured; further ones add nothing.
 const ENOUGH: usize = 500;
 
-/// Returns the members to start from: all of a small group, else the medoid and some more. `aligned` are the surfaces
-/// after one alignment, (members, K, 3); it is only asked for in large groups.
+/// Returns the members to start from: all of a small group, else the medoid and some more. `aligned` returns the
+/// surfaces after one alignment, (members, K, 3); it is called for large groups only.
 pub(crate) fn templates<E>(
     members: usize,
     most: Option<usize>,

@@ -1,15 +1,15 @@
-//! Modes of a group as a file, `NAME.shape-model.npz`.
+//! File format of a group's modes, `NAME.shape-model.npz`.
 //!
 //! | array | type | contents |
 //! |---|---|---|
-//! | `coefficients` | f64 (K, 3) | the mean, canonical coefficients: the file is a model of it, too |
+//! | `coefficients` | f64 (K, 3) | the mean, canonical coefficients: the file is also a model of it |
 //! | `modes` | f64 (m, 3 (K - 1)) | modes without row 0, row-major (K - 1, 3), of norm sqrt(4 pi) |
 //! | `variances` | f64 (m, 1) | variance along each mode |
 //! | `scores` | f64 (n, m) | coordinates of the group's members |
 //! | `total_variance` | f64 (1, 1) | variance along all modes |
 //! | `convention` | text () | that of models |
-//! | `members` | text () | names of the group's members, a line each |
-//! | `provenance` | text () | JSON: how it was made |
+//! | `members` | text () | names of the group's members, one per line |
+//! | `provenance` | text () | JSON: how the file was made |
 
 use std::path::Path;
 
@@ -20,19 +20,19 @@ use spharm_model::{CONVENTION, ModelError};
 
 use super::Modes;
 
-/// A shape model as it is in a file.
+/// The contents of a shape model file.
 #[derive(Debug, Clone)]
 pub struct ShapeModel {
     /// Mean and modes.
     pub modes: Modes,
     /// Names of the group's members, (n).
     pub members: Vec<String>,
-    /// How it was made, JSON.
+    /// How the model was made, JSON.
     pub provenance: String,
 }
 
 impl ShapeModel {
-    /// Writes the file, whole or not at all; replaces one that is there if `overwrite`.
+    /// Writes the file atomically; replaces an existing one if `overwrite`.
     ///
     /// # Errors
     ///
@@ -42,7 +42,7 @@ impl ShapeModel {
         let variances =
             ArrayView2::from_shape((variances.len(), 1), variances).map_err(|error| invalid(path, error))?;
         let total = Array2::from_elem((1, 1), *total_variance);
-        // Names are one line each.
+        // Names must be one line each.
         let members: Vec<String> = self.members.iter().map(|name| name.replace(['\n', '\r'], " ")).collect();
         let members = members.join("\n");
         write_arrays(
@@ -65,8 +65,8 @@ impl ShapeModel {
     ///
     /// # Errors
     ///
-    /// [`ModelError::Open`]; [`ModelError::Invalid`] where an array is missing, has another shape than the others ask
-    /// for, or a value that isn't finite.
+    /// [`ModelError::Open`]; [`ModelError::Invalid`] if an array is missing, its shape doesn't match the others, or a
+    /// value isn't finite.
     pub fn read(path: &Path) -> Result<Self, ModelError> {
         let mut arrays = Arrays::open(path)?;
         let convention = arrays.text("convention")?;
@@ -132,7 +132,7 @@ mod tests {
         assert_eq!((&back.modes.variances, &back.members), (&file.modes.variances, &file.members));
         assert_eq!(Model::read(&path).unwrap().coefficients.values(), &file.modes.mean);
         assert!(file.write(&path, false).is_err());
-        // A member fewer than scores.
+        // One member fewer than scores.
         let other = ShapeModel { members: file.members[1..].to_vec(), ..file };
         other.write(&path, true).unwrap();
         assert!(

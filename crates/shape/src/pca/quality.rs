@@ -1,10 +1,10 @@
-//! How well the modes of a group stand for shapes of its kind: generalisation and specificity.
+//! How well the modes of a group represent shapes of its kind: generalisation and specificity.
 //!
-//! Both are of the first k modes, for k = 1 to m, in the unit of length. *Generalisation* is the mean distance of a
+//! Both refer to the first k modes, for k = 1 to m, in the unit of length. *Generalisation* is the mean distance of a
 //! member from its nearest shape in the model of all others; *specificity* the mean distance of a random shape of the
 //! model from the nearest member. Smaller is better for both. Members and samples are coordinates along the modes,
-//! which keep distances, so that the degree doesn't count: cost `n` decompositions of (n, n) for the one, `samples n m`
-//! flops for the other.
+//! which preserve distances, so that the cost doesn't depend on the degree: `n` decompositions of (n, n) for the
+//! former, `samples n m` flops for the latter.
 
 use faer::MatRef;
 use ndarray::{Array2, Axis};
@@ -19,19 +19,19 @@ use crate::ShapeError;
 /// Generalisation and specificity of the first k modes, k = 1 to m.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Quality {
-    /// Mean distance of a member from the model of the others, (m); the last of n - 1 modes, which the others don't
-    /// have, as with one mode fewer.
+    /// Mean distance of a member from the model of the others, (m). The others lack the last of n - 1 modes: its value
+    /// is that of one mode fewer.
     pub generalisation: Vec<f64>,
     /// Mean distance of a random shape from the nearest member, (m).
     pub specificity: Vec<f64>,
 }
 
-/// Most members that are left out one at a time; of larger groups every `n / 200`th is.
+/// Maximum number of members that are left out one at a time; of larger groups every `n / 200`th is.
 const LEFT_OUT: usize = 200;
 const STAGE: Stage = Stage::counted("quality", "members");
 
-/// Computes both for modes of all of a group's variance (n - 1 of them), specificity by `samples` random shapes, 2,000
-/// by habit, of a seed.
+/// Computes both for modes of all of a group's variance (n - 1 of them), with the specificity by `samples` random
+/// shapes (typically 2,000) from a seed.
 ///
 /// # Errors
 ///
@@ -76,7 +76,7 @@ pub fn quality(modes: &Modes, samples: usize, seed: u64, monitor: &dyn Monitor) 
     Ok(Quality { generalisation, specificity })
 }
 
-/// Distances of a member from the modes of the others, by their number.
+/// Returns the distances of a member from the modes of the others, by the number of modes.
 fn left_by_others(scores: &Array2<f64>, member: usize) -> Result<Vec<f64>, ShapeError> {
     let (n, m) = scores.dim();
     let others: Vec<usize> = (0..n).filter(|i| *i != member).collect();
@@ -99,12 +99,12 @@ fn left_by_others(scores: &Array2<f64>, member: usize) -> Result<Vec<f64>, Shape
     Ok(left.collect())
 }
 
-/// Returns `count` normally distributed numbers of mean 0 and variance 1: those of index `sample` of a seed, whatever
-/// the thread. G. E. P. Box and M. E. Muller (1958).
+/// Returns `count` normally distributed numbers of mean 0 and variance 1, determined by the seed and the index `sample`
+/// regardless of the thread. G. E. P. Box and M. E. Muller (1958).
 pub fn normal(seed: u64, sample: u64, count: usize) -> Vec<f64> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(sample);
-    // In (0, 1]: the logarithm is finite.
+    // In (0, 1], so that the logarithm is finite.
     let mut uniform = || ((random.next_u64() >> 11) + 1) as f64 / (1u64 << 53) as f64;
     let mut values = Vec::with_capacity(count + 1);
     while values.len() < count {
@@ -133,7 +133,7 @@ mod tests {
         let modes = Modes::new(&views, 7).unwrap();
         let found = quality(&modes, 300, 5, &Silent).unwrap();
         for k in [1, 3, 6] {
-            // By the coefficients: each member against the model of the others.
+            // Directly from the coefficients: each member against the model of the others.
             let left: f64 = (0..8)
                 .map(|i| {
                     let others: Vec<_> = (0..8).filter(|j| *j != i).map(|j| group[j].view()).collect();

@@ -1,12 +1,12 @@
-//! A group whose poses are decided by its surfaces, and whose parameters are brought together under these.
+//! Alignment of a group by its surfaces: they determine the poses, in which the parameters are then aligned.
 //!
-//! The members' surfaces are [brought together](spharm_surface::pose::group_poses) first, with scale and mirror images
-//! if asked. Then the Procrustes analysis turns nothing but the parameters. Members keep the places that their surfaces
-//! have: the mean's centre is the origin, not that of each.
+//! The members' [surfaces are aligned](spharm_surface::pose::group_poses) first, with scale and mirror images if
+//! requested. Then the Procrustes analysis rotates only the parameters. Members keep the relative positions of their
+//! surfaces: the mean's centre is the origin, not each member's.
 //!
-//! Points tell poses to a thousandth of a surface's size. Where both rotations together bring the group's members
-//! nearer to each other at equal directions than their surfaces are in these poses, that alignment is as good by the
-//! surfaces too, and exact: it is taken.
+//! Points determine poses to a thousandth of a surface's size. If an alignment by both rotations brings the distances
+//! of the members at equal directions below those of their surfaces in these poses, it is no worse by the surfaces, and
+//! exact: it is taken.
 
 use rayon::prelude::*;
 use spharm_harmonics::Coefficients;
@@ -21,16 +21,16 @@ use crate::group::{mean_of, spread_of};
 use crate::surface_poses::GAIN;
 use crate::transform::{SQRT_4_PI, Similarity, Transform};
 
-/// Distances of surfaces below this share of their size are those of the points that stand for them.
+/// Distances of surfaces below this fraction of their size are within the sampling error of their points.
 const ROUNDING: f64 = 1e-3;
-/// Members whose distance at equal directions is below this times that of the surfaces may correspond.
+/// Members may correspond if their distance at equal directions is less than this multiple of that of the surfaces.
 const NEAR: f64 = 2.0;
-/// A group has two sides where at least this share of it is nearer as mirror images; below, these are members of the
-/// wrong side.
+/// A group mixes two sides if at least this fraction of its members is nearer as mirror images; fewer are members of
+/// the wrong side.
 const SIDES: f64 = 0.25;
 
-/// Brings a group together. Members that are points or lines have no pose: a group that has one of them is brought
-/// together by both rotations.
+/// Aligns a group. Members that are points or lines have no pose: a group that contains one is aligned by both
+/// rotations.
 pub(super) fn together(
     members: &[Coefficients],
     params: &ProcrustesParams,
@@ -73,7 +73,7 @@ pub(super) fn together(
         ..params.clone()
     };
     let mut result = brought_together(&posed, &under, journal.as_deref_mut(), monitor)?;
-    // Two members are farther apart than each is from their mean, by the root of two.
+    // The distance between two members is sqrt(2) times that of each from their mean.
     let apart = |spread: f64| 2.0_f64.sqrt() * spread;
     let size = surfaces[found.template].size();
     let square: f64 = found.distances.iter().map(|distance| distance * distance).sum();
@@ -85,7 +85,7 @@ pub(super) fn together(
             return Ok(exact);
         }
     }
-    // Each was centred alone: their own places, from the centre of all, are theirs again.
+    // Each member was centred alone: restores their positions relative to the common centre.
     let centres: Vec<[f64; 3]> =
         posed.iter().map(|member| std::array::from_fn(|c| member.values()[[0, c]] / SQRT_4_PI)).collect();
     let count = centres.len() as f64;
@@ -107,7 +107,7 @@ pub(super) fn together(
     Ok(result)
 }
 
-/// The spread of members as they were given, after centring alone.
+/// Returns the spread of the input members after centring alone.
 fn spread_as_given(
     members: &[Coefficients],
     degree: usize,
@@ -122,7 +122,7 @@ fn spread_as_given(
     Ok(spread_of(&given, &mean_of(&given)))
 }
 
-/// Members whose mirror images lie much nearer to the typical one than they do.
+/// Returns warnings for the members whose mirror images lie much nearer to the typical one.
 fn mirrored(
     surfaces: &[PoseSurface],
     found: &GroupPoses,
@@ -147,7 +147,7 @@ fn mirrored(
     Ok(sides(named, surfaces.len()))
 }
 
-/// One warning of two sides, where members of a share of the group are mirror images of the others.
+/// Returns a single warning about two sides if many members are mirror images of the others.
 fn sides(named: Vec<ProcrustesWarning>, of: usize) -> Vec<ProcrustesWarning> {
     let other: Vec<usize> = named.iter().filter_map(ProcrustesWarning::member).collect();
     if other.len() < 2 || (other.len() as f64) < SIDES * of as f64 {

@@ -1,8 +1,8 @@
-//! What the alignment of a group has found so far, in a file, so that a run that was ended goes on where it was.
+//! Progress of a group's alignment in a file, from which an interrupted run resumes.
 //!
-//! An alignment is a sequence of poses: of every member in turn, round after round. Each follows from those before it,
-//! so that the poses are all there is to keep. The file is 64 bytes that say whose it is, and then a record for each
-//! pose in the order in which they were found; all numbers are little-endian.
+//! An alignment is a sequence of poses: of every member in turn, round after round. Each follows from the preceding
+//! ones, so that only the poses have to be saved. The file is a header of 64 bytes that identifies the alignment,
+//! followed by a record for each pose in order of computation; all numbers are little-endian.
 //!
 //! | bytes | what |
 //! |---|---|
@@ -11,8 +11,8 @@
 //! | 48..64 | zero |
 //! | 196 each | rotation of the parameters and orthogonal matrix of space by rows, distance, stiffness, 3 singular values, 1 where directions are replaced by their opposites, else 0: 24 f64; CRC32C of them, of what the file begins with and of the record's number |
 //!
-//! A run that is ended while it writes leaves part of a record, and a power cut may leave blocks that were never
-//! written: what comes after the last record that is whole is left out, and computed anew.
+//! A run that is interrupted while writing leaves an incomplete record, and a power failure may leave blocks that were
+//! never written: everything after the last valid record is discarded and recomputed.
 
 use std::fs::{File, TryLockError};
 use std::io::{self, Read, Seek, SeekFrom, Write};
@@ -32,31 +32,32 @@ const HEADER: usize = 64;
 const NUMBERS: usize = 24;
 const RECORD: usize = 8 * NUMBERS + 4;
 
-/// The file of a group's alignment.
+/// The journal of a group's alignment.
 #[derive(Debug)]
 pub struct Journal {
     path: PathBuf,
     file: File,
     header: [u8; HEADER],
-    /// Poses that an earlier run found and that haven't been taken, the next one last.
+    /// Poses of an earlier run that haven't been taken yet, the next one last.
     found: Vec<Pose>,
-    /// Poses that were taken or added.
+    /// Number of poses taken or added.
     number: u64,
 }
 
 impl Journal {
-    /// Opens the file of the alignment of these members with these settings, or makes it. One process at a time has it.
+    /// Opens or creates the journal of an alignment with these members and settings. Only one process at a time can
+    /// open it.
     ///
     /// # Errors
     ///
-    /// [`ShapeError::OtherJournal`] for a file of other members or settings, or that is none;
-    /// [`ShapeError::JournalInUse`]; [`ShapeError::Journal`] where it can't be read or written.
+    /// [`ShapeError::OtherJournal`] for a file of other members or settings, or that isn't a journal;
+    /// [`ShapeError::JournalInUse`]; [`ShapeError::Journal`] if it can't be read or written.
     pub fn open(path: &Path, members: &[Coefficients], params: &ProcrustesParams) -> Result<Self, ShapeError> {
         let failed = |cause| ShapeError::Journal { path: path.to_owned(), cause };
         let options = File::options().read(true).write(true).create(true).truncate(false).clone();
         let mut file = spharm_files::open_with(path, &options).map_err(failed)?;
         match file.try_lock() {
-            // Where a file system has no locks, nothing keeps two processes apart.
+            // File systems without locks can't exclude a second process.
             Ok(()) | Err(TryLockError::Error(_)) => {}
             Err(TryLockError::WouldBlock) => return Err(ShapeError::JournalInUse { path: path.to_owned() }),
         }
@@ -65,9 +66,10 @@ impl Journal {
         let mut start = Vec::new();
         (&mut file).take(HEADER as u64).read_to_end(&mut start).map_err(failed)?;
         if start.len() < HEADER && header.starts_with(&start) {
-            // New, or ended before it had begun.
+            // The file is new, or was interrupted before its header was complete.
             file.set_len(0).and_then(|()| file.seek(SeekFrom::Start(0))).map_err(failed)?;
-            // On disk before anything is found: a power cut may leave a record out, but not whose they are.
+            // Synced before any pose is written: a power failure may lose a record, but not the header that identifies
+            // the records.
             file.write_all(&header).and_then(|()| file.sync_data()).map_err(failed)?;
             return Ok(Self { path: path.to_owned(), file, header, found: Vec::new(), number: 0 });
         }
@@ -89,13 +91,13 @@ impl Journal {
         Ok(Self { path: path.to_owned(), file, header, found, number: 0 })
     }
 
-    /// Returns the number of poses that an earlier run found.
+    /// Returns the number of remaining poses of an earlier run.
     #[must_use]
     pub fn found(&self) -> usize {
         self.found.len()
     }
 
-    /// Takes the next poses that an earlier run found, at most `count`.
+    /// Takes the next poses of an earlier run, at most `count`.
     pub(super) fn take(&mut self, count: usize) -> Vec<Pose> {
         let rest = self.found.len().saturating_sub(count);
         let mut taken = self.found.split_off(rest);
@@ -104,7 +106,7 @@ impl Journal {
         taken
     }
 
-    /// Adds poses after those that were taken or added.
+    /// Appends poses after those taken or added.
     pub(super) fn add(&mut self, poses: &[Pose]) -> Result<(), ShapeError> {
         let mut bytes = Vec::with_capacity(RECORD * poses.len());
         for pose in poses {
@@ -115,8 +117,8 @@ impl Journal {
     }
 }
 
-/// What the file of an alignment begins with: any change of members, settings or of the program's version is another
-/// one.
+/// Returns the header, which identifies the alignment: any change of the members, the settings or the program's version
+/// changes it.
 fn header(members: &[Coefficients], params: &ProcrustesParams) -> [u8; HEADER] {
     let mut hasher = blake3::Hasher::new();
     hasher.update(env!("CARGO_PKG_VERSION").as_bytes());
@@ -148,7 +150,7 @@ fn encode(pose: &Pose, header: &[u8; HEADER], number: u64, out: &mut Vec<u8>) {
     out.extend(checksum);
 }
 
-/// The pose of a record; none where it isn't what was written.
+/// Returns the pose of a record, or `None` if the record is invalid.
 fn decoded(record: &[u8; RECORD], header: &[u8; HEADER], number: u64) -> Option<Pose> {
     let (numbers, found) = record.split_at(8 * NUMBERS);
     if checksum(numbers, header, number) != found {
@@ -164,7 +166,7 @@ fn decoded(record: &[u8; RECORD], header: &[u8; HEADER], number: u64) -> Option<
         Some(matrix)
     };
     let (rotation, orthogonal) = (matrix()?, matrix()?);
-    // The bits as they were, not those of the nearest orthogonal matrix.
+    // Keeps the exact bits, not those of the nearest orthogonal matrix.
     Rotation::from_matrix(rotation).ok()?;
     let (distance, stiffness) = (next()?, next()?);
     let singular_values = [next()?, next()?, next()?];

@@ -1,19 +1,19 @@
-//! Members of a group that are mirror images of what they should be.
+//! Detection of members of a group that are mirror images of the others.
 //!
-//! Each member and its mirror image are brought to the mean of the *others*: in a mean that it is part of, a mirrored
-//! member finds itself. Of the two distances the log of the ratio, x = ln(image / own), is above zero where the member
-//! belongs to the others as it is. How far depends on the shape: 0 where it is its own mirror image, and of a group in
-//! which left and right differ about the same for all, so that a mirrored member has about -x. A member is named where
-//!
+//! Each member and its mirror image are aligned to the mean of the *others*: a mirrored member would resemble a mean
+//! that includes it. The log of the ratio of the two distances, x = ln(image / own), is positive if the member belongs
+//! to the others unmirrored. Its size depends on the shape: it is 0 for a shape equal to its mirror image. In a group
+//! in which left and right differ about equally for all members, a mirrored member has about -x. A member is reported
+//! if
 //! ```text
 //! x < -0.1,   median > 0.1,   median - x > 5 s
 //! ```
 //!
 //! with s the members' median absolute deviation from the median, over 0.6745. Measured over generated groups of 6 and
-//! 20, of bodies that differ from each other by as much as from an ellipsoid: members as they are 0.19 or above,
-//! mirrored ones -0.16 or below, one or three of 20; ellipsoids with as much at random, -0.08 or above. Five right
-//! hippocampi have x from -0.2 to 0.5: none is named as they are, and of one that is mirrored among them mostly nothing
-//! is said.
+//! 20, of bodies that differ from each other by as much as from an ellipsoid: unmirrored members 0.19 or above,
+//! mirrored ones, one or three of 20, -0.16 or below; randomly perturbed ellipsoids -0.08 or above. Five correct
+//! hippocampi have x from -0.2 to 0.5: none of them is reported, and one that is mirrored among them mostly isn't
+//! reported either.
 
 use std::borrow::Cow;
 
@@ -25,40 +25,40 @@ use crate::group::{Pose, Round};
 use crate::pair::object_only;
 use crate::refine::{Space, Target};
 
-/// Members whose spread means something, at least.
+/// Minimum number of members for a meaningful spread.
 const LEAST: usize = 4;
-/// How far from zero the logs of members and of mirrored ones are, at least.
+/// Minimum absolute value of the logs of members and of mirrored ones.
 const CLEAR: f64 = 0.1;
-/// How far a mirrored member's is from the others', in their spread.
+/// Minimum distance of a mirrored member's log from the median, in units of the spread.
 const FAR: f64 = 5.0;
-/// Distances of surfaces of norm 1 below this are rounding.
+/// Distances below this are rounding, for surfaces of norm 1.
 const SAME: f64 = 1e-7;
 
-/// The middle of numbers; zero of none.
+/// Returns the median of numbers; zero for none.
 pub(super) fn median(mut numbers: Vec<f64>) -> f64 {
     numbers.sort_unstable_by(f64::total_cmp);
     let count = numbers.len();
     if count == 0 { 0.0 } else { 0.5 * (numbers[(count - 1) / 2] + numbers[count / 2]) }
 }
 
-/// A member beside the others, as it is in a round and as its mirror image.
+/// A member aligned to the others, as in a round and as its mirror image.
 pub(super) struct Judged {
     pub(super) own: Pose,
     image: Pose,
 }
 
 impl Judged {
-    /// The log of the ratio of the distances, image over own; none where there is nothing to tell.
+    /// Returns the log of the ratio of the distances, image over own, or `None` if it is meaningless.
     pub(super) fn log(&self) -> Option<f64> {
-        // Copies of one surface, and points, tell nothing.
+        // Copies of one surface, and points, carry no information.
         let [own, image] = [&self.own, &self.image].map(|pose| pose.fit.distance);
         (own.max(image) > SAME).then(|| (image.max(SAME) / own.max(SAME)).ln())
     }
 }
 
 impl Group<'_> {
-    /// The members that are nearer to the others as mirror images; and, where there are none, whether that is because
-    /// members and mirror images are hardly told apart.
+    /// Returns warnings for the members that are nearer to the others as mirror images. If there are none, also returns
+    /// whether the reason is that members and mirror images hardly differ.
     pub(super) fn mirrored(&self, round: &Round) -> Result<(Vec<ProcrustesWarning>, bool), ShapeError> {
         if self.units.len() < LEAST {
             return Ok((Vec::new(), false));
@@ -81,8 +81,8 @@ impl Group<'_> {
         Ok((warnings, unclear))
     }
 
-    /// Every member and its mirror image, brought to the mean of the others. One that the round has mirrored is judged
-    /// as such.
+    /// Aligns every member and its mirror image to the mean of the others. A member that the round has mirrored is
+    /// treated as mirrored.
     pub(super) fn judged(&self, round: &Round) -> Result<Vec<Judged>, ShapeError> {
         let own = self.each(|index| self.continued(index, round.members[index].pose, &round.without(index)))?;
         let image = |index: usize| self.handed(index, !round.members[index].pose.mirrors(), &round.without(index));
@@ -90,7 +90,7 @@ impl Group<'_> {
         Ok(own.into_iter().zip(images).map(|(own, image)| Judged { own, image }).collect())
     }
 
-    /// A member refined to a target from the pose that it has, of the hand that it has there.
+    /// Refines a member against a target from its current pose, keeping its current handedness.
     fn continued(&self, index: usize, now: Pose, target: &Target) -> Pose {
         let (Some(plan), true) = (&self.plan, self.units[index].norm > 0.0) else {
             return self.handed(index, now.mirrors(), target);
@@ -106,9 +106,9 @@ impl Group<'_> {
         Pose { fit, antipodal: now.antipodal }
     }
 
-    /// A member searched as it is, f(u), or as the nearer of its mirror images: -f(-u), whose outside is outside, and
-    /// -f(u), which is inside out. In a group that may be mirrored f(-u), which is inside out, is searched besides
-    /// f(u).
+    /// Searches the alignment of a member, f(u), or of the nearer of its mirror images: -f(-u), which is oriented
+    /// outwards, and -f(u), which is inside out. In a group in which mirror images are matched, f(-u), which is inside
+    /// out, is searched in addition to f(u).
     fn handed(&self, index: usize, mirrored: bool, target: &Target) -> Pose {
         let unit = &self.units[index];
         if unit.norm == 0.0 || !(mirrored || self.mirror) {

@@ -30,7 +30,7 @@ fn hippocampi_spread_less_than_by_shrec() {
         spread_of(&members, &mean_of(&members))
     };
     assert!((spread(&registered) - 2.1064).abs() < 1e-4);
-    // The transforms do what the report says.
+    // The transforms reproduce the report.
     let moved: Vec<Coefficients> =
         posed.iter().zip(&found.transforms).map(|(surface, t)| t.apply(surface, &Silent).unwrap()).collect();
     assert!((spread(&moved) - found.report.spread_after).abs() < 1e-9);
@@ -69,7 +69,7 @@ fn sizes_are_taken_away_if_asked_for() {
 fn a_mirrored_member_is_said() {
     let mut members: Vec<_> = (0..4).map(|n| posed(&perturbed(n, 0.02), &some_pose(n))).collect();
     assert_eq!(together(&members).report.warnings, []);
-    // With its sphere, and in space alone, which turns it inside out.
+    // Mirrored with its sphere, and in space alone, which turns it inside out.
     for antipodal in [true, false] {
         members[2] = posed(&reflected(&perturbed(2, 0.02)), &Transform { antipodal, ..some_pose(9) });
         let found = together(&members).report;
@@ -83,8 +83,7 @@ fn a_mirrored_member_is_said() {
     }
 }
 
-/// Bodies that differ by a third of what they have in common tell it. Hippocampi hardly do: nothing wrong is said of
-/// them.
+/// Bodies that differ by a third of their common shape are reported. Hippocampi hardly are: no wrong one is reported.
 #[test]
 fn mirrored_members_of_groups_that_differ_are_said_where_shapes_tell() {
     let said = |members: &[Coefficients]| -> Vec<usize> {
@@ -125,7 +124,7 @@ fn a_group_of_both_sides_is_said() {
         assert!(mirrored < 0.8 * spread && spread == found.spread_after, "{warning}");
         assert!(warning.naming(|n| format!("file {n}")).ends_with("file 3, file 4, file 5"), "{warning}");
     }
-    // Their own mirror images but for what differs at random.
+    // Equal to their own mirror images except for random differences.
     for differences in [0.05, 0.3] {
         let members = (0..8).map(|n| {
             let mut values = Array2::zeros((36, 3));
@@ -141,7 +140,7 @@ fn a_group_of_both_sides_is_said() {
         assert!(found.warnings.iter().all(|warning| warning.mirrored().is_empty()), "{found:?}");
         assert!(!found.warnings.iter().any(|warning| matches!(warning, ProcrustesWarning::Sides { .. })), "{found:?}");
     }
-    // Of hippocampi it is said that there are two sides, or which one stands out; none of the wrong side is named.
+    // For hippocampi either two sides are reported or the member that stands out; none of the wrong side is named.
     let Some(surfaces) = hippocampi("foe") else { return };
     for mirrored in 1..5 {
         let mut mixed = surfaces.clone();
@@ -217,7 +216,7 @@ proptest! {
     }
 }
 
-/// Members that differ a little, whose surfaces and spheres were turned apart, end where the same member always ends.
+/// Slightly different members, whose surfaces and spheres were rotated against each other, end in the same pose.
 #[test]
 fn a_group_by_its_surfaces_comes_together_from_any_pose() {
     let members: Vec<Coefficients> = (0..5).map(|n| perturbed(n, 0.02)).collect();
@@ -229,7 +228,7 @@ fn a_group_by_its_surfaces_comes_together_from_any_pose() {
         let turned: Vec<Coefficients> =
             members.iter().enumerate().map(|(n, member)| posed(member, &some_pose(seed + n))).collect();
         let found = procrustes(&turned, &params, &Silent).unwrap();
-        // The mean and the distances from it are those of the members as they are brought together.
+        // The mean and the distances from it are those of the aligned members.
         let moved: Vec<Coefficients> =
             turned.iter().zip(&found.transforms).map(|(member, t)| t.apply(member, &Silent).unwrap()).collect();
         let mean = crate::mean(&moved).unwrap();
@@ -256,7 +255,7 @@ fn a_group_with_a_point_comes_together_by_both_rotations() {
     assert_eq!(found, procrustes(&members, &joint, &Silent).unwrap());
 }
 
-/// Copies are told to rounding, which points on surfaces can't.
+/// Copies are aligned to rounding, unlike points on surfaces.
 #[test]
 fn copies_by_their_surfaces_are_one_surface() {
     let align = AlignParams { method: Method::Surfaces, ..ProcrustesParams::default().align };

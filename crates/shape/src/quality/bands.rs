@@ -1,12 +1,12 @@
-//! Bands of the measures: a bootstrap over the members.
+//! Confidence bands of the measures: a bootstrap over the members.
 //!
-//! Members are drawn with replacement, and everything is computed anew of what is drawn, the member that is left out
-//! with all of its copies. A draw has some 63 % of the members, from which a shape is further away, so that its
-//! measures lie above those of the group by more than chance; bands are therefore its quantiles about its median, laid
-//! about the group's own value (the pivot of B. Efron and R. J. Tibshirani, An Introduction to the Bootstrap (1993),
-//! chapter 10, for a bias that is that of the resampling).
+//! Members are drawn with replacement, and everything is recomputed for the draw; a member is left out with all of its
+//! copies. A draw contains about 63 % of the members, from which a shape is further away, so that its measures exceed
+//! those of the group by more than chance. Bands are therefore the draws' quantiles relative to their median, centred
+//! on the group's own value (the pivot of B. Efron and R. J. Tibshirani, An Introduction to the Bootstrap (1993),
+//! chapter 10, for a bias caused by the resampling).
 //!
-//! In draws from large groups 20 members are left out, and modes are of the leading `5 m + 50` coordinates.
+//! In draws from large groups 20 members are left out, and modes are computed from the leading `5 m + 50` coordinates.
 
 use ndarray::{Array2, s};
 use rand_chacha::ChaCha8Rng;
@@ -18,16 +18,16 @@ use super::curves::{Curves, Model, leave_out, mean_of, nearest};
 use super::params::{Curve, QualityParams};
 use crate::ShapeError;
 
-/// Members that are left out of a draw, at most.
+/// Maximum number of members left out of a draw.
 const LEFT_OUT: usize = 20;
-/// Quantiles of a band of 95 %.
+/// Quantiles of a 95 % band.
 const QUANTILES: [f64; 2] = [0.025, 0.975];
-/// Streams of the draws, beside those of random shapes.
+/// First random stream of the draws, above those of random shapes.
 const STREAM: u64 = 1 << 40;
 
 const STAGE: Stage = Stage::counted("bands", "draws");
 
-/// Bands of the compactness, the generalisation and the specificity of members whose coordinates are `scores`, (n, d).
+/// Returns the bands of compactness, generalisation and specificity of members with coordinates `scores`, (n, d).
 pub(super) fn bands(
     scores: &Array2<f64>,
     found: &Curves,
@@ -64,7 +64,7 @@ pub(super) fn bands(
     ])
 }
 
-/// The mean of rows of m numbers, one for each member or shape, with the band of the rows alone.
+/// Returns the mean of rows of m numbers, one per member or shape, with a band over the rows alone.
 pub(super) fn of_rows(rows: &[Vec<f64>], most: usize, params: &QualityParams) -> Curve {
     let values = mean_of(rows.iter().map(Vec::as_slice), most);
     let draws: Vec<Vec<f64>> = (0..params.bands)
@@ -73,12 +73,12 @@ pub(super) fn of_rows(rows: &[Vec<f64>], most: usize, params: &QualityParams) ->
     about(&values, &draws.iter().map(Vec::as_slice).collect::<Vec<_>>(), f64::INFINITY)
 }
 
-/// Draws as many members as there are, with replacement, at least three of them different where there are.
+/// Draws n members with replacement, at least three of them different if there are three.
 pub(super) fn draw(n: usize, seed: u64, index: usize) -> Vec<usize> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(STREAM + index as u64);
     loop {
-        // Far more numbers than members: the remainder is even to 2^-32.
+        // The numbers' range far exceeds n: the remainder is uniform to 2^-32.
         let rows: Vec<usize> = (0..n).map(|_| (random.next_u64() % n as u64) as usize).collect();
         let mut distinct = rows.clone();
         distinct.sort_unstable();
@@ -89,7 +89,7 @@ pub(super) fn draw(n: usize, seed: u64, index: usize) -> Vec<usize> {
     }
 }
 
-/// Quantiles of draws about their median, laid about values; from 0 to `highest`.
+/// Centres the draws' quantiles on values instead of on their median; clamped to 0 to `highest`.
 fn about(values: &[f64], draws: &[&[f64]], highest: f64) -> Curve {
     let mut curve = Curve { values: values.to_vec(), ..Curve::default() };
     if draws.is_empty() {
@@ -105,7 +105,7 @@ fn about(values: &[f64], draws: &[&[f64]], highest: f64) -> Curve {
     curve
 }
 
-/// A quantile of sorted values, between the two that are about it.
+/// Returns a quantile of sorted values, interpolated between its neighbours.
 pub(super) fn quantile(sorted: &[f64], share: f64) -> f64 {
     let at = share * (sorted.len() - 1) as f64;
     let (low, rest) = (at.floor() as usize, at.fract());

@@ -1,6 +1,6 @@
-//! The three measures from coordinates of members that keep their distances.
+//! The three measures from coordinates of members that preserve their distances.
 //!
-//! Rows may be the same member several times, as a bootstrap has them: a member is left out with all of its rows.
+//! The same member may have several rows, as in a bootstrap: it is left out with all of its rows.
 
 use faer::MatRef;
 use ndarray::{Array2, ArrayView1, Axis};
@@ -10,32 +10,32 @@ use spharm_monitor::Monitor;
 use crate::ShapeError;
 use crate::pca::quality::normal;
 
-/// Most members that are left out one at a time; of larger groups every `n / 200`th is.
+/// Maximum number of members that are left out one at a time; of larger groups every `n / 200`th is.
 pub(super) const LEFT_OUT: usize = 200;
-/// Modes of less than this part of the first one's deviation are rounding, and have no direction.
+/// Modes whose deviation is below this fraction of the first one's are rounding, and have no direction.
 const NEGLIGIBLE: f64 = 1e-10;
 
-/// The measures of the first k modes, k = 1 to m, (m) each.
+/// The measures for the first k modes, k = 1 to m, (m) each.
 pub(super) struct Curves {
     pub(super) compactness: Vec<f64>,
     pub(super) generalisation: Vec<f64>,
     pub(super) specificity: Vec<f64>,
 }
 
-/// Principal components of some rows.
+/// Principal components of a set of rows.
 pub(super) struct Model {
     /// Coordinates of the rows along the modes, (rows, modes).
     pub(super) scores: Array2<f64>,
-    /// Variances along the modes, (modes), falling.
+    /// Variances along the modes, (modes), decreasing.
     pub(super) variances: Vec<f64>,
-    /// Each row's member.
+    /// Member of each row.
     pub(super) rows: Vec<usize>,
-    /// Of each mode, what each row counts for in it, (modes, rows): a mode is the sum of the rows times these.
+    /// Weight of each row in each mode, (modes, rows): a mode is the sum of the rows times its weights.
     pub(super) loadings: Array2<f64>,
 }
 
 impl Model {
-    /// Finds the modes of the rows of members whose coordinates are `scores`, (n, d).
+    /// Computes the modes of the given rows of members with coordinates `scores`, (n, d).
     pub(super) fn of(scores: &Array2<f64>, rows: &[usize]) -> Result<Self, ShapeError> {
         let own = scores.select(Axis(0), rows);
         let mean = own.mean_axis(Axis(0)).ok_or(ShapeError::TooFewMembers { found: rows.len(), least: 3 })?;
@@ -58,7 +58,7 @@ impl Model {
         self.variances.iter().sum()
     }
 
-    /// Cumulative shares; 1 of a group without variance.
+    /// Returns the cumulative shares of the variance; 1 for a group without variance.
     pub(super) fn compactness(&self, most: usize) -> Vec<f64> {
         let total = self.total();
         let mut sum = 0.0;
@@ -70,7 +70,7 @@ impl Model {
     }
 }
 
-/// Left singular vectors, (rows, modes), and singular values of a matrix; at most rows - 1 of those of centred rows.
+/// Returns the left singular vectors, (rows, modes), and singular values of a matrix of centred rows: at most rows - 1.
 fn decompose(centred: &Array2<f64>) -> Result<(Array2<f64>, Vec<f64>), ShapeError> {
     let (rows, columns) = centred.dim();
     let standard = centred.as_standard_layout();
@@ -83,17 +83,17 @@ fn decompose(centred: &Array2<f64>) -> Result<(Array2<f64>, Vec<f64>), ShapeErro
     Ok((Array2::from_shape_fn((rows, count), |(i, k)| u[(i, k)]), singular))
 }
 
-/// A member beside the modes of the others.
+/// A left-out member relative to the modes of the others.
 pub(super) struct Left {
-    /// Distance from the first k modes of the others, (m); of more modes than they have, as of all of them.
+    /// Distance from the first k modes of the others, (m); beyond their number of modes, the distance from all of them.
     pub(super) distances: Vec<f64>,
-    /// The member.
+    /// Index of the member.
     pub(super) member: usize,
-    /// The nearest shapes, (m): factors of all rows of the model.
+    /// The nearest shapes, (m), as factors of all rows of the model.
     pub(super) factors: Vec<Vec<f64>>,
 }
 
-/// The members that are left out, at most so many.
+/// Returns the members that are left out, at most `most`.
 pub(super) fn left_out(members: usize, most: usize) -> impl Iterator<Item = usize> {
     (0..members).step_by(members.div_ceil(most).max(1))
 }
@@ -129,7 +129,7 @@ fn leave_one(model: &Model, member: usize, most: usize) -> Result<Left, ShapeErr
     let rest = &model.scores.row(own) - &mean;
     let least = NEGLIGIBLE * singular.first().copied().unwrap_or(0.0);
     let mut square: f64 = rest.iter().map(|value| value * value).sum();
-    // Along mode k, which is `u_k^T C / s_k`, the rest has `u_k . (C r) / s_k`.
+    // Along mode k, which is `u_k^T C / s_k`, the remainder has the coordinate `u_k . (C r) / s_k`.
     let products: Vec<f64> =
         centred.rows().into_iter().map(|row| row.iter().zip(&rest).map(|(a, b)| a * b).sum()).collect();
     let mut factors = vec![0.0; model.rows.len()];
@@ -147,17 +147,17 @@ fn leave_one(model: &Model, member: usize, most: usize) -> Result<Left, ShapeErr
     Ok(Left { distances, member, factors: all })
 }
 
-/// A random shape beside the members.
+/// A random shape and the members nearest to it.
 pub(super) struct Near {
-    /// Distance of the shape of the first k modes from the nearest member, (m).
+    /// Distance of the shape, truncated to the first k modes, from the nearest member, (m).
     pub(super) distances: Vec<f64>,
     /// Coordinates of the shape along the modes.
     pub(super) along: Vec<f64>,
-    /// Rows of the nearest and the next nearest, (m).
+    /// Rows of the nearest and the second nearest member, (m).
     pub(super) rows: Vec<[usize; 2]>,
 }
 
-/// Makes random shapes of a seed and finds the members nearest to them.
+/// Generates random shapes from a seed and finds the members nearest to them.
 pub(super) fn nearest(model: &Model, most: usize, samples: usize, seed: u64) -> Vec<Near> {
     let m = most.min(model.variances.len());
     let tail = |row: ArrayView1<'_, f64>, k: usize| row.iter().skip(k + 1).map(|s| s * s).sum::<f64>();
@@ -180,7 +180,7 @@ pub(super) fn nearest(model: &Model, most: usize, samples: usize, seed: u64) -> 
                     }
                 }
             }
-            // More modes than there are are as all of them.
+            // Beyond the available modes the values are those of all modes.
             let filled = |k: usize| least[k.min(m.saturating_sub(1))];
             let distances = (0..most).map(|k| filled(k)[0].0.sqrt()).collect();
             Near { distances, along, rows: (0..most).map(|k| filled(k).map(|(_, row)| row)).collect() }
@@ -188,7 +188,7 @@ pub(super) fn nearest(model: &Model, most: usize, samples: usize, seed: u64) -> 
         .collect()
 }
 
-/// The mean of rows of m numbers.
+/// Returns the mean of rows of m numbers.
 pub(super) fn mean_of<'a>(rows: impl Iterator<Item = &'a [f64]>, most: usize) -> Vec<f64> {
     let (mut sum, mut count) = (vec![0.0; most], 0_usize);
     for row in rows {

@@ -1,8 +1,8 @@
-//! How far the same direction is from the same landmark: what tells whether places correspond.
+//! Distances between equal directions and equal landmarks, which show whether directions correspond.
 //!
-//! A landmark p of member i, which a person set, belongs to the direction u of the point of the member's surface that
-//! is nearest to it. The error of a pair is the distance on member k between f_k(u) and f_k(u'), u' being the direction
-//! of the same landmark of k: both lie on its surface, so that how far landmarks lie off it doesn't count.
+//! A manually placed landmark p of member i is assigned the direction u of the point of the member's surface nearest to
+//! it. The error of a pair is the distance on member k between f_k(u) and f_k(u'), u' being the direction of the same
+//! landmark of k: both lie on its surface, so that the landmarks' distances from it don't matter.
 
 use rayon::prelude::*;
 use spharm_harmonics::{Coefficients, Directions};
@@ -19,30 +19,30 @@ use crate::ShapeError;
 use crate::extent::extent;
 use crate::geometry::{local_geometry, tangent_frame};
 
-/// Steps from the facets to the smooth surface.
+/// Number of steps from the facets to the smooth surface.
 const STEPS: usize = 10;
 
-/// Distances between landmarks of a group of n members and p places, in the members' unit.
+/// Distances between landmarks of n members with p landmarks each, in the members' unit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LandmarkErrors {
     /// Mean over all pairs of members and all landmarks.
     pub mean: f64,
     /// Median over them.
     pub median: f64,
-    /// 95 % band of the mean, by a bootstrap over the members.
+    /// 95 % band of the mean, from a bootstrap over the members.
     pub band: Option<[f64; 2]>,
-    /// Mean over all pairs, of each landmark, (p).
+    /// Mean over all pairs for each landmark, (p).
     pub by_landmark: Vec<f64>,
     /// Distance of each landmark from its own member's surface, (n) of (p).
     pub off: Vec<Vec<f64>>,
 }
 
 /// Measures the errors of all pairs. Landmarks are in the frames of their members, (n) of (p); moving a member and its
-/// landmarks together changes nothing.
+/// landmarks together has no effect.
 ///
 /// # Errors
 ///
-/// [`ShapeError::Differ`] for another number of members, or of places; [`ShapeError::NotFiniteValue`]; those of
+/// [`ShapeError::Differ`] if the number of members or of landmarks differs; [`ShapeError::NotFiniteValue`]; those of
 /// [`extent`](crate::extent::extent), in [`ShapeError::Member`]; [`ShapeError::Interrupted`].
 pub(super) fn landmark_errors(
     members: &[Coefficients],
@@ -66,7 +66,7 @@ pub(super) fn landmark_errors(
             return Err(ShapeError::NotFiniteValue { what: "landmarks", row, column });
         }
     }
-    // One level finer than the rest, as a direction's place is interpolated.
+    // One level finer than the rest, because the point of a direction is interpolated.
     let sphere = icosphere((params.subdivisions + 1).min(7));
     let directions = Directions::from_vertices(&sphere.vertices)?;
     let found: Vec<Result<Vec<(Vec3, f64)>, ShapeError>> = members
@@ -84,7 +84,7 @@ pub(super) fn landmark_errors(
     let found: Vec<Vec<(Vec3, f64)>> = found.into_iter().collect::<Result<_, _>>()?;
     let all: Vec<Vec3> = found.iter().flatten().map(|(u, _)| *u).collect();
     let all = Directions::from_vertices(&all)?;
-    // Of each member, the places of everyone's directions.
+    // For each member, the points at the directions of all members.
     let carried: Vec<Vec<Vec3>> =
         members.par_iter().map(|member| evaluate(&all, member)).collect::<Result<_, ShapeError>>()?;
     let error = |i: usize, k: usize, place: usize| {
@@ -112,10 +112,10 @@ pub(super) fn landmark_errors(
     })
 }
 
-/// The direction of the point of a surface that is nearest to p, and its distance.
+/// Returns the direction of the surface's point nearest to p, and its distance.
 ///
-/// That of the facets is brought to the smooth surface by Gauss-Newton steps in the tangent plane,
-/// `(E F; F G) d = (X_1 . r, X_2 . r)` with r = p - X(u), as facets turn a landmark that lies off the surface aside.
+/// The nearest point of the facets is moved to the smooth surface by Gauss-Newton steps in the tangent plane, `(E F; F
+/// G) d = (X_1 . r, X_2 . r)` with r = p - X(u), because facets bias the direction of a landmark off the surface.
 fn direction(tree: &TriangleTree, sphere: &Mesh, member: &Coefficients, p: Vec3) -> Result<(Vec3, f64), ShapeError> {
     let Some(found) = tree.nearest(p) else { return Ok(([0.0, 0.0, 1.0], f64::INFINITY)) };
     let face = sphere.faces[found.triangle as usize];
@@ -148,7 +148,7 @@ fn direction(tree: &TriangleTree, sphere: &Mesh, member: &Coefficients, p: Vec3)
     Ok((best.0, best.1))
 }
 
-/// The band of the mean over pairs of different members.
+/// Returns the band of the mean over pairs of different members.
 fn band(n: usize, of_pair: &impl Fn(usize, usize) -> f64, params: &QualityParams) -> Option<[f64; 2]> {
     let mut means: Vec<f64> = (0..params.bands)
         .map(|index| {

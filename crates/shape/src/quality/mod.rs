@@ -1,31 +1,32 @@
-//! Quality of a group's correspondence, by area: compactness, generalisation and specificity of its modes, over points
-//! that count by the area about them, by the distance between surfaces, and by landmarks.
+//! Quality of a group's correspondence: compactness, generalisation and specificity of its modes, with points weighted
+//! by their surface area; the same by the distance between surfaces; and errors of landmarks.
 //!
-//! Members are evaluated at the directions u of an icosphere, x_i(u). A direction weighs w(u) = the vertex's share of a
-//! member's area, the mean over the members, so that
+//! Members are evaluated at the directions u of an icosphere, x_i(u). The weight w(u) of a direction is the vertex's
+//! share of the member's area, averaged over the members, so that
 //!
 //! ```text
 //! <x, y> = sum_u w(u) x(u) . y(u),    sum_u w(u) = 1,    G_ij = <x_i - m, x_j - m>,    m = mean of the x_i
 //! ```
 //!
-//! and distances are root mean squares over the surface rather than over the sphere, on which a thin process may have
-//! most of the directions. Of the first k modes, k = 1 to m, members' areal centres put together:
+//! and distances are root mean squares over the surface rather than over the sphere, on which a thin process may take
+//! up most of the directions. For the first k modes, k = 1 to m, after moving the members' centres of area to the
+//! origin:
 //!
-//! - *compactness*: their share of the variance;
+//! - *compactness*: the modes' share of the variance;
 //! - *generalisation*: the mean distance of a member from its nearest shape in the modes of all others;
 //! - *specificity*: the mean distance of a random shape of the modes from the nearest member.
 //!
-//! M. A. Styner et al., "Evaluation of 3D correspondence methods for model building", IPMI 2003. All three get better
-//! when directions slide to where members differ least, so that none of them shows that places correspond: what does
-//! is known from outside, such as landmarks, see [`landmarks`].
+//! M. A. Styner et al., "Evaluation of 3D correspondence methods for model building", IPMI 2003. All three improve when
+//! directions slide to where members differ least, so that none of them proves correspondence. That takes external
+//! knowledge, such as landmarks, see [`landmarks`].
 //!
-//! *Between surfaces*, both are measured by nearest points too, the mean both ways, area-weighted: what is left of a
-//! distance when sliding along the surface counts for nothing.
+//! *Between surfaces*, generalisation and specificity are measured by nearest points too, as the area-weighted mean in
+//! both directions: the part of a distance that sliding along the surface can't reduce.
 //!
-//! *Bands* are of a bootstrap over the members, see `bands`.
+//! *Bands* are from a bootstrap over the members, see `bands`.
 //!
 //! Cost, for n members, V directions and m modes: V n (n + m) for the products and a decomposition of (n, n) for each
-//! member, up to 200 of them; by surfaces some 15 ms for each member and mode at V = 2,562.
+//! member, up to 200 of them; by surfaces about 15 ms for each member and mode at V = 2,562.
 
 mod bands;
 mod curves;
@@ -57,29 +58,28 @@ pub struct GroupQuality {
     pub generalisation: Curve,
     /// Mean distance of a random shape from the nearest member.
     pub specificity: Curve,
-    /// Generalisation by the distance between surfaces, if it was asked for; its band is that of the left-out members
-    /// alone.
+    /// Generalisation by the distance between surfaces, if requested; its band is that of the left-out members alone.
     pub surface_generalisation: Option<Curve>,
-    /// Specificity by the distance between surfaces: of the first 100 random shapes, the nearer of the two members that
-    /// are nearest by points. It has no band.
+    /// Specificity by the distance between surfaces: for the first 100 random shapes, the distance from the nearer of
+    /// the two members that are nearest by points. It has no band.
     pub surface_specificity: Option<Curve>,
-    /// How far landmarks are apart, if there are any.
+    /// Errors of landmarks, if there are any.
     pub landmarks: Option<LandmarkErrors>,
 }
 
 const STAGE: Stage = Stage::counted("quality", "members");
 
-/// Measures the quality of at least 3 surfaces that correspond, of any degrees; `landmarks` are the same places of each
-/// member in its own frame, (n) of (places).
+/// Measures the quality of at least 3 corresponding surfaces of any degrees; `landmarks` are the same landmarks of each
+/// member in its own frame, (n) of (landmarks).
 ///
-/// Runs on the rayon pool that it is called in; the result is the same bits on any number of threads.
+/// Runs on the current rayon pool; the result is bitwise the same on any number of threads.
 ///
 /// # Errors
 ///
-/// [`ShapeError::TooFewMembers`]; [`ShapeError::Setting`] for no mode or sample; those of
-/// [`extent`](crate::extent::extent), in [`ShapeError::Member`]; [`ShapeError::Differ`] for landmarks of another number
-/// of members or places, and for a mask of another icosphere; [`ShapeError::NotFiniteValue`] for one that isn't finite;
-/// [`ShapeError::NoDecomposition`], [`ShapeError::Interrupted`].
+/// [`ShapeError::TooFewMembers`]; [`ShapeError::Setting`] for zero modes or samples; those of
+/// [`extent`](crate::extent::extent), in [`ShapeError::Member`]; [`ShapeError::Differ`] if the number of landmarks or
+/// of their members differs, or the mask is of another icosphere; [`ShapeError::NotFiniteValue`] for a landmark that
+/// isn't finite; [`ShapeError::NoDecomposition`], [`ShapeError::Interrupted`].
 pub fn group_quality(
     members: &[Coefficients],
     landmarks: Option<&[Vec<Vec3>]>,

@@ -1,23 +1,23 @@
-//! Settings of the measures, and a measure over the modes.
+//! Settings of the measures, and the curve of a measure over the modes.
 
 /// Settings of [`group_quality`](super::group_quality).
 #[derive(Debug, Clone, PartialEq)]
 pub struct QualityParams {
-    /// Most modes, m; at most n - 1 are there.
+    /// Maximum number of modes, m; there are at most n - 1.
     pub modes: usize,
-    /// Random shapes for the specificity.
+    /// Number of random shapes for the specificity.
     pub samples: usize,
-    /// Bootstrap samples for the bands; 0 for none.
+    /// Number of bootstrap samples for the bands; 0 for none.
     pub bands: usize,
-    /// Subdivisions of the icosphere; 4 are 2,562 directions.
+    /// Subdivisions of the icosphere; 4 give 2,562 directions.
     pub subdivisions: u32,
-    /// Whether members are brought rigidly together first, by area, at equal directions.
+    /// Whether members are first aligned rigidly, weighted by area, at equal directions.
     pub rigid: bool,
-    /// Whether distances between surfaces are measured, too, which takes most of the time.
+    /// Whether distances between surfaces are measured too, which takes most of the time.
     pub surfaces: bool,
-    /// Of random shapes and of the bootstrap.
+    /// Seed of the random shapes and of the bootstrap.
     pub seed: u64,
-    /// Directions of the icosphere that are compared, (V); all by default.
+    /// Directions of the icosphere to compare, (V); all by default.
     pub mask: Option<Vec<bool>>,
 }
 
@@ -36,13 +36,13 @@ impl Default for QualityParams {
     }
 }
 
-/// A measure of the first k modes, k = 1 to m.
+/// A measure as a function of the number of modes, k = 1 to m.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Curve {
     /// The measure, (m).
     pub values: Vec<f64>,
     /// Lower end of its 95 % band, (m), or empty.
     pub low: Vec<f64>,
-    /// Upper end, (m), or empty.
+    /// Upper end of its 95 % band, (m), or empty.
     pub high: Vec<f64>,
 }

@@ -1,4 +1,4 @@
-//! A group as points that weigh by their area.
+//! A group as points weighted by area.
 
 use faer::MatRef;
 use ndarray::Array2;
@@ -15,7 +15,7 @@ use crate::ShapeError;
 use crate::extent::extent;
 use spharm_surface::kabsch::kabsch;
 
-/// Rounds of rotations to the mean and means of what is rotated; two are enough in practice.
+/// Maximum number of rounds of rotating members to the mean and recomputing it; two are enough in practice.
 const ROUNDS: usize = 5;
 
 const STAGE: Stage = Stage::counted("evaluate", "models");
@@ -24,16 +24,17 @@ const STAGE: Stage = Stage::counted("evaluate", "models");
 pub(super) struct Points {
     /// The icosphere's triangles.
     pub(super) faces: Vec<[u32; 3]>,
-    /// Positions of each member, (n) of (V), its areal centre at the origin.
+    /// Positions of each member, (n) of (V), with its centre of area at the origin.
     pub(super) members: Vec<Vec<Vec3>>,
-    /// Each vertex's share of the area, the mean over the members, (V); of sum 1, and 0 where nothing is compared.
+    /// Weight of each vertex: its share of the area, averaged over the members, (V); sums to 1, and is 0 for masked
+    /// vertices.
     pub(super) weights: Vec<f64>,
-    /// Vertices that are compared, (V); all where there is none.
+    /// Vertices to compare, (V); all if `None`.
     mask: Option<Vec<bool>>,
 }
 
 impl Points {
-    /// Evaluates members, and puts their areal centres together.
+    /// Evaluates members, and moves their centres of area to the origin.
     pub(super) fn of(
         members: &[Coefficients],
         params: &QualityParams,
@@ -70,7 +71,7 @@ impl Points {
         Ok(points)
     }
 
-    /// Each vertex's share of a surface's area that is compared: a third of that of its triangles.
+    /// Returns each vertex's share of a surface's compared area: a third of that of its triangles.
     pub(super) fn shares(&self, vertices: &[Vec3]) -> Vec<f64> {
         let mut shares = vec![0.0; vertices.len()];
         for face in &self.faces {
@@ -95,7 +96,7 @@ impl Points {
         }
     }
 
-    /// Turns each member to the mean, which is least squares at equal directions, weighted by area.
+    /// Rotates each member to the mean by least squares at equal directions, weighted by area.
     pub(super) fn bring_together(&mut self) {
         for _ in 0..ROUNDS {
             let mean = self.mean();
@@ -115,7 +116,7 @@ impl Points {
         self.combined(&vec![share; self.members.len()])
     }
 
-    /// The sum of the members times some factors.
+    /// Returns the sum of the members times factors.
     pub(super) fn combined(&self, factors: &[f64]) -> Vec<Vec3> {
         let mut sum = vec![[0.0; 3]; self.weights.len()];
         for (member, &factor) in self.members.iter().zip(factors).filter(|(_, factor)| **factor != 0.0) {
@@ -124,7 +125,8 @@ impl Points {
         sum
     }
 
-    /// Coordinates of the members that keep their distances, (n, d), their mean at 0: `V S^(1/2)` of G = V S V^T.
+    /// Returns coordinates of the members that preserve their distances, (n, d), with mean 0: `V S^(1/2)` of G = V S
+    /// V^T.
     pub(super) fn scores(&self) -> Result<Array2<f64>, ShapeError> {
         let (n, mean) = (self.members.len(), self.mean());
         let off: Vec<Vec<Vec3>> = self
@@ -141,7 +143,7 @@ impl Points {
         let decomposed = MatRef::from_column_major_slice(&gram, n, n)
             .self_adjoint_eigen(faer::Side::Lower)
             .map_err(|_| ShapeError::NoDecomposition)?;
-        // Ascending; the least is that of the mean.
+        // In ascending order; the smallest belongs to the mean.
         let values: Vec<f64> = decomposed.S().column_vector().iter().map(|value: &f64| value.max(0.0)).collect();
         let vectors = decomposed.U();
         Ok(Array2::from_shape_fn((n, n - 1), |(i, k)| vectors[(i, n - 1 - k)] * values[n - 1 - k].sqrt()))

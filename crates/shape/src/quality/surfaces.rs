@@ -1,5 +1,5 @@
-//! Generalisation and specificity by the distance between surfaces: the mean of the distances from each surface's
-//! points to the nearest point of the other one, both ways, points weighing by their area.
+//! Generalisation and specificity by the distance between surfaces: the area-weighted mean of the distances from each
+//! surface's points to the nearest point of the other one, both ways.
 
 use rayon::prelude::*;
 use spharm_monitor::{Monitor, Stage};
@@ -10,7 +10,7 @@ use super::curves::{Left, Model, Near};
 use super::points::Points;
 use crate::ShapeError;
 
-/// Random shapes that are compared by their surfaces.
+/// Number of random shapes that are compared by their surfaces.
 const SHAPES: usize = 100;
 
 const STAGE: Stage = Stage::counted("surfaces", "shapes");
@@ -18,7 +18,7 @@ const STAGE: Stage = Stage::counted("surfaces", "shapes");
 /// Distances by the number of modes, (rows) of (m).
 type Rows = Vec<Vec<f64>>;
 
-/// A surface that distances are measured from and to.
+/// A surface prepared for distances to and from it.
 struct Side {
     vertices: Vec<Vec3>,
     shares: Vec<f64>,
@@ -37,14 +37,14 @@ impl Side {
         self.vertices.iter().zip(&self.shares).map(|(p, share)| share * distance(p)).sum()
     }
 
-    /// The mean distance both ways.
+    /// Returns the mean distance, averaged over both directions.
     fn distance(&self, other: &Self) -> f64 {
         0.5 * (self.mean_to(other) + other.mean_to(self))
     }
 }
 
-/// Distances of left-out members from their nearest shapes, and of random shapes from the nearest members, by the
-/// number of modes: (members, m) and (shapes, m).
+/// Returns the distances of left-out members from their nearest shapes, and of random shapes from the nearest members,
+/// by the number of modes: (members, m) and (shapes, m).
 pub(super) fn distances(
     points: &Points,
     model: &Model,
@@ -60,7 +60,7 @@ pub(super) fn distances(
         let mut distances: Vec<f64> = Vec::with_capacity(most);
         for k in 0..most {
             monitor.check()?;
-            // The others have no more modes.
+            // The others have no further modes.
             if k > 0 && left.factors[k] == left.factors[k - 1] {
                 distances.push(distances[k - 1]);
                 continue;

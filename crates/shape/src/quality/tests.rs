@@ -10,7 +10,7 @@ use crate::rotation::Rotation;
 use crate::samples::{blob, ellipsoid, posed};
 use crate::transform::{Similarity, Transform};
 
-/// Members that differ in every direction, so that they have n - 1 modes.
+/// Members that differ in all directions, so that they have n - 1 modes.
 fn group(n: u64) -> Vec<Coefficients> {
     let member = |seed: u64| {
         let mut values = blob(3, 0).values().clone();
@@ -24,7 +24,7 @@ fn params() -> QualityParams {
     QualityParams { subdivisions: 3, samples: 200, bands: 0, surfaces: false, ..QualityParams::default() }
 }
 
-/// Rows of `sqrt(w) x`, (n, 3 V): plain distances between them are the weighted ones.
+/// Rows of `sqrt(w) x`, (n, 3 V), whose unweighted distances are the weighted ones.
 fn rows(points: &Points) -> Array2<f64> {
     let value = |(i, k): (usize, usize)| points.members[i][k / 3][k % 3] * points.weights[k / 3].sqrt();
     Array2::from_shape_fn((points.members.len(), 3 * points.weights.len()), value)
@@ -34,7 +34,7 @@ fn norm(values: impl IntoIterator<Item = f64>) -> f64 {
     values.into_iter().map(|value| value * value).sum::<f64>().sqrt()
 }
 
-/// The distance of a member from the span of the first modes of the others, by power iteration in the space of points.
+/// Returns the distance of a member from the span of the first modes of the others, by power iteration on the points.
 fn left_out(y: &Array2<f64>, member: usize, modes: usize) -> f64 {
     let others: Vec<usize> = (0..y.nrows()).filter(|i| *i != member).collect();
     let there = y.select(Axis(0), &others);
@@ -73,7 +73,7 @@ fn what_is_masked_counts_for_nothing() {
     let (whole, all, belt) =
         (group_quality(&group, None, &params, &Silent).unwrap(), with(&|_| true), with(&|u| u[0].abs() < 0.3));
     assert_eq!(whole, all);
-    // The members differ by their ends alone.
+    // The members differ only at their ends.
     let less = |of: &dyn Fn(&GroupQuality) -> f64| of(&belt) < 0.6 * of(&whole);
     assert!(less(&|of| of.variance) && less(&|of| of.specificity.values[0]), "{belt:?}");
     assert!(less(&|of| of.surface_specificity.as_ref().unwrap().values[0]), "{belt:?}");
@@ -104,7 +104,7 @@ fn measures_are_what_they_are_defined_as() {
     assert!((found.variances.iter().sum::<f64>() / variance - 1.0).abs() < 1e-12);
     assert!((found.compactness.values[0] - found.variances[0] / variance).abs() < 1e-12);
 
-    // Modes in the space of points are orthonormal, and random shapes are made of them.
+    // Modes of the points are orthonormal, and random shapes are combinations of them.
     let model = curves::Model::of(&points.scores().unwrap(), &[0, 1, 2, 3, 4, 5]).unwrap();
     let modes = crate::product::product(model.loadings.view(), (&y - &mean).view());
     let gram = crate::product::product(modes.view(), modes.t());
@@ -124,7 +124,7 @@ fn measures_are_what_they_are_defined_as() {
 
 #[test]
 fn weights_are_shares_of_the_area() {
-    // A needle: nearly all of its area is along its length, a third of the directions' at its ends.
+    // A needle: nearly all of its area is along its length, but a third of the directions at its ends.
     let points = Points::of(&[ellipsoid([40.0, 1.0, 1.0])], &at_level(4), &Silent).unwrap();
     let middle: f64 =
         points.weights.iter().zip(&points.members[0]).filter(|(_, p)| p[0].abs() < 20.0).map(|(w, _)| w).sum();
@@ -182,7 +182,7 @@ fn distances_between_surfaces_are_those_of_the_surfaces() {
     for (left, found) in left.iter().zip(&general) {
         for k in 0..2 {
             let shape = points.combined(&left.factors[k]);
-            // The factors make the very shape whose distance by points was said.
+            // The factors reproduce the shape whose distance by points was reported.
             let square: f64 = shape
                 .iter()
                 .zip(&points.members[left.member])
@@ -201,7 +201,7 @@ fn distances_between_surfaces_are_those_of_the_surfaces() {
     }
 }
 
-/// Unit spheres whose directions are turned about the pole: the same landmark is a chord away.
+/// Unit spheres whose directions are rotated about the pole: the distance of the same landmark is a chord.
 #[test]
 fn landmarks_tell_how_far_directions_slide() {
     let sphere = ellipsoid([1.0, 1.0, 1.0]);
