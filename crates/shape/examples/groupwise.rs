@@ -1,6 +1,6 @@
 //! Groupwise refinement of coefficients in a `.npy` file of f64, (N, K, 3 + c).
 //!
-//! Writes where the directions of an icosphere are carried, (N, n, 3), and prints what came of each stage.
+//! Writes the images of the directions of an icosphere, (N, n, 3), and prints the outcome of each stage.
 
 use std::time::Instant;
 

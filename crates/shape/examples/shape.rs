@@ -1,8 +1,8 @@
-//! Rotation and alignment on arrays that another program uses as well; `benches/shape.py` drives it.
+//! Rotation and alignment of arrays shared with another program; driven by `benches/shape.py`.
 //!
 //! Arrays are `.npy` files of f64: coefficients (K, 3) or, of many surfaces, (n, K, 3); a rotation (3, 3). Each command
-//! prints JSON with the CPU seconds and the seconds of its repetitions or pairs, and writes what it computed, for
-//! whoever checks it.
+//! prints JSON with the CPU seconds and the seconds of its repetitions or pairs, and writes its results for
+//! verification.
 
 use std::path::Path;
 use std::time::Instant;
@@ -95,7 +95,7 @@ impl Times {
     }
 }
 
-/// CPU seconds of all threads, which other programs on the machine add little to.
+/// Returns the CPU seconds of all threads, which other programs on the machine affect little.
 fn cpu_seconds() -> f64 {
     let now = clock_gettime(ClockId::ProcessCPUTime);
     now.tv_sec as f64 + now.tv_nsec as f64 * 1e-9

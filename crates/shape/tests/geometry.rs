@@ -55,7 +55,7 @@ fn ellipsoid(mirrored: bool) -> (Coefficients, Matrix) {
     (linear(&m, AT), q)
 }
 
-/// Directions everywhere, and at the poles and on the equator, where the frame jumps.
+/// Directions all over the sphere, and at the poles and on the equator, where the frame is discontinuous.
 fn everywhere() -> Directions {
     let mut vertices = Directions::fibonacci(1_000).expect("directions").as_slice().to_vec();
     vertices.extend([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.6, -0.8, -0.0], [1e-9, 0.0, 1.0]]);
@@ -108,7 +108,7 @@ fn an_ellipsoid_has_its_normals_and_curvatures_everywhere() {
 
 #[test]
 fn an_ellipsoid_has_its_area_volume_and_centre() {
-    /// With 30 digits from the elliptic integrals.
+    /// Computed with 30 digits from the elliptic integrals.
     const AREA: f64 = 48.882_146_302_582_06;
     let volume = 4.0 / 3.0 * PI * AXES[0] * AXES[1] * AXES[2];
     let params = MeasureParams { tolerance: 1e-13, most_rings: None };
@@ -130,7 +130,7 @@ fn an_ellipsoid_has_its_area_volume_and_centre() {
 fn a_mirrored_surface_has_the_curvatures_of_the_other_side() {
     let directions = everywhere();
     let outwards = local_geometry(&ellipsoid(false).0, &directions, &Silent).expect("a surface");
-    // -M u at u is M (-u): the same normals at the antipodes, turned over.
+    // -M u at u is M (-u): the same normals at the antipodes, reversed.
     let inwards = local_geometry(&ellipsoid(true).0, &directions, &Silent).expect("a surface");
     for (a, b) in outwards.iter().zip(inwards) {
         let b = b.flipped();
@@ -199,7 +199,7 @@ fn curvatures_of_a_bumpy_surface_are_those_of_finite_differences() {
         assert!((point.area_element - element).abs() < 1e-8, "{u:?}");
         assert!((point.gaussian_curvature() - gaussian).abs() < 1e-6 * scale_of, "{u:?} {gaussian} {point:?}");
         assert!((point.mean_curvature() - mean).abs() < 1e-6 * scale_of, "{u:?} {mean} {point:?}");
-        // The forms' own formulas.
+        // By the formulas of the forms.
         let [ee, ff, gg] = point.first_form;
         let [e, f, g] = point.second_form;
         let determinant = ee * gg - ff * ff;
@@ -287,7 +287,7 @@ fn a_wish_to_stop_is_heard() {
     assert!(measure(&bumpy(3), &MeasureParams::default(), &stop).is_err());
 }
 
-/// The paper's authors' coefficients of a hippocampus, L = 15, centred; figures from 128 rings.
+/// The coefficients of a hippocampus by the paper's authors, L = 15, centred; values computed with 128 rings.
 #[test]
 fn a_hippocampus_has_its_area_and_volume() {
     let Some(path) = spharm_testdata::shared("hippo_a01_l.degree15.fvec.csv") else { return };
@@ -306,7 +306,7 @@ fn a_hippocampus_has_its_area_and_volume() {
     assert!((found.area / 1_477.653_35 - 1.0).abs() < 1e-7, "{found:?}");
 }
 
-/// At many directions and high degrees synthesis goes by transforms; at few by direct sums.
+/// Synthesis is by transforms for many directions and high degrees, by direct sums for few.
 #[test]
 fn transforms_and_direct_sums_give_the_same_geometry() {
     let coefficients = bumpy(48);

@@ -14,7 +14,7 @@ fn uniform(seed: u64, k: u64) -> f64 {
     ((x ^ (x >> 33)) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
 }
 
-/// A generated shape of degree L: an ellipsoid with bumps whose power falls as that of smooth surfaces does.
+/// A generated shape of degree L: an ellipsoid with bumps whose power decays like that of smooth surfaces.
 fn shape(max_degree: usize, seed: u64) -> Array2<f64> {
     let mut values = Array2::from_shape_fn((basis_size(max_degree), 3), |(k, c)| {
         let l = degree_order(k).0 as f64;
@@ -29,13 +29,13 @@ fn shape(max_degree: usize, seed: u64) -> Array2<f64> {
 /// Noise whose norm is 2 % of the shape's.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Noise {
-    /// The same in every coefficient.
+    /// Of equal size in every coefficient.
     White,
     /// In proportion to the root mean square of the coefficient's degree.
     ByDegree,
 }
 
-/// The shape seen otherwise: its sphere turned about the axis, itself turned, mirrored and moved, with noise.
+/// A modified copy of the shape: its sphere rotated about the axis, itself rotated, mirrored and moved, with noise.
 fn seen_otherwise(values: &Array2<f64>, seed: u64, noise: Noise) -> Coefficients {
     let mean_square = |first: usize, last: usize| {
         let squares = (first..=last).flat_map(|row| values.row(row).to_vec()).map(|value| value * value);
@@ -62,8 +62,8 @@ fn seen_otherwise(values: &Array2<f64>, seed: u64, noise: Noise) -> Coefficients
     Coefficients::new(values).expect("a degree")
 }
 
-/// Every one of 10,000 with SPHARM_SOAK, else every hundredth. Of all of them, with white noise 9,987 are first and all
-/// are among the first five, from which alignment picks the one.
+/// Tests all 10,000 with SPHARM_SOAK, else every hundredth. Of all of them, with white noise 9,987 are first and all
+/// are among the first five, from which alignment picks the right one.
 #[test]
 fn each_of_ten_thousand_shapes_is_found() {
     const MODELS: u64 = 10_000;
@@ -83,7 +83,7 @@ fn each_of_ten_thousand_shapes_is_found() {
     }
 }
 
-/// Five hippocampi before and after SPHARM-MAT turned them in both spaces.
+/// Five hippocampi before and after SPHARM-MAT rotated them in both spaces.
 #[test]
 fn hippocampi_are_known_after_another_package_turned_them() {
     let Some(folder) = spharm_testdata::shared("shape") else { return };

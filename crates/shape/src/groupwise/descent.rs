@@ -1,15 +1,15 @@
-//! A stage: the maps of all members moved together along fields that lower the objective.
+//! A stage: the maps of all members are moved along fields that decrease the objective.
 //!
 //! ```text
 //! phi_i <- exp(t w_i) o phi_i,    w from the gradient by L-BFGS, preconditioned by (l (l + 1))^-1.5
 //! ```
 //!
-//! t is 1, or less where a direction would move by more than [`FARTHEST`], or neighbours' displacements would differ by
-//! more than [`STRETCH`] of their distance: below 1 a step is one to one, and by fixed points inverted. It is halved,
-//! or set to the minimum of the parabola, until the objective falls as Armijo's rule asks and no triangle is turned
-//! over.
+//! t is 1, or less if a direction would move by more than [`FARTHEST`], or neighbours' displacements would differ by
+//! more than [`STRETCH`] of their distance: below 1 a step is one-to-one, and can be inverted by a fixed-point
+//! iteration. t is then halved, or set to the minimum of the parabola, until the objective satisfies Armijo's rule and
+//! no triangle is inverted.
 //!
-//! Cost: two evaluations of the group a step, mostly.
+//! Cost: typically two evaluations of the group per step.
 
 use ndarray::Array2;
 use spharm_harmonics::index::{basis_size, degree_order};
@@ -28,16 +28,16 @@ use crate::groupwise::state::{Group, State};
 const FIRST: f64 = 0.03;
 /// Largest move of a step, in radians.
 const FARTHEST: f64 = 0.15;
-/// Largest difference of neighbours' displacements, in parts of their distance.
+/// Largest difference of neighbours' displacements, relative to their distance.
 const STRETCH: f64 = 0.5;
-/// Part of the slope that a step has to gain.
+/// Fraction of the slope that a step must achieve.
 const ARMIJO: f64 = 1e-4;
-/// Trials of a step.
+/// Maximum number of trials of a step.
 const TRIALS: usize = 12;
-/// Steps that have to gain little before a stage ends.
+/// Number of consecutive steps of little gain that end a stage.
 const IDLE: usize = 3;
 
-/// Runs a stage from directions `at`, which it moves along with the flows.
+/// Runs a stage from the directions `at`; updates them and the flows.
 pub(super) fn descend(
     group: &Group<'_>,
     stage: StageParams,
@@ -88,7 +88,7 @@ pub(super) fn descend(
                     break;
                 }
                 Some(found) => {
-                    // The minimum of the parabola through both costs with the slope at the start.
+                    // The minimum of the parabola through both costs, with the slope at the start.
                     let parabola = -0.5 * slope * t * t / (found.cost - state.cost - slope * t);
                     t = parabola.clamp(0.1 * t, 0.5 * t);
                 }
@@ -127,7 +127,7 @@ pub(super) fn descend(
     Ok(report)
 }
 
-/// (l (l + 1))^-1.5 of each coefficient, 0 of degree 0.
+/// Returns (l (l + 1))^-1.5 for each coefficient, 0 for degree 0.
 fn preconditioner(field_degree: usize, members: usize) -> Vec<f64> {
     let of_one: Vec<f64> = (0..basis_size(field_degree))
         .flat_map(|row| {
@@ -139,13 +139,13 @@ fn preconditioner(field_degree: usize, members: usize) -> Vec<f64> {
     of_one.repeat(members)
 }
 
-/// The potentials of each member, (K, 2).
+/// Splits a vector into the potentials of each member, (K, 2).
 fn split(all: &[f64], field_degree: usize) -> Vec<Array2<f64>> {
     let rows = basis_size(field_degree);
     all.chunks_exact(2 * rows).map(|of_one| Array2::from_shape_fn((rows, 2), |(k, c)| of_one[2 * k + c])).collect()
 }
 
-/// The longest step that is allowed, at most 1 unless it is to be as long as that.
+/// Returns the longest allowed step, at most 1 unless `to_the_full`.
 fn cap(group: &Group<'_>, state: &State, fields: &[Vec<Vec3>], most: f64, to_the_full: bool) -> f64 {
     let (mut farthest, mut stretch) = (0.0_f64, 0.0_f64);
     for (at, field) in state.at.iter().zip(fields) {

@@ -1,5 +1,4 @@
-//! What it costs to stretch the sphere: the elastic energy of a map of a triangulated sphere to itself, and its
-//! gradient.
+//! Cost of stretching the sphere: the elastic energy of a map of a triangulated sphere to itself, and its gradient.
 //!
 //! ```text
 //! E(phi) = sum_T share_T (1 + e^s) / 2 psi(s),    s = log(a_T(phi) / a_T)
@@ -7,31 +6,32 @@
 //! ```
 //!
 //! share_T is the triangle's share of the sphere's area. a_T, six times the volume under the triangle, is positive
-//! exactly where the triangle is counter-clockwise seen from outside, and its logarithm goes to infinity before one
-//! turns over. The square of the logarithm counts shrinking and stretching alike; beyond a factor of `exp(FREE)` it is
-//! a barrier. The energy is the mean of those by the area before and after: weighted by the area before alone, a few
-//! triangles may stretch over a whole process of one member at next to no cost, and its model loses the process.
+//! exactly if the triangle is counter-clockwise seen from outside, and its logarithm goes to infinity before a triangle
+//! is inverted. The square of the logarithm weighs shrinking and stretching equally; beyond a factor of `exp(FREE)` a
+//! barrier is added. The energy is the mean of the energies weighted by the areas before and after: weighted by the
+//! area before alone, a few triangles could stretch over a whole process of one member at almost no cost, and its model
+//! would lose the process.
 //!
-//! Cost: some 60 flops a triangle.
+//! Cost: about 60 flops per triangle.
 
 use spharm_surface::geometry::{Vec3, add, cross, dot, face_normal, scale};
 
-/// Logarithm of the change of area that is free of the barrier.
+/// Logarithm of the change of area at which the barrier starts.
 const FREE: f64 = 1.386;
-/// Weight of the barrier, in units of the square's.
+/// Weight of the barrier relative to the square.
 const BARRIER: f64 = 20.0;
 
-/// Triangles of the sphere at rest.
+/// Triangles of the undeformed sphere.
 pub(super) struct Elastic<'a> {
     faces: &'a [[u32; 3]],
-    /// a_T at rest.
+    /// a_T of the undeformed sphere.
     rest: Vec<f64>,
     /// Weight of each triangle.
     shares: Vec<f64>,
 }
 
 impl<'a> Elastic<'a> {
-    /// Triangles are counter-clockwise seen from outside.
+    /// Prepares triangles that are counter-clockwise seen from outside.
     pub(super) fn new(faces: &'a [[u32; 3]], at: &[Vec3]) -> Self {
         let rest: Vec<f64> = faces.iter().map(|face| volume(*face, at)).collect();
         let total: f64 = rest.iter().sum();
@@ -39,7 +39,7 @@ impl<'a> Elastic<'a> {
         Self { faces, rest, shares }
     }
 
-    /// Energy; infinite where a triangle is turned over.
+    /// Returns the energy; infinity if a triangle is inverted.
     pub(super) fn energy(&self, at: &[Vec3]) -> f64 {
         let terms = self.logarithms(at).zip(&self.shares).map(|(s, share)| share * density(s).0);
         terms.sum()
@@ -57,7 +57,7 @@ impl<'a> Elastic<'a> {
         }
     }
 
-    /// log(a_T(phi) / a_T) of each triangle; infinite where it is turned over.
+    /// Returns log(a_T(phi) / a_T) of each triangle; infinity if it is inverted.
     pub(super) fn logarithms(&self, at: &[Vec3]) -> impl Iterator<Item = f64> {
         self.faces.iter().zip(&self.rest).map(|(face, rest)| {
             let ratio = volume(*face, at) / rest;
@@ -65,18 +65,19 @@ impl<'a> Elastic<'a> {
         })
     }
 
-    /// Pairs of neighbours, each twice where triangles share them.
+    /// Returns pairs of neighbours; a pair occurs twice if two triangles share it.
     pub(super) fn edges(&self) -> impl Iterator<Item = [u32; 2]> + '_ {
         self.faces.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]])
     }
 
-    /// Share of the sphere's area of each triangle.
+    /// Returns each triangle's share of the sphere's area.
     pub(super) fn shares(&self) -> &[f64] {
         &self.shares
     }
 }
 
-/// Energy of a logarithm of the change of area, on the area before, and its derivative.
+/// Returns the energy density with respect to the area before, given the logarithm of the change of area, and its
+/// derivative.
 fn density(s: f64) -> (f64, f64) {
     let (over, stretched) = ((s.abs() - FREE).max(0.0), s.exp());
     let (value, slope) = (s * s + BARRIER * over * over, 2.0 * (s + BARRIER * over.copysign(s)));
@@ -84,7 +85,8 @@ fn density(s: f64) -> (f64, f64) {
     (half * value, half * slope + 0.5 * stretched * value)
 }
 
-/// Six times the volume between a triangle and the origin, over its edges, so that small ones keep their digits.
+/// Returns six times the volume between a triangle and the origin, computed from its edges to avoid cancellation for
+/// small triangles.
 fn volume(face: [u32; 3], at: &[Vec3]) -> f64 {
     let corners = face.map(|v| at[v as usize]);
     dot(corners[0], face_normal(corners))

@@ -6,9 +6,9 @@
 //! w = grad A + u x grad B = -u x L A + L B,    L f = u x grad f
 //! ```
 //!
-//! so that it is found by synthesis of `L_k A` and `L_k B` ([`derivatives`](crate::derivatives)), without a frame,
-//! whose singularities would show. By Helmholtz's decomposition every smooth field is such a sum. For covectors g at
-//! the directions the adjoint is, the operators being antisymmetric,
+//! so that it is found by synthesis of `L_k A` and `L_k B` ([`derivatives`](crate::derivatives)), without a frame and
+//! its singularities. By Helmholtz's decomposition every smooth field is such a sum. For covectors g at the directions
+//! the adjoint is, because the operators are antisymmetric,
 //!
 //! ```text
 //! d/dA = -sum_k L_k S^T (u x g)_k,    d/dB = -sum_k L_k S^T g_k,    S^T adjoint synthesis
@@ -26,15 +26,15 @@ use crate::derivatives::{generators, rotational_derivatives};
 use crate::error::ShapeError;
 use crate::geometry::side_by_side;
 
-/// The field of the potentials (A, B), (K, 2), at the directions `at`, for which `transform` is planned to the degree
-/// of K.
+/// Returns the field of the potentials (A, B), (K, 2), at the directions `at`. `transform` must be planned for them, to
+/// the degree of K.
 pub(super) fn field(potentials: &Array2<f64>, at: &[Vec3], transform: &Transform) -> Result<Vec<Vec3>, ShapeError> {
     let samples = transform.synthesis(side_by_side(&rotational_derivatives(potentials.view())?).view())?;
     let rows = samples.rows().into_iter().zip(at);
     Ok(rows.map(|(row, &u)| add(cross([row[0], row[2], row[4]], u), [row[1], row[3], row[5]])).collect())
 }
 
-/// Derivatives by the potentials, (K, 2), of `sum_u covectors . field`.
+/// Returns the derivatives of `sum_u covectors . field` with respect to the potentials, (K, 2).
 pub(super) fn adjoint(covectors: &[Vec3], at: &[Vec3], transform: &Transform) -> Result<Array2<f64>, ShapeError> {
     let mut samples = Array2::zeros((at.len(), 6));
     for ((mut row, &g), &u) in samples.rows_mut().into_iter().zip(covectors).zip(at) {
@@ -52,12 +52,12 @@ pub(super) fn adjoint(covectors: &[Vec3], at: &[Vec3], transform: &Transform) ->
     Ok(found)
 }
 
-/// `exp(t w)` of directions.
+/// Returns `exp(t w)` of directions.
 pub(super) fn step(at: &[Vec3], field: &[Vec3], t: f64) -> Vec<Vec3> {
     let along = |(&u, &w): (&Vec3, &Vec3)| {
         let w = scale(w, t);
         let angle = dot(w, w).sqrt();
-        // sin(angle) / angle to rounding where the angle is tiny.
+        // The limit of sin(angle) / angle, accurate to rounding for a tiny angle.
         let ratio = if angle > 1e-8 { angle.sin() / angle } else { 1.0 };
         unit(add(scale(u, angle.cos()), scale(w, ratio)))
     };

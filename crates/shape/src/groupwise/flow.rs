@@ -1,14 +1,14 @@
-//! A diffeomorphism of the sphere as a chain of steps along tangent fields, and its inverse.
+//! A diffeomorphism of the sphere as a composition of steps along tangent fields, and its inverse.
 //!
 //! ```text
 //! phi = exp(w_T) o ... o exp(w_1),    w_t = grad A_t + u x grad B_t
 //! ```
 //!
-//! A step is one to one where the displacement `d(u) = exp(w)(u) - u` changes by less than the distance of two
-//! directions, which descent keeps to half of it. Its inverse at p is then the limit of `q <- p - d(q)`, brought back
-//! to the sphere, each round of which halves the error.
+//! A step is one-to-one if the displacement `d(u) = exp(w)(u) - u` changes by less than the distance between two
+//! directions; descent keeps the change below half of it. Its inverse at p is then the limit of `q <- p - d(q)`,
+//! projected back to the sphere; each iteration halves the error.
 //!
-//! Cost: a synthesis of six functions a step; the inverse takes some twenty of them, to 1e-11.
+//! Cost: a synthesis of six functions per step; the inverse takes about twenty of them, for an error of 1e-11.
 
 use ndarray::Array2;
 use spharm_harmonics::Directions;
@@ -19,11 +19,11 @@ use spharm_transform::{Transform, TransformParams};
 use crate::error::ShapeError;
 use crate::groupwise::field::{field, step};
 
-/// Accuracy of fields.
+/// Accuracy of the fields.
 const ACCURACY: f64 = 1e-12;
-/// Change of directions, in radians, at which an inverse is found.
+/// Change of directions, in radians, at which an inverse has converged.
 const FOUND: f64 = 1e-11;
-/// Rounds of an inverse, at most.
+/// Maximum number of iterations of an inverse.
 const ROUNDS: usize = 60;
 
 /// A diffeomorphism of the sphere; the identity by default.
@@ -33,12 +33,12 @@ pub struct Flow {
 }
 
 impl Flow {
-    /// Returns the flow of these steps, the first one first: canonical coefficients of the potentials of gradient and
-    /// curl, (K, 2) each, in radians.
+    /// Creates the flow of the given steps, in the order of application: canonical coefficients of the potentials of
+    /// gradient and curl, (K, 2) each, in radians.
     ///
     /// # Errors
     ///
-    /// [`ShapeError::Harmonics`]: K isn't `(D + 1)^2`; [`ShapeError::Differ`]: there aren't two columns;
+    /// [`ShapeError::Harmonics`]: K isn't `(D + 1)^2`; [`ShapeError::Differ`]: the number of columns isn't two;
     /// [`ShapeError::NotFiniteValue`].
     pub fn from_steps(steps: Vec<Array2<f64>>) -> Result<Self, ShapeError> {
         for step in &steps {
@@ -56,7 +56,7 @@ impl Flow {
         Ok(Self { steps })
     }
 
-    /// Returns the steps, as [`from_steps`](Self::from_steps) takes them.
+    /// Returns the steps, in the form of [`from_steps`](Self::from_steps).
     #[must_use]
     pub fn steps(&self) -> &[Array2<f64>] {
         &self.steps
@@ -66,13 +66,13 @@ impl Flow {
         self.steps.push(step);
     }
 
-    /// Returns where the flow carries unit vectors, (n, 3).
+    /// Returns the images of unit vectors, (n, 3).
     ///
-    /// Runs on the rayon pool that it is called in; the result is the same bits on any number of threads.
+    /// Runs on the current rayon pool; the result is bitwise the same on any number of threads.
     ///
     /// # Errors
     ///
-    /// [`ShapeError::Harmonics`]: there are none, or they aren't unit vectors; [`ShapeError::Transform`].
+    /// [`ShapeError::Harmonics`]: no vectors, or not unit vectors; [`ShapeError::Transform`].
     pub fn apply(&self, directions: &[Vec3]) -> Result<Vec<Vec3>, ShapeError> {
         let mut at = Directions::from_unit_vectors(directions.to_vec())?.as_slice().to_vec();
         for potentials in &self.steps {
@@ -81,7 +81,7 @@ impl Flow {
         Ok(at)
     }
 
-    /// Returns what the flow carries to these unit vectors, (n, 3), to some 1e-10.
+    /// Returns the preimages of unit vectors, (n, 3), to about 1e-10.
     ///
     /// # Errors
     ///

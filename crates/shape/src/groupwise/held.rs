@@ -1,15 +1,15 @@
-//! Places that a refinement holds: landmarks that a registration has brought to the same direction of all members.
+//! Points that a refinement holds fixed: landmarks that a registration has moved to the same direction in all members.
 //!
 //! ```text
 //! H(phi) = weight sum_p |phi(p) - p|^2
 //! ```
 //!
-//! over the places p of the sphere's triangles, phi linear within them.
+//! over the points p within the sphere's triangles, with phi linear in each triangle.
 
 use spharm_surface::Place;
 use spharm_surface::geometry::{Vec3, add, dot, scale, sub};
 
-/// Places of the sphere with where they are at rest.
+/// Points of the sphere and their positions at rest.
 pub(super) struct Held {
     places: Vec<(Place, Vec3)>,
     weight: f64,
@@ -20,7 +20,7 @@ impl Held {
         Self { places: places.iter().map(|place| (*place, place.of(directions))).collect(), weight }
     }
 
-    /// H.
+    /// Returns H.
     pub(super) fn energy(&self, at: &[Vec3]) -> f64 {
         let square = |(place, rest): &(Place, Vec3)| {
             let off = sub(place.of(at), *rest);

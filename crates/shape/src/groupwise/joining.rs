@@ -1,4 +1,4 @@
-//! A new member's places refined against a finished group, which stays as it is.
+//! Refinement of a new member's correspondence with a finished group, which is unchanged.
 
 use ndarray::{Array2, ArrayView2, Axis};
 use rayon::prelude::*;
@@ -25,15 +25,15 @@ pub struct FinishedGroup {
     mask: Vec<f64>,
     params: GroupwiseParams,
     stages: Vec<(StageParams, Reference)>,
-    /// What the normals are multiplied by, in the members' unit.
+    /// Factor of the normals, in the members' unit.
     length: f64,
-    /// Rows of the members' coefficients.
+    /// Number of rows of the members' coefficients.
     rows: usize,
 }
 
 impl FinishedGroup {
-    /// Prepares a group: its `members` are canonical coefficients, (K, 3) each, at places that correspond; the rest is
-    /// as for [`groupwise`](super::groupwise()), which refined it. Needs 48 bytes a direction, member and stage.
+    /// Prepares a group: `members` are canonical coefficients, (K, 3) each, in correspondence. The other arguments are
+    /// those of [`groupwise`](super::groupwise()), which refined it. Needs 48 bytes per direction, member and stage.
     ///
     /// # Errors
     ///
@@ -72,14 +72,14 @@ impl FinishedGroup {
         Ok(Self { sphere, mask, params, stages, length, rows })
     }
 
-    /// Finds the flow of a new member, (K, 3), that brings its places to those of the group: where its
-    /// Mahalanobis distance from the group is least, at the cost of the elastic energy.
+    /// Finds the flow of a new member, (K, 3), that brings it into correspondence with the group: it minimises the
+    /// member's Mahalanobis distance from the group plus the elastic energy.
     ///
-    /// Runs on the rayon pool that it is called in; the result is the same bits on any number of threads.
+    /// Runs on the current rayon pool; the result is bitwise the same on any number of threads.
     ///
     /// # Errors
     ///
-    /// [`ShapeError::Differ`] for another number of coefficients; those of [`groupwise`](super::groupwise()).
+    /// [`ShapeError::Differ`] if the number of coefficients differs; those of [`groupwise`](super::groupwise()).
     pub fn refine(
         &self,
         member: ArrayView2<'_, f64>,

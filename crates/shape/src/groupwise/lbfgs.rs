@@ -1,18 +1,18 @@
 //! Directions of descent from the gradients of the last steps: the limited-memory BFGS method.
 //!
-//! J. Nocedal, "Updating quasi-Newton matrices with limited storage", Math. Comp. 35 (1980): with steps s and changes
-//! of the gradient y, the inverse Hessian that they show, over a first one `gamma P`, is applied by two loops; here P
-//! is a diagonal of the caller's, and `gamma = s.y / y.P y` of the last pair.
+//! J. Nocedal, "Updating quasi-Newton matrices with limited storage", Math. Comp. 35 (1980): from steps s and changes y
+//! of the gradient, an approximate inverse Hessian, starting from `gamma P`, is applied by two loops; here P is a
+//! diagonal given by the caller, and `gamma = s.y / y.P y` of the last pair.
 //!
-//! A step composes a map with the exponential of a field, so that gradients before and after it are covectors at
-//! different maps. They are taken as they are: fields that are fixed on the sphere make up one vector space for all
-//! maps.
+//! A step composes a map with the exponential of a field, so that the gradients before and after it are covectors at
+//! different maps. They are used without transport: fields that are fixed on the sphere form a single vector space for
+//! all maps.
 //!
-//! Cost: `4 PAIRS` products a direction. Sums are in one order, whatever the threads.
+//! Cost: `4 PAIRS` products per direction. The order of sums doesn't depend on the threads.
 
 use std::collections::VecDeque;
 
-/// Pairs that are kept.
+/// Number of pairs kept.
 const PAIRS: usize = 12;
 
 /// Pairs of steps and changes of the gradient.
@@ -22,12 +22,12 @@ pub(super) struct Lbfgs {
 }
 
 impl Lbfgs {
-    /// With the diagonal of the first inverse Hessian, up to scale.
+    /// Starts with the diagonal of the initial inverse Hessian, up to scale.
     pub(super) fn new(preconditioner: Vec<f64>) -> Self {
         Self { preconditioner, pairs: VecDeque::new() }
     }
 
-    /// Whether nothing but the preconditioner is known.
+    /// Returns whether no pairs are stored.
     pub(super) fn is_fresh(&self) -> bool {
         self.pairs.is_empty()
     }
@@ -36,7 +36,7 @@ impl Lbfgs {
         self.pairs.clear();
     }
 
-    /// Takes a step and the change of the gradient along it; pairs without positive curvature are left out.
+    /// Adds a step and the change of the gradient along it; pairs without positive curvature are ignored.
     pub(super) fn learn(&mut self, step: Vec<f64>, change: Vec<f64>) {
         let curvature = dot(&step, &change);
         if curvature > 1e-10 * (dot(&step, &step) * dot(&change, &change)).sqrt() {
@@ -47,7 +47,7 @@ impl Lbfgs {
         }
     }
 
-    /// Minus the inverse Hessian times a gradient.
+    /// Returns minus the inverse Hessian times a gradient.
     pub(super) fn direction(&self, gradient: &[f64]) -> Vec<f64> {
         let mut r = gradient.to_vec();
         let mut along = Vec::with_capacity(self.pairs.len());
@@ -69,7 +69,7 @@ impl Lbfgs {
     }
 }
 
-/// The inner product.
+/// Returns the inner product.
 pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
@@ -78,7 +78,7 @@ pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
 mod tests {
     use super::*;
 
-    /// A quadratic of n unknowns is at its minimum after n exact line searches.
+    /// The minimum of a quadratic of n unknowns is reached after n exact line searches.
     #[test]
     fn a_quadratic_is_minimised_in_as_many_steps_as_it_has_unknowns() {
         let hessian = [1.0, 10.0, 100.0, 3.0];

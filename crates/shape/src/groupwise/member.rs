@@ -3,10 +3,11 @@
 //! For channels f_c at directions p and covectors g_c of their values, `sum_c g_c grad f_c` is a tangent vector; with
 //! `L f = p x grad f` it is `-p x h`, where `h = sum_c g_c L f_c`.
 //!
-//! The unit normals of the surface are channels too: projected onto harmonics by a Gauss-Legendre grid, so that their
-//! derivatives need no second derivatives of the surface, and that stages of low degree see normals of low degree.
+//! The unit normals of the surface are channels too. They are projected onto harmonics by a Gauss-Legendre grid, so
+//! that their derivatives need no second derivatives of the surface, and stages of low degree use normals of low
+//! degree.
 //!
-//! Cost of values: a synthesis of C functions; of the contraction: one of 3C.
+//! Cost: a synthesis of C functions for the values, one of 3C for the contraction.
 
 use ndarray::{Array2, ArrayView2, s};
 use spharm_harmonics::index::basis_size;
@@ -22,10 +23,10 @@ use crate::measures::{Columns, Grid};
 
 /// Accuracy of values and gradients, relative to their root mean square.
 const ACCURACY: f64 = 1e-8;
-/// Channels of a transform that share their kernels.
+/// Number of channels of a transform that share their kernels.
 const TOGETHER: usize = 6;
 
-/// Coefficients of the unit normals, (K, 3), to the degree of the surface, and its area.
+/// Returns the coefficients of the unit normals, (K, 3), to the degree of the surface, and its area.
 pub(super) fn normals(surface: &Coefficients, monitor: &dyn Monitor) -> Result<(Array2<f64>, f64), ShapeError> {
     let degree = surface.max_degree();
     let grid = Grid::new(2 * degree + 2);
@@ -58,19 +59,19 @@ pub(super) struct Member {
 }
 
 impl Member {
-    /// From the coefficients of all channels, (K, C), of which those to `max_degree` are kept.
+    /// Takes the coefficients of all channels, (K, C), truncated to `max_degree`.
     pub(super) fn new(channels: ArrayView2<'_, f64>, max_degree: usize) -> Result<Self, ShapeError> {
         let values = channels.slice(s![..basis_size(max_degree).min(channels.nrows()), ..]).to_owned();
         let derivatives = side_by_side(&rotational_derivatives(values.view())?);
         Ok(Self { values, derivatives })
     }
 
-    /// Values, (n, C).
+    /// Returns the values at the plan's directions, (n, C).
     pub(super) fn values(&self, plan: &Plan) -> Result<Array2<f64>, ShapeError> {
         Ok(plan.surface.synthesis(self.values.view())?)
     }
 
-    /// The tangent vectors `sum_c g_c grad f_c` at the plan's directions, for covectors g, (n, C).
+    /// Returns the tangent vectors `sum_c g_c grad f_c` at the plan's directions, for covectors g, (n, C).
     pub(super) fn contract(&self, covectors: &[f64], at: &[Vec3], plan: &Plan) -> Result<Vec<Vec3>, ShapeError> {
         let samples = plan.surface.synthesis(self.derivatives.view())?;
         let channels = self.values.ncols();

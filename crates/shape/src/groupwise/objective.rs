@@ -1,4 +1,4 @@
-//! The description length of a group, and its derivatives by the values of its members.
+//! The description length of a group, and its derivatives with respect to its members' values.
 //!
 //! For N members with C channels at n directions, `x_i(u)`, m(u) their mean and w(u) weights that sum to 1,
 //!
@@ -10,17 +10,17 @@
 //! where a_i(u) is a third of the area of the triangles of surface i around u (R. H. Davies et al., "A minimum
 //! description length approach to statistical shape modeling", IEEE Trans. Med. Imaging 21, 2002; J. Cates et al.,
 //! "Shape modeling and analysis with entropy-based particle systems", IPMI 2007). Weights follow the members' areas, so
-//! that C is that of the surfaces, however densely directions lie, and doesn't change where all members are
-//! parameterised anew alike. They are differentiated as well: with them held fixed a descent would gather directions
-//! where members agree, which lowers nothing. With `B = (G + delta 1)^-1` and y = x - m,
+//! that C depends on the surfaces, not on the density of directions, and doesn't change if all members are
+//! reparameterised in the same way. The weights are differentiated as well: if they were held fixed, a descent would
+//! gather directions where members agree, which gains nothing. With `B = (G + delta 1)^-1` and y = x - m,
 //!
 //! ```text
 //! q(u) = dC/dw(u) = 1/N sum_ij B_ij y_i . y_j,    dC/dx_i = 2/N w sum_j B_ij y_j + sum_u q(u) dw(u)/dx_i
 //! ```
 //!
-//! (The first term sums to 0 over members, so that the mean's derivative adds nothing.)
+//! (The first term sums to 0 over members, so that the mean's derivative contributes nothing.)
 //!
-//! Cost: `2 N^2 n C` flops a value and as many a gradient. Memory: three arrays of (N, n C).
+//! Cost: `2 N^2 n C` flops for a value and the same for a gradient. Memory: three arrays of (N, n C).
 
 use faer::linalg::matmul::matmul;
 use faer::linalg::solvers::{DenseSolveCore, Llt};
@@ -31,17 +31,17 @@ use spharm_surface::geometry::{Vec3, cross, dot, face_normal, scale, sub};
 
 use crate::error::ShapeError;
 
-/// Rows of a product that a task makes: the same ones on any number of threads.
+/// Number of rows of a product per task, independent of the number of threads.
 const ROWS: usize = 32;
 
-/// The least delta, as a share of the mean area: a deviation of 1e-8 times its square root.
+/// The minimum of delta, as a fraction of the mean area: a deviation of 1e-8 times its square root.
 const ROUNDING: f64 = 1e-16;
 
-/// What doesn't change during a descent.
+/// Data that is constant during a descent.
 pub(super) struct Objective<'a> {
     /// Triangles of the sphere.
     pub(super) faces: &'a [[u32; 3]],
-    /// Weight of each direction, of at least 0.
+    /// Weight of each direction, non-negative.
     pub(super) mask: &'a [f64],
 }
 
@@ -62,7 +62,7 @@ pub(super) struct Covariance {
 }
 
 impl Objective<'_> {
-    /// The covariance of members' values, (N, n C), the first three channels positions.
+    /// Computes the covariance of members' values, (N, n C), whose first three channels are positions.
     pub(super) fn covariance(&self, mut values: Array2<f64>) -> Result<Covariance, ShapeError> {
         let (members, directions) = (values.nrows(), self.mask.len());
         let mut areas = Array2::zeros((members, directions));
@@ -107,12 +107,12 @@ impl Objective<'_> {
         Ok(Covariance { centred: values, mean, weights, areas, totals, gram })
     }
 
-    /// dC/dx_i, (N, n C), for `B = (G + delta 1)^-1`.
+    /// Returns dC/dx_i, (N, n C), for `B = (G + delta 1)^-1`.
     pub(super) fn covectors(&self, of: &Covariance, inverse: &Array2<f64>) -> Array2<f64> {
         let (members, directions) = (of.centred.nrows(), self.mask.len());
         let channels = of.mean.len() / directions;
         let mut found = product(inverse, &of.centred, false);
-        // q, masked.
+        // q, with the mask applied.
         let mut slopes = vec![0.0; directions];
         for (row, centred) in found.rows().into_iter().zip(of.centred.rows()) {
             let (row, centred) = (row.as_slice().unwrap_or_default(), centred.as_slice().unwrap_or_default());
@@ -155,18 +155,18 @@ impl Objective<'_> {
 }
 
 impl Covariance {
-    /// The sum of variances, the trace of G.
+    /// Returns the sum of variances, the trace of G.
     pub(super) fn total(&self) -> f64 {
         self.gram.diag().sum()
     }
 
-    /// delta, a share of the sum of variances; of members that are the same surface, a variance below their rounding.
+    /// Returns delta, a share of the sum of variances; for identical members, a variance below their rounding.
     pub(super) fn delta(&self, share: f64) -> f64 {
         let area = self.totals.iter().sum::<f64>() / self.totals.len() as f64;
         (share * self.total()).max(ROUNDING * area)
     }
 
-    /// C and B, for a delta above 0.
+    /// Returns C and B, for a delta above 0.
     pub(super) fn description_length(&self, delta: f64) -> Result<(f64, Array2<f64>), ShapeError> {
         let n = self.gram.nrows();
         let matrix = Mat::from_fn(n, n, |i, j| self.gram[[i, j]] + if i == j { delta } else { 0.0 });
@@ -177,13 +177,13 @@ impl Covariance {
     }
 }
 
-/// Positions in a row of values.
+/// Returns the positions in a row of values, by direction.
 pub(super) fn corners(row: &[f64], directions: usize) -> impl Fn(usize) -> Vec3 {
     let channels = row.len() / directions.max(1);
     move |v| std::array::from_fn(|c| row[v * channels + c])
 }
 
-/// `A B`, or `A B^T`, in blocks of rows.
+/// Returns `A B`, or `A B^T`, computed in blocks of rows.
 fn product(a: &Array2<f64>, b: &Array2<f64>, transposed: bool) -> Array2<f64> {
     let (depth, columns) = (a.ncols(), if transposed { b.nrows() } else { b.ncols() });
     let mut out = Array2::zeros((a.nrows(), columns));

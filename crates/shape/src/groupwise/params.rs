@@ -4,25 +4,25 @@ use spharm_surface::Place;
 
 use crate::error::ShapeError;
 
-/// A stage: models and fields to some degrees.
+/// Settings of a stage: degrees of models and fields.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StageParams {
-    /// Degree to which the models are taken, at least 1; those that end below are taken as they are.
+    /// Degree to which models are truncated, at least 1; models of lower degree aren't changed.
     pub max_degree: usize,
     /// Degree of the fields' potentials, D, at least 1.
     pub field_degree: usize,
-    /// Steps, at most.
+    /// Maximum number of steps.
     pub rounds: usize,
 }
 
 impl StageParams {
-    /// Returns the stages for models of a degree: models to 6, 12, 20 and all of theirs, with fields to 5, 10, 14 and
-    /// 18, as far as models go.
+    /// Returns the stages for models of a degree: models to 6, 12, 20 and their full degree, with fields to 5, 10, 14
+    /// and 18, up to the models' degree.
     #[must_use]
     pub fn up_to(max_degree: usize) -> Vec<Self> {
         let mut stages = Vec::new();
         for (degree, field_degree, rounds) in [(6, 5, 40), (12, 10, 60), (20, 14, 60), (usize::MAX, 18, 60)] {
-            // A stage that models end within is their last.
+            // A stage that contains the models' degree is the last one.
             stages.push(Self { max_degree: degree.min(max_degree), field_degree, rounds });
             if max_degree <= degree.saturating_add(degree / 4) {
                 break;
@@ -40,9 +40,10 @@ impl StageParams {
 pub struct GroupwiseParams {
     /// Stages, coarse to fine; by default [`StageParams::up_to`] the degree of the members.
     pub stages: Option<Vec<StageParams>>,
-    /// Added to variances before their logarithm, as a share of their sum at the start of a stage, above 0. Small
-    /// values count modes below it, which are mostly noise; large ones leave them as they are. 0.03 by default: of a
-    /// moving bump the first mode then holds 0.91 of the variance, 0.78 at 0.1, and landmarks of vertebrae are as near.
+    /// Constant added to variances before taking their logarithm, as a share of their sum at the start of a stage,
+    /// above 0. A small value gives weight to small modes, which are mostly noise; a large one ignores them. 0.03 by
+    /// default: of a moving bump the first mode then holds 0.91 of the variance, 0.78 at 0.1, and landmarks of
+    /// vertebrae are equally close.
     pub delta: f64,
     /// Weight of the elastic energy, mu, at least 0. 0.4 by default.
     pub elasticity: f64,
@@ -50,14 +51,15 @@ pub struct GroupwiseParams {
     /// out. Without them places slide along the surface to where members agree. 0.12 by default: of groups whose places
     /// are known, and of landmarks of vertebrae, more or less of it leaves them farther apart.
     pub normals: f64,
-    /// Places of the sphere that are held where they are, such as landmarks; none by default.
+    /// Fixed points of the sphere, such as landmarks; none by default.
     pub held: Vec<Place>,
-    /// Weight of the squares of their distances from there, in radians. 1,000 by default: a tenth of a radian costs 10.
+    /// Weight of the squared distances from the fixed points, in radians. 1,000 by default: a tenth of a radian costs
+    /// 10.
     pub hold: f64,
-    /// Whether members are moved rigidly to the mean within rounds: for groups without poses from elsewhere. Off by
-    /// default.
+    /// Whether members are moved rigidly to the mean within rounds, for groups that haven't been aligned otherwise. Off
+    /// by default.
     pub together: bool,
-    /// A stage ends where three steps in a row lower the objective by less than this a member. 1e-4 by default.
+    /// A stage ends if three steps in a row decrease the objective by less than this per member. 1e-4 by default.
     pub tolerance: f64,
 }
 

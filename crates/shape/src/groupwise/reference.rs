@@ -1,4 +1,4 @@
-//! The finished group that a new member is compared with: mean, modes, and the residual variance delta.
+//! The finished group with which a new member is compared: mean, modes, and the residual variance delta.
 //!
 //! The member's values x have the Mahalanobis distance
 //!
@@ -8,10 +8,10 @@
 //!
 //! from the group's mean m, with the modes e_k of variance lambda_k of the N members, over the members' mean area (M.
 //! Tipping and C. Bishop, "Probabilistic principal component analysis", J. R. Stat. Soc. B 61, 1999). Its cost is
-//! `log(1 + M / N)`: what the member adds to the description length `log det(G + delta 1)` where nothing else changes.
-//! So its places move as they would have done within the group, and the group stays as it is.
+//! `log(1 + M / N)`: the member's contribution to the description length `log det(G + delta 1)` if nothing else
+//! changes. So its points move as they would have done within the group, and the group is unchanged.
 //!
-//! Cost of a comparison: 4 flops a mode, channel and direction. Memory: a value for each of these.
+//! Cost of a comparison: 4 flops per mode, channel and direction. Memory: one value for each of these.
 
 use faer::{Mat, Side};
 use ndarray::{Array2, Axis};
@@ -21,12 +21,12 @@ use super::objective::Objective;
 use crate::error::ShapeError;
 use crate::product::product;
 
-/// Modes with a variance below this share of delta are left to the residual term.
+/// Modes whose variance is below this fraction of delta are left to the residual term.
 const LEAST: f64 = 0.02;
-/// Modes at most, those of the largest variance.
+/// Maximum number of modes; those of the largest variance are kept.
 const MODES: usize = 64;
 
-/// The group at a stage.
+/// The group at one stage.
 pub(super) struct Reference {
     /// m, (n C).
     mean: Vec<f64>,
@@ -41,7 +41,7 @@ pub(super) struct Reference {
 }
 
 impl Reference {
-    /// From the values of all members, (N, n C), and the share of their variance that is delta.
+    /// Computes the reference from the values of all members, (N, n C), with delta as a share of their variance.
     pub(super) fn new(values: Array2<f64>, objective: &Objective<'_>, share: f64) -> Result<Self, ShapeError> {
         let covariance = objective.covariance(values)?;
         let (members, delta) = (covariance.gram.nrows(), covariance.delta(share));
@@ -61,7 +61,8 @@ impl Reference {
         Ok(Self { mean, weights, modes, gains, delta, members: members as f64 })
     }
 
-    /// The cost of a member's values, (n C), and its derivatives by them; and the variance about the mean.
+    /// Returns the cost of a member's values, (n C), its derivatives with respect to them, and the variance about the
+    /// mean.
     pub(super) fn cost(&self, values: &[f64]) -> (f64, Vec<f64>, f64) {
         let channels = self.mean.len() / self.weights.len();
         let off: Vec<f64> = values.iter().zip(&self.mean).map(|(x, m)| x - m).collect();

@@ -1,17 +1,17 @@
-//! What a refinement did, stage by stage.
+//! Report of a refinement, by stage.
 
 use crate::groupwise::elastic::Elastic;
 use crate::groupwise::params::StageParams;
 use crate::groupwise::state::State;
 
-/// How much maps change areas on the sphere.
+/// Change of areas on the sphere under the maps.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Distortion {
-    /// Root mean square of the logarithm of the areas' change, over all members and the sphere's area.
+    /// Root mean square of the logarithm of the change of area, over all members and the sphere's area.
     pub rms: f64,
     /// Largest absolute value of that logarithm.
     pub most: f64,
-    /// Share of triangles whose area changes by at most a factor of 8.
+    /// Fraction of triangles whose area changes by at most a factor of 8.
     pub within_eight: f64,
 }
 
@@ -20,18 +20,18 @@ pub struct Distortion {
 pub struct StageReport {
     /// The stage that was run; the degree of the models is at most that of the members.
     pub stage: StageParams,
-    /// Steps that were taken.
+    /// Number of steps.
     pub steps: usize,
-    /// States that were evaluated.
+    /// Number of states evaluated.
     pub evaluations: usize,
-    /// The objective before and after: logarithms, comparable within a stage alone.
+    /// The objective before and after; logarithms, comparable only within a stage.
     pub cost: [f64; 2],
     /// Variance of the group, before and after: the mean squared distance from the mean of all channels at the stage's
     /// degree, normals included as they are weighted, over the surface's area; in the square of the models' unit.
     pub variance: [f64; 2],
     /// Change of areas after the stage.
     pub distortion: Distortion,
-    /// Whether the stage ended because steps gained next to nothing, and not because its rounds were used up.
+    /// Whether the stage ended because steps gained almost nothing, rather than at its maximum number of rounds.
     pub converged: bool,
 }
 
@@ -40,7 +40,7 @@ pub struct StageReport {
 pub struct GroupwiseReport {
     /// Stages, in their order.
     pub stages: Vec<StageReport>,
-    /// Root mean square angle between a direction and where it was carried, of each member, in radians.
+    /// Root mean square angle by which each member's directions were moved, in radians.
     pub moved: Vec<f64>,
 }
 

@@ -1,14 +1,14 @@
-//! A group at one state of its maps: values, cost, and gradient by tangent fields.
+//! A group at one state of its maps: values, cost, and gradient with respect to tangent fields.
 //!
 //! ```text
 //! C(phi) = log det(G + delta 1) + sum_i (mu E(phi_i) + H(phi_i))
 //! ```
 //!
 //! with the covariance G of [`objective`](super::objective) and the energies E of [`elastic`](super::elastic) and H of
-//! [`held`](super::held). Where members are brought together, each is moved rigidly to the mean before G; the gradient
-//! is turned back.
+//! [`held`](super::held). If members are aligned within rounds, each is moved rigidly to the mean before G is computed;
+//! the gradient is rotated back.
 //!
-//! Members are evaluated in parallel, each by one plan that lives no longer than its own evaluation.
+//! Members are evaluated in parallel; each evaluation creates its own plan and drops it.
 
 use ndarray::{Array2, ArrayView2, Axis};
 use rayon::prelude::*;
@@ -24,24 +24,24 @@ use crate::groupwise::reference::Reference;
 use crate::groupwise::together::{Turns, bring_together, turn_channels};
 use crate::matrix3::transposed;
 
-/// What a stage works with.
+/// Inputs of a stage.
 pub(super) struct Group<'a> {
     pub(super) members: Vec<Member>,
     pub(super) channels: usize,
     pub(super) objective: Objective<'a>,
-    /// A finished group, where there is one member, which is compared with it.
+    /// A finished group with which a single member is compared, if any.
     pub(super) reference: Option<&'a Reference>,
     pub(super) elastic: Elastic<'a>,
     /// mu.
     pub(super) elasticity: f64,
     pub(super) held: Held,
-    /// Channels that turn with the surface, where members are brought together.
+    /// Channels that rotate with the surface, if members are aligned within rounds.
     pub(super) turning: Option<Vec<usize>>,
     pub(super) max_degree: usize,
     pub(super) field_degree: usize,
 }
 
-/// Directions of every member, and their cost.
+/// Directions of every member, and the cost.
 pub(super) struct State {
     pub(super) at: Vec<Vec<Vec3>>,
     pub(super) cost: f64,
@@ -49,17 +49,16 @@ pub(super) struct State {
     turns: Turns,
 }
 
-/// What the gradient is made of.
+/// Data from which the gradient is computed.
 enum Measured {
-    /// All members of a group: their covariance, and the inverse of it and delta.
+    /// All members of a group: their covariance, and the inverse of the covariance plus delta.
     Group(Box<Covariance>, Array2<f64>),
-    /// One member: derivatives by its values, and its variance.
+    /// One member: derivatives with respect to its values, and its variance.
     Member(Vec<f64>, f64),
 }
 
 impl Group<'_> {
-    /// Evaluates members at `at`; None where a triangle is turned over. `delta` is asked with the
-    /// covariance.
+    /// Evaluates members at `at`; returns `None` if a triangle is inverted. `delta` is a function of the covariance.
     pub(super) fn state(
         &self,
         at: Vec<Vec<Vec3>>,
@@ -99,7 +98,7 @@ impl Group<'_> {
         Ok(cost.is_finite().then_some(State { at, cost, measured, turns }))
     }
 
-    /// dC by the potentials of fields that act after the maps: (K, 2) of each member, one after another.
+    /// Returns dC with respect to the potentials of fields applied after the maps: (K, 2) per member, concatenated.
     pub(super) fn gradient(&self, state: &State) -> Result<Vec<f64>, ShapeError> {
         let mut covectors = match &state.measured {
             Measured::Group(covariance, inverse) => self.objective.covectors(covariance, inverse),
@@ -126,7 +125,8 @@ impl Group<'_> {
         Ok(found?.concat())
     }
 
-    /// The tangent fields of potentials, as [`gradient`](Self::gradient) has them, at the state's directions.
+    /// Returns the tangent fields of potentials, laid out as in [`gradient`](Self::gradient), at the state's
+    /// directions.
     pub(super) fn fields(&self, state: &State, potentials: &[Array2<f64>]) -> Result<Vec<Vec<Vec3>>, ShapeError> {
         let pairs = state.at.par_iter().zip(potentials);
         pairs
@@ -139,7 +139,7 @@ impl Group<'_> {
 }
 
 impl State {
-    /// The sum of the variances.
+    /// Returns the sum of the variances.
     pub(super) fn variance(&self) -> f64 {
         match &self.measured {
             Measured::Group(covariance, _) => covariance.total(),
@@ -147,7 +147,7 @@ impl State {
         }
     }
 
-    /// The motion that each member was brought together by.
+    /// Returns the rotation by which each member was aligned.
     pub(super) fn turns(&self) -> &Turns {
         &self.turns
     }

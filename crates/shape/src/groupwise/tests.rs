@@ -1,4 +1,4 @@
-//! What a refinement guarantees.
+//! Guarantees of a refinement.
 
 use ndarray::{Array2, ArrayView2};
 use spharm_harmonics::index::basis_size;
@@ -13,7 +13,7 @@ use super::state::Group;
 use super::*;
 use crate::{Rotation, rotate_parameters};
 
-/// Ellipsoids with a dent whose place depends on the member.
+/// Ellipsoids with a dent whose position depends on the member.
 fn members(count: usize, max_degree: usize) -> Vec<Array2<f64>> {
     let member = |i: usize| {
         let mut values = Array2::from_shape_fn((basis_size(max_degree), 3), |(k, c)| {
@@ -35,8 +35,8 @@ fn stages(max_degree: usize, field_degree: usize, rounds: usize) -> GroupwisePar
     GroupwiseParams { stages: Some(vec![stage]), ..GroupwiseParams::default() }
 }
 
-/// The objective along a field is what the gradient says, with weights that follow the surfaces, a mask, normals, and
-/// the elastic energy of maps that aren't the identity.
+/// The objective along a field changes by the gradient, with weights that follow the surfaces, a mask, normals, and the
+/// elastic energy of maps other than the identity.
 #[test]
 fn the_gradient_is_that_of_the_objective() {
     let sphere = Sphere::icosphere(2);
@@ -101,7 +101,7 @@ fn the_objective_falls_no_triangle_turns_over_and_flows_are_inverted() {
     }
 }
 
-/// Its places are turned about an axis; by the group's modes they turn back, as far as the energy allows.
+/// Its sphere is rotated about an axis; matching the group's modes rotates it back, as far as the energy allows.
 #[test]
 fn a_new_member_comes_to_the_places_of_the_group() {
     let sphere = Sphere::icosphere(3);
@@ -122,7 +122,7 @@ fn a_new_member_comes_to_the_places_of_the_group() {
     let off = |at: &[Vec3]| (places(turned.values().view(), at) - &truth).mapv(|x| x * x).sum().sqrt();
     let (before, after) = (off(sphere.directions.as_slice()), off(&at));
     assert!(after < 0.4 * before, "{before} {after}");
-    // The member at its places stays there, next to the turn that was undone.
+    // A member in correspondence stays in place, compared with the rotation that was undone.
     let (_, still) = finished.refine(own.view(), &Silent).unwrap();
     assert!(still.moved[0] < 0.4 * report.moved[0], "{} {}", still.moved[0], report.moved[0]);
     assert!(matches!(finished.refine(group[0].slice(s![..4, ..]), &Silent), Err(ShapeError::Differ { .. })));
@@ -157,7 +157,7 @@ fn members_that_are_equal_stay_where_they_are() {
     }
 }
 
-/// Share of the largest eigenvalue of the covariance of members' positions at `at`, by power iteration.
+/// Returns the largest eigenvalue's share of the covariance of members' positions at `at`, by power iteration.
 fn first_share(members: &[Array2<f64>], sphere: &Sphere, at: &[Vec<Vec3>]) -> f64 {
     let directions = sphere.directions.len();
     let mut values = Array2::zeros((members.len(), 3 * directions));
@@ -177,7 +177,7 @@ fn first_share(members: &[Array2<f64>], sphere: &Sphere, at: &[Vec<Vec3>]) -> f6
     largest / covariance.total()
 }
 
-/// A body that grows along one axis has one mode; maps that were made apart hide it, and refinement finds it again.
+/// A body that grows along one axis has one mode; maps that were made separately hide it, and refinement recovers it.
 #[test]
 fn one_mode_is_found_again_under_maps_that_were_made_apart() {
     let sphere = Sphere::icosphere(3);

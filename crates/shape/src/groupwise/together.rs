@@ -1,7 +1,7 @@
-//! Members brought to their mean by rigid motions, within a round.
+//! Rigid alignment of members to their mean, within a round.
 //!
-//! Weights are the mean's areas. The rotation is Kabsch's, from where the last round left each member. C is least where
-//! variance is nearly so, and the gradient takes motions as fixed.
+//! Weights are the mean's areas. The rotation is Kabsch's, starting from each member's pose in the last round. The
+//! minimum of C nearly minimises the variance, so the gradient treats motions as constant.
 
 use ndarray::{Array2, Axis};
 use rayon::prelude::*;
@@ -11,14 +11,14 @@ use crate::groupwise::objective::{Objective, corners};
 use crate::matrix3::{IDENTITY, Matrix3, product};
 use spharm_surface::kabsch::kabsch;
 
-/// Rotations of members, in space; empty where they stay.
+/// Rotations of members, in space; empty if they aren't aligned.
 pub(super) type Turns = Vec<Matrix3>;
 
-/// Rounds of mean and motions.
+/// Number of rounds of mean and motions.
 const ROUNDS: usize = 2;
 
-/// Moves members' values, (N, n C), and returns the rotations that they end with. `turning` are the first of every
-/// three channels that turn with the surface, of which 0, the position, is moved as well.
+/// Moves members' values, (N, n C), and returns their final rotations. `turning` holds the first channel of each triple
+/// that rotates with the surface; the triple from 0, the position, is translated as well.
 pub(super) fn bring_together(
     values: &mut Array2<f64>,
     turning: &[usize],
@@ -61,7 +61,7 @@ pub(super) fn bring_together(
     turns
 }
 
-/// Turns three channels from each of `first` on, at every direction.
+/// Rotates the three channels from each of `first` on, at every direction.
 pub(super) fn turn_channels(row: &mut [f64], channels: usize, first: &[usize], by: &Matrix3) {
     for row in row.chunks_exact_mut(channels) {
         for &first in first {
@@ -71,7 +71,7 @@ pub(super) fn turn_channels(row: &mut [f64], channels: usize, first: &[usize], b
     }
 }
 
-/// Shares of the masked area of a surface.
+/// Returns each direction's share of the masked area of a surface.
 fn areas(row: &[f64], objective: &Objective<'_>) -> Vec<f64> {
     let at = corners(row, objective.mask.len());
     let mut found = vec![0.0; objective.mask.len()];

@@ -6,7 +6,7 @@ use spharm_shape::codec::{CodecError, CompressParams, Compressed, Target, compre
 
 use super::{PREFIX, WHOLE, surface};
 
-/// Puts the right checksum at the end of a head that was changed.
+/// Appends the right checksum to a modified header.
 fn forge(file: &Compressed, change: impl FnOnce(&mut Vec<u8>)) -> Vec<u8> {
     let mut head = file.bytes[..file.head - 4].to_vec();
     change(&mut head);
@@ -67,7 +67,7 @@ fn hostile_heads_are_refused() {
     refuse("length", longer);
 }
 
-/// A stream that ends at once, under a head that declares a large one.
+/// A stream that ends at once, after a header that declares a large one.
 #[test]
 fn a_stream_that_ends_early_is_refused() {
     let file = compress(
@@ -104,7 +104,7 @@ proptest! {
         prop_assert!(expand(&bytes, &params).is_err());
         bytes.truncate((cut * file.bytes.len() as f64) as usize);
         if let Ok(found) = expand(&bytes, &params) {
-            // Cut off before the damage.
+            // Truncated before the damage.
             let whole = expand(&file.bytes, &WHOLE).unwrap().model.coefficients;
             let degree = found.model.coefficients.max_degree();
             prop_assert!(prefix);
@@ -112,7 +112,7 @@ proptest! {
         }
     }
 
-    /// Anything behind a sound head and checksum is read without a panic.
+    /// Any bytes after a valid header and checksum are read without a panic.
     #[test]
     fn any_stream_is_read_without_a_panic(stream in prop::collection::vec(any::<u8>(), 0..300)) {
         let mut head = file_head(40, stream.len(), crc32c::crc32c(&stream));
@@ -122,7 +122,7 @@ proptest! {
         }
     }
 
-    /// Nor does any text behind the magic do harm.
+    /// Nor do any bytes after the magic cause a panic.
     #[test]
     fn any_fields_are_read_without_a_panic(fields in prop::collection::vec(any::<u8>(), 0..80), flags in 0..4u8) {
         let mut head = b"\x89SPZ\x01".to_vec();
@@ -134,7 +134,7 @@ proptest! {
     }
 }
 
-/// The head of a surface with one segment.
+/// The header of a surface with one segment.
 fn file_head(degree: u8, length: usize, crc: u32) -> Vec<u8> {
     let mut head = b"\x89SPZ\x01\x01\0\0\0\0".to_vec();
     head.extend([degree, 3, degree, 3, 0, 0]);

@@ -16,12 +16,12 @@ use spharm_surface::geometry::{add, dot, face_normal, sub};
 use spharm_surface::metrics::{SurfaceDistanceParams, bounding_box_scale, surface_distance};
 use spharm_surface::{Kind, Sphere};
 
-/// Whole files, all degrees.
+/// Complete files, all degrees.
 const WHOLE: ExpandParams = ExpandParams { max_degree: None, prefix: false };
-/// Beginnings of files.
+/// Prefixes of files.
 const PREFIX: ExpandParams = ExpandParams { max_degree: None, prefix: true };
 
-/// Numbers from 0 to 1.
+/// Pseudorandom numbers from 0 to 1.
 fn random(seed: u64) -> impl FnMut() -> f64 {
     let mut state = seed;
     move || {
@@ -30,7 +30,7 @@ fn random(seed: u64) -> impl FnMut() -> f64 {
     }
 }
 
-/// A bumpy ellipsoid of some 20 units, away from the origin; or as many signals.
+/// A bumpy ellipsoid of about 20 units, away from the origin; or the given number of signals.
 fn model(max_degree: usize, channels: usize, kind: Kind, seed: u64) -> Model {
     let mut random = random(seed);
     let mut values = Array2::from_shape_fn((basis_size(max_degree), channels), |(row, _)| {
@@ -71,7 +71,7 @@ fn a_surface_comes_back_within_its_tolerance() {
         let file = compressed(&model, Target::Tolerance(tolerance));
         assert!((0.9 * tolerance..=tolerance).contains(&file.distance), "{tolerance} {}", file.distance);
         let expanded = expand(&file.bytes, &WHOLE).unwrap();
-        // Measured anew, on a finer icosphere and with more points.
+        // Measured independently, on a finer icosphere and with more points.
         let on = |model: &Model| model.reconstruct(&Sphere::icosphere(6), 20).unwrap();
         let params = SurfaceDistanceParams { samples: 200_000 };
         let distance = surface_distance(&on(&model), &on(&expanded.model), &params, &Silent).unwrap();
@@ -82,8 +82,8 @@ fn a_surface_comes_back_within_its_tolerance() {
     }
 }
 
-/// Root mean square displacement along the normal over the area, at 10,242 vertices, their bounding box scaled to
-/// volume 1.
+/// Returns the root mean square displacement along the normal over the area, at 10,242 vertices, with their bounding
+/// box scaled to volume 1.
 fn displacement(from: &Model, to: &Model) -> f64 {
     let on = |model: &Model| model.reconstruct(&Sphere::icosphere(5), model.coefficients.max_degree()).unwrap();
     let (from, to) = (on(from), on(to));
@@ -183,7 +183,7 @@ fn a_beginning_is_a_coarser_model() {
 fn signals_are_compressed_by_their_spread() {
     let mut model = model(16, 5, Kind::Signal, 3);
     let mut values = model.coefficients.values().clone();
-    // A signal in other units, a constant one, and nothing.
+    // A signal in other units, a constant one, and a zero one.
     values.column_mut(1).mapv_inplace(|value| 1e9 * value);
     values.column_mut(3).iter_mut().skip(1).for_each(|value| *value = 0.0);
     values.column_mut(4).fill(0.0);
@@ -204,7 +204,7 @@ fn signals_are_compressed_by_their_spread() {
 
 #[test]
 fn models_of_next_to_nothing_come_back() {
-    // Degree 0 alone is a point: no surface, but a signal.
+    // Degree 0 alone is a point: not a surface, but a signal.
     let point = model(0, 3, Kind::Surface, 1);
     assert!(matches!(
         compress(&point, &CompressParams::new(Target::Step(1e-3)), &Silent),
@@ -247,7 +247,8 @@ fn what_cant_be_compressed_is_refused() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// What is expanded is what was quantised: 0.62 of a step off, and half a step more for what magnitudes stand for.
+    /// The expanded values are the quantised ones: off by 0.62 of a step, and half a step more for the reconstruction
+    /// shifts.
     #[test]
     fn any_model_comes_back(degree in 1..9usize, channels in 1..5usize, seed: u64, log in -20.0..0.0f64) {
         let model = model(degree, channels, Kind::Signal, seed);
