@@ -1,7 +1,7 @@
-//! Named coefficients of a radius, as aics-shparam has them: `shcoeffs_L2M1C` is the cosine of degree 2, order 1.
+//! Named coefficients of a radius, in the form of aics-shparam: `shcoeffs_L2M1C` is the cosine of degree 2, order 1.
 //!
-//! aics-shparam expands the distance of the surface from its centre by pyshtools' default harmonics, of 4 pi. Its
-//! `get_even_reconstruction_from_coeffs` takes the same numbers as an array (2, L + 1, L + 1).
+//! aics-shparam expands the distance of the surface from its centre in pyshtools' default harmonics, normalised to 4
+//! pi. Its `get_even_reconstruction_from_coeffs` takes the same numbers as an array (2, L + 1, L + 1).
 
 use std::io::{self, Write};
 
@@ -10,8 +10,8 @@ use spharm_harmonics::index::column;
 
 use crate::format::Normalization;
 
-/// Names and values in aics-shparam's order: cosines, then sines, of each degree the orders from 0 to L, those above
-/// the degree and the sines of order 0 zero.
+/// Returns names and values in aics-shparam's order: cosines, then sines; in each degree the orders from 0 to L, of
+/// which those above the degree and the sine of order 0 are zero.
 fn named(a: &Coefficients) -> Vec<(String, f64)> {
     let (factor, orders) = (Normalization::FourPi.factor(), 0..=a.max_degree());
     let value = |l: usize, m: usize, sine: bool| match m {
@@ -24,7 +24,7 @@ fn named(a: &Coefficients) -> Vec<(String, f64)> {
     places.map(|(sine, l, m)| (name(sine, l, m), value(l, m, sine))).collect()
 }
 
-/// Writes an object of all of them, in their order.
+/// Writes a JSON object with all of them, in their order.
 pub(crate) fn write_json(out: &mut dyn Write, a: &Coefficients) -> io::Result<()> {
     let named = named(a);
     writeln!(out, "{{")?;
@@ -35,7 +35,7 @@ pub(crate) fn write_json(out: &mut dyn Write, a: &Coefficients) -> io::Result<()
     writeln!(out, "}}")
 }
 
-/// Writes a line of names and one of values, as pandas reads them.
+/// Writes a line of names and a line of values, as read by pandas.
 pub(crate) fn write_csv(out: &mut dyn Write, a: &Coefficients) -> io::Result<()> {
     let (names, values): (Vec<_>, Vec<_>) = named(a).into_iter().map(|(name, x)| (name, format!("{x:?}"))).unzip();
     writeln!(out, "{}\n{}", names.join(","), values.join(","))

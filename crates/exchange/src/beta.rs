@@ -1,7 +1,7 @@
-//! Matrices of weighted SPHARM, a file a channel: a row a degree, of each the cosines and then the sines.
+//! Matrices of weighted SPHARM, one file per channel: one row per degree, the cosines followed by the sines.
 //!
-//! Moo Chung's MATLAB code returns them as `fourier.x`, `.y`, `.z`; AFNI's `SpharmDeco` has the same harmonics. They
-//! are text as AFNI's `.1D` files: numbers between blanks, `#` before comments.
+//! Moo Chung's MATLAB code returns them as `fourier.x`, `.y`, `.z`; AFNI's `SpharmDeco` uses the same harmonics. They
+//! are text like AFNI's `.1D` files: numbers separated by blanks, `#` before comments.
 
 use std::io::{self, Write};
 

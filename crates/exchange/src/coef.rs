@@ -1,4 +1,4 @@
-//! SPHARM-PDM's `.coef`: `{ 169,{x, y, z},` and a row a line, `}` at the end.
+//! SPHARM-PDM's `.coef`: `{ 169,{x, y, z},`, then one row per line, and `}` at the end.
 
 use std::io::{self, Write};
 
@@ -9,7 +9,7 @@ use crate::convert::{from_pdm, to_pdm};
 use crate::flaw::Flaw;
 use crate::text::{number, quoted, text, write_row};
 
-/// Above this degree SPHARM-PDM's own evaluation overflows: factorials of twice the degree.
+/// Highest degree of SPHARM-PDM's own evaluation; above it overflows, by factorials of twice the degree.
 pub(crate) const HIGHEST_EVALUATED: usize = 85;
 
 pub(crate) fn write(out: &mut dyn Write, a: &Coefficients) -> io::Result<()> {
@@ -23,7 +23,7 @@ pub(crate) fn write(out: &mut dyn Write, a: &Coefficients) -> io::Result<()> {
     writeln!(out, "}}")
 }
 
-/// Whether a text begins as such a file does: a brace and a number.
+/// Returns whether a text begins like such a file: with a brace and a number.
 pub(crate) fn is_coef(bytes: &[u8]) -> bool {
     let rest = bytes.trim_ascii_start().strip_prefix(b"{").unwrap_or_default().trim_ascii_start();
     let digits = rest.iter().take_while(|byte| byte.is_ascii_digit()).count();

@@ -1,11 +1,11 @@
-//! Coefficients of other packages as arrays, and back.
+//! Conversion of coefficients to and from the arrays of other packages.
 //!
 //! `a` are canonical coefficients, (K, c). With m > 0, the complex ones are
 //! `c_lm = (-1)^m (a_lm - i a_l,-m) / sqrt2` and `c_l,-m = (-1)^m conj c_lm`
-//! ([`Coefficients::to_complex`]). Of a complex series that isn't real the real part is taken.
+//! ([`Coefficients::to_complex`]). Of a complex series that isn't real, the real part is used.
 //!
-//! Source: the packages' own definitions, stated in `docs/exchange.md`; the same formulas in NumPy are
-//! `python/spharm_rs/convert.py`.
+//! Source: the packages' own definitions, as stated in `docs/exchange.md`; `python/spharm_rs/convert.py` has the same
+//! formulas in NumPy.
 
 use std::f64::consts::SQRT_2;
 
@@ -19,7 +19,7 @@ fn phase(order: isize) -> f64 {
     if order % 2 == 0 { 1.0 } else { -1.0 }
 }
 
-/// The row of SPHARM-PDM that holds a degree and order, and what the canonical coefficient is multiplied by.
+/// Returns the SPHARM-PDM row of a canonical row, and the factor of its coefficient.
 fn pdm(row: usize) -> (usize, f64) {
     let (degree, order) = degree_order(row);
     let at = match order {
@@ -30,7 +30,7 @@ fn pdm(row: usize) -> (usize, f64) {
     (first_column(degree) + at, if order == 0 { 1.0 } else { SQRT_2 * phase(order) })
 }
 
-/// Returns the rows of a SPHARM-PDM `.coef` file, (K, c): of each degree order 0, then for each order the factors of Re
+/// Returns the rows of a SPHARM-PDM `.coef` file, (K, c): in each degree order 0, then for each order the factors of Re
 /// Y and Im Y.
 #[must_use]
 pub fn to_pdm(a: &Coefficients) -> Array2<f64> {
@@ -42,7 +42,7 @@ pub fn to_pdm(a: &Coefficients) -> Array2<f64> {
     rows
 }
 
-/// Returns canonical coefficients of the rows of a `.coef` file, (K, c).
+/// Returns the canonical coefficients for the rows of a `.coef` file, (K, c).
 ///
 /// # Errors
 ///
@@ -55,7 +55,7 @@ pub fn from_pdm(rows: &Array2<f64>) -> Result<Coefficients, HarmonicsError> {
     }))
 }
 
-/// Returns `alm` of healpy and ducc0, (c, (L + 1) (L + 2) / 2), order by order, and degrees and orders of its columns.
+/// Returns `alm` of healpy and ducc0, (c, (L + 1) (L + 2) / 2), sorted by order, and degree and order of each column.
 #[must_use]
 pub fn to_healpy(a: &Coefficients) -> (Array2<Complex64>, Vec<(usize, usize)>) {
     let complex = a.to_complex();
@@ -66,7 +66,7 @@ pub fn to_healpy(a: &Coefficients) -> (Array2<Complex64>, Vec<(usize, usize)>) {
     (alm, at)
 }
 
-/// Returns canonical coefficients of one real function of which `value(l, m)` is the complex coefficient for m >= 0.
+/// Returns the canonical coefficients of a real function with complex coefficients `value(l, m)` for m >= 0.
 #[must_use]
 pub fn from_orders(max_degree: usize, value: impl Fn(usize, usize) -> Complex64) -> Vec<f64> {
     let canonical = |row| {
@@ -81,7 +81,7 @@ pub fn from_orders(max_degree: usize, value: impl Fn(usize, usize) -> Complex64)
     (0..basis_size(max_degree)).map(canonical).collect()
 }
 
-/// Returns `flm` of s2fft, (c, L + 1, 2 L + 1), orders from -L; s2fft's own L is this one plus 1.
+/// Returns `flm` of s2fft, (c, L + 1, 2 L + 1), with orders from -L; s2fft's own L is this one plus 1.
 #[must_use]
 pub fn to_s2fft(a: &Coefficients) -> Array3<Complex64> {
     let degree = a.max_degree();
@@ -93,7 +93,7 @@ pub fn to_s2fft(a: &Coefficients) -> Array3<Complex64> {
     flm
 }
 
-/// Returns canonical coefficients of `flm`, (c, L + 1, 2 L + 1).
+/// Returns the canonical coefficients of `flm`, (c, L + 1, 2 L + 1).
 ///
 /// # Errors
 ///
@@ -110,8 +110,8 @@ pub fn from_s2fft(flm: &Array3<Complex64>) -> Result<Coefficients, HarmonicsErro
     Coefficients::from_complex(&complex)
 }
 
-/// Returns coefficients of pyshtools with `csphase=1`, (c, 2, L + 1, L + 1), `[k, i, l, m]` with i = 1 for sines,
-/// orthonormal.
+/// Returns orthonormal coefficients of pyshtools with `csphase=1`, (c, 2, L + 1, L + 1), `[k, i, l, m]` with i = 1 for
+/// sines.
 #[must_use]
 pub fn to_pyshtools(a: &Coefficients) -> Array4<f64> {
     let size = a.max_degree() + 1;
@@ -123,7 +123,7 @@ pub fn to_pyshtools(a: &Coefficients) -> Array4<f64> {
     array
 }
 
-/// Returns canonical coefficients of orthonormal ones of pyshtools, (c, 2, L + 1, L + 1).
+/// Returns the canonical coefficients for orthonormal ones of pyshtools, (c, 2, L + 1, L + 1).
 ///
 /// # Errors
 ///
@@ -139,7 +139,7 @@ pub fn from_pyshtools(array: &Array4<f64>) -> Result<Coefficients, HarmonicsErro
     }))
 }
 
-/// Returns FlowShape's coefficients, (K, c): canonical ones times (-1)^m. It is its own inverse.
+/// Returns FlowShape's coefficients, (K, c): canonical ones times (-1)^m. The map is its own inverse.
 #[must_use]
 pub fn with_phase(values: &Array2<f64>) -> Array2<f64> {
     let mut found = values.clone();
@@ -147,10 +147,10 @@ pub fn with_phase(values: &Array2<f64>) -> Array2<f64> {
     found
 }
 
-/// Returns the matrix of weighted SPHARM of a channel, (L + 1, 2 L + 1): of each degree the cosines of orders 0 to l,
+/// Returns the matrix of weighted SPHARM of a channel, (L + 1, 2 L + 1): for each degree the cosines of orders 0 to l,
 /// then the sines of orders 1 to l, then zeros.
 ///
-/// Its harmonics are of the azimuth plus pi, which is the factor (-1)^m.
+/// Its harmonics use the azimuth plus pi, which gives the factor (-1)^m.
 #[must_use]
 pub fn to_beta(a: &Coefficients, channel: usize) -> Array2<f64> {
     let degree = a.max_degree();
@@ -162,7 +162,7 @@ pub fn to_beta(a: &Coefficients, channel: usize) -> Array2<f64> {
     beta
 }
 
-/// Returns canonical coefficients of a channel of the matrix of weighted SPHARM, (L + 1, at least 2 L + 1).
+/// Returns the canonical coefficients of a channel from the matrix of weighted SPHARM, (L + 1, at least 2 L + 1).
 #[must_use]
 pub fn from_beta(beta: &Array2<f64>) -> Option<Vec<f64>> {
     let degrees = beta.nrows();

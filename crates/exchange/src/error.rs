@@ -1,4 +1,4 @@
-//! What can go wrong between packages.
+//! The error type of this crate.
 
 use std::io;
 use std::path::PathBuf;
@@ -15,29 +15,29 @@ pub enum ExchangeError {
     Io {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         source: io::Error,
     },
-    /// The contents break the format's rules.
+    /// The contents violate the format.
     #[error("{}: damaged or not {format}: expected {expected}, found {found}", .path.display())]
     Malformed {
         /// The file.
         path: PathBuf,
         /// The format, with its article.
         format: &'static str,
-        /// What should stand there.
+        /// Expected content.
         expected: String,
-        /// What does.
+        /// The content found.
         found: String,
     },
-    /// Nothing in the file says which format it has.
+    /// The file's format can't be determined from its contents.
     #[error("{}: cannot tell the format of its coefficients, {found}; expected {remedy}", .path.display())]
     Unknown {
         /// The file.
         path: PathBuf,
-        /// What it looks like.
+        /// Description of its contents.
         found: String,
-        /// Formats that it may be.
+        /// Formats that it may have.
         remedy: &'static str,
     },
     /// A format that can't hold the model.
@@ -50,12 +50,12 @@ pub enum ExchangeError {
         format: &'static str,
         /// What it holds.
         holds: &'static str,
-        /// Channels of the model.
+        /// Number of channels of the model.
         channels: usize,
-        /// What to do instead.
+        /// Hint at an alternative.
         hint: &'static str,
     },
-    /// A format that is only written.
+    /// A format that can only be written.
     #[error(
         "{}: files for {package} are written, not read: they hold one radius in each direction, without place and pose",
         .path.display()
@@ -83,11 +83,11 @@ pub enum ExchangeError {
     Formats {
         /// The file.
         path: PathBuf,
-        /// What it is, with its article.
+        /// Its format, with its article.
         found: &'static str,
         /// The first file.
         first: PathBuf,
-        /// What the first file is.
+        /// The first file's format.
         expected: &'static str,
     },
     /// The model can't be evaluated or written.

@@ -1,4 +1,4 @@
-//! Models as files of other packages.
+//! Export of models to files of other packages.
 
 use std::ffi::OsString;
 use std::fmt;
@@ -14,22 +14,22 @@ use crate::{aics, beta, coef, fits, mat, npy, shtools, table};
 /// Options of [`export()`].
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct ExportOptions {
-    /// Replace files that are there.
+    /// Whether existing files are replaced.
     pub overwrite: bool,
-    /// The scale of pyshtools' harmonics; the other formats have one each.
+    /// Normalisation of pyshtools' harmonics; every other format has a fixed one.
     pub normalization: Normalization,
 }
 
-/// What was written.
+/// Result of an export.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Exported {
-    /// The files, one or one a channel.
+    /// The files: one, or one per channel.
     pub files: Vec<PathBuf>,
-    /// What to know about them.
+    /// Warnings about them.
     pub warnings: Vec<ExportWarning>,
 }
 
-/// Something that the other package will not do with the file.
+/// A limitation of the other package with the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum ExportWarning {
@@ -38,7 +38,7 @@ pub enum ExportWarning {
         /// The model's degree.
         degree: usize,
     },
-    /// The model has no sphere of its own: SPHARM-MAT gets the coefficients without surface and sphere.
+    /// The model has no sphere: SPHARM-MAT gets the coefficients without surface and sphere.
     NoSphere,
 }
 
@@ -57,7 +57,7 @@ impl fmt::Display for ExportWarning {
     }
 }
 
-/// Returns the files that a model becomes: `path`, or of a format with a file a channel `NAME.x.ENDING` and so on.
+/// Returns the files of an exported model: `path`, or for formats with one file per channel `NAME.x.ENDING` and so on.
 #[must_use]
 pub fn files(format: Format, channels: usize, path: &Path) -> Vec<PathBuf> {
     if !format.file_a_channel() || channels == 1 {
@@ -74,7 +74,7 @@ pub fn files(format: Format, channels: usize, path: &Path) -> Vec<PathBuf> {
     table::channel_names(channels).into_iter().map(named).collect()
 }
 
-/// Checks whether a format can hold a model.
+/// Checks whether a format can represent a model.
 ///
 /// # Errors
 ///
@@ -98,7 +98,7 @@ pub fn check(model: &Model, format: Format) -> Result<(), ExchangeError> {
     }
 }
 
-/// Writes a model in a format, every file whole or not at all.
+/// Writes a model in a format; each file is written atomically.
 ///
 /// # Errors
 ///

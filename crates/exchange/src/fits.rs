@@ -1,4 +1,4 @@
-//! FITS files of healpy's `write_alm`: a binary table a channel, with columns index (l^2 + l + m + 1), real and
+//! FITS files of healpy's `write_alm`: one binary table per channel, with columns index (l^2 + l + m + 1), real and
 //! imaginary part of the coefficients of orders from 0.
 //!
 //! Blocks have 2,880 bytes; headers are cards of 80 characters; numbers are big-endian. Source: FITS standard 4.0,
@@ -15,10 +15,10 @@ use crate::flaw::Flaw;
 
 const BLOCK: usize = 2880;
 const CARD: usize = 80;
-/// Bytes of a row as they are written: i64 and two f64.
+/// Size of a written row in bytes: i64 and two f64.
 const ROW: usize = 24;
 
-/// Whether bytes begin as such a file does.
+/// Returns whether bytes begin like such a file.
 pub(crate) fn is_fits(bytes: &[u8]) -> bool {
     bytes.starts_with(b"SIMPLE  =")
 }
@@ -84,7 +84,7 @@ fn header(out: &mut dyn Write, cards: &[(&str, String)]) -> io::Result<()> {
 struct Header<'a>(Vec<(&'a str, &'a str)>);
 
 impl<'a> Header<'a> {
-    /// Reads a header and leaves the bytes after it.
+    /// Reads a header; `bytes` is advanced past it.
     fn read(bytes: &mut &'a [u8]) -> Result<Self, Flaw> {
         let mut cards = Vec::new();
         let end = loop {
@@ -117,7 +117,8 @@ impl<'a> Header<'a> {
         value.and_then(|value| value.parse().ok()).ok_or_else(found)
     }
 
-    /// Bytes of the data after the header: the product of the axes and the bits of a number, and what follows a table.
+    /// Returns the size of the data after the header: the product of the axes and the size of a number, plus a table's
+    /// heap.
     fn length(&self) -> Result<usize, Flaw> {
         let large = || Flaw::new("data that fit in memory", "larger ones");
         let axes = self.number("NAXIS")?;
@@ -132,7 +133,7 @@ impl<'a> Header<'a> {
     }
 }
 
-/// How a number of a column is stored.
+/// Storage type of a column's numbers.
 #[derive(Clone, Copy)]
 enum Number {
     I16,
@@ -162,7 +163,7 @@ impl Number {
     }
 }
 
-/// Reads every table of coefficients: canonical ones of a channel each.
+/// Reads every table of coefficients; returns canonical ones, one vector per channel.
 pub(crate) fn read(mut bytes: &[u8]) -> Result<Vec<Vec<f64>>, Flaw> {
     let mut channels = Vec::new();
     while !bytes.is_empty() {
@@ -174,7 +175,7 @@ pub(crate) fn read(mut bytes: &[u8]) -> Result<Vec<Vec<f64>>, Flaw> {
         if header.text("XTENSION") == Some("BINTABLE") {
             channels.push(table(&header, data)?);
         }
-        // Some writers leave out the padding of the last block.
+        // Some writers omit the padding of the last block.
         bytes = bytes.get(length.next_multiple_of(BLOCK)..).unwrap_or_default();
     }
     if channels.is_empty() { Err(Flaw::new("a binary table", "none")) } else { Ok(channels) }
@@ -205,7 +206,7 @@ fn table(header: &Header<'_>, data: &[u8]) -> Result<Vec<f64>, Flaw> {
     if at > width {
         return Err(Flaw::new(format!("rows of at least {at} bytes"), width));
     }
-    // A table without rows is as wide as it says.
+    // The declared width of a table without rows is unchecked.
     if rows == 0 || width == 0 {
         return Err(Flaw::new("rows of index, real and imaginary part", "none"));
     }
@@ -226,7 +227,7 @@ fn table(header: &Header<'_>, data: &[u8]) -> Result<Vec<f64>, Flaw> {
         entries.push((l, m.unsigned_abs(), Complex64::new(re, im)));
     }
     let degree = entries.iter().map(|&(l, ..)| l).max().unwrap_or(0);
-    // A degree that is claimed takes its room only if there are about as many rows.
+    // Memory is allocated for a claimed degree only if the number of rows is consistent with it.
     if entries.len() <= degree {
         return Err(Flaw::new(format!("rows up to degree {degree}"), format!("{} rows", entries.len())));
     }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use crate::error::ExchangeError;
 
-/// What is wrong with the contents of a file.
+/// The problem of a file's contents.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Flaw {
     expected: String,
@@ -22,7 +22,7 @@ impl Flaw {
     }
 }
 
-/// The file's own words without line breaks and escape sequences, and not many of them.
+/// Returns a short excerpt of the file's text, without line breaks and escape sequences.
 fn printable(text: &str) -> String {
     const MOST: usize = 160;
     let mut line = String::new();

@@ -1,4 +1,4 @@
-//! The formats, by name.
+//! The formats and their names.
 
 use std::fmt;
 use std::str::FromStr;
@@ -21,13 +21,13 @@ pub enum Format {
     Ktch,
     /// Arrays of FlowShape.
     Flowshape,
-    /// Named coefficients of a radius, as aics-shparam has them.
+    /// Named coefficients of a radius, in the form of aics-shparam.
     Aics,
-    /// Matrices of weighted SPHARM, which AFNI took over.
+    /// Matrices of weighted SPHARM, also used by AFNI.
     Afni,
     /// A table: `l,m,x,y,z`.
     Csv,
-    /// An object with the coefficients and what they mean.
+    /// An object with the coefficients and their convention.
     Json,
 }
 
@@ -47,7 +47,7 @@ impl Format {
         Self::Json,
     ];
 
-    /// Returns the name, as on a command line.
+    /// Returns the name on the command line.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -65,7 +65,7 @@ impl Format {
         }
     }
 
-    /// Returns the ending of files that are named after their model.
+    /// Returns the file name extension of exported models.
     #[must_use]
     pub fn ending(self) -> &'static str {
         match self {
@@ -83,7 +83,7 @@ impl Format {
         }
     }
 
-    /// Returns what a file of the format is, with its article, for messages.
+    /// Returns a description of the format's files, with its article, for messages.
     pub(crate) fn file(self) -> &'static str {
         match self {
             Self::Pdm => "a SPHARM-PDM .coef file",
@@ -100,7 +100,7 @@ impl Format {
         }
     }
 
-    /// Returns whether each channel is a file of its own.
+    /// Returns whether each channel is a separate file.
     #[must_use]
     pub fn file_a_channel(self) -> bool {
         matches!(self, Self::Pyshtools | Self::Afni)
@@ -122,18 +122,18 @@ impl FromStr for Format {
     }
 }
 
-/// How harmonics of pyshtools are scaled.
+/// Normalisation of pyshtools' harmonics.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Normalization {
     /// The integral of a square over the sphere is 1: pyshtools' `ortho`, and ours.
     #[default]
     Orthonormal,
-    /// It is 4 pi, as in geodesy: pyshtools' `4pi`, its default.
+    /// The integral is 4 pi, as in geodesy: pyshtools' `4pi`, its default.
     FourPi,
 }
 
 impl Normalization {
-    /// Returns what canonical coefficients are multiplied by.
+    /// Returns the factor of canonical coefficients.
     pub(crate) fn factor(self) -> f64 {
         match self {
             Self::Orthonormal => 1.0,

@@ -1,4 +1,4 @@
-//! Models from files of other packages.
+//! Import of models from files of other packages.
 
 use std::io::{self, Read};
 use std::path::Path;
@@ -17,24 +17,24 @@ use crate::{beta, coef, fits, mat, npy, shtools, table};
 /// Options of [`import()`].
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct ImportOptions {
-    /// The format; else the contents tell it, or the file is refused.
+    /// The format; by default it is determined from the contents, or the file is rejected.
     pub format: Option<Format>,
-    /// The scale of pyshtools' harmonics, of which the file says nothing.
+    /// Normalisation of pyshtools' harmonics, which the file doesn't state.
     pub normalization: Normalization,
 }
 
-/// What was read.
+/// Result of an import.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Imported {
     /// Canonical coefficients, (K, c), finite.
     pub coefficients: Coefficients,
-    /// SPHARM-MAT's sphere, of which the other formats have none.
+    /// SPHARM-MAT's sphere; the other formats have none.
     pub sphere: Option<Sphere>,
     /// The format of the first file.
     pub format: Format,
 }
 
-/// Reads a model of one or more files, whose channels follow each other.
+/// Reads a model from one or more files, whose channels are concatenated.
 ///
 /// # Errors
 ///
@@ -93,10 +93,11 @@ fn one(path: &Path, options: &ImportOptions) -> Result<Imported, ExchangeError> 
     Ok(Imported { coefficients, sphere, format })
 }
 
-/// Reads a regular file whole; a FIFO would be waited for.
+/// Reads a regular file completely; a FIFO would block.
 fn load(path: &Path) -> io::Result<Vec<u8>> {
     let mut file = spharm_files::open(path)?;
-    // A sparse file takes no room on a disk; of a text of numbers each takes about as many bytes.
+    // A sparse file can be far larger than its size on disk; the numbers of a text need about as many bytes as the
+    // text.
     check_room(file.metadata()?.len().saturating_mul(2))
         .map_err(|room| io::Error::other(format!("what it holds takes {room}")))?;
     let mut bytes = Vec::new();
@@ -104,7 +105,7 @@ fn load(path: &Path) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// The format that the contents tell.
+/// Determines the format from the contents.
 fn detect(path: &Path, bytes: &[u8]) -> Result<Format, ExchangeError> {
     let unknown = |found: String, remedy| ExchangeError::Unknown { path: path.to_owned(), found, remedy };
     if mat::is_mat(bytes) {
@@ -151,7 +152,7 @@ fn parse(bytes: &[u8], format: Format, options: &ImportOptions) -> Result<(Coeff
     Ok((coefficients, None))
 }
 
-/// Coefficients of channels, which must have one degree.
+/// Combines the coefficients of channels, which must have the same degree.
 fn columns(channels: &[Vec<f64>]) -> Result<Coefficients, Flaw> {
     let rows = channels.first().map_or(0, Vec::len);
     if let Some(other) = channels.iter().find(|channel| channel.len() != rows) {

@@ -1,28 +1,28 @@
-//! SPHARM models in the files of other packages, and back.
+//! Export and import of SPHARM models to and from the files of other packages.
 //!
 //! A model's coefficients are real, orthonormal and without the Condon-Shortley phase, row `l^2 + l + m`. Every package
-//! has its own harmonics, order and file; [`Format`] names them. [`export()`] writes a model as one of them,
-//! [`import()`] reads it back. Both are exact but for rounding: numbers in text have 17 digits.
+//! has its own harmonics, order and file; [`Format`] lists them. [`export()`] writes a model in one of these formats,
+//! [`import()`] reads it back. Both are exact except for rounding: numbers in text have 17 digits.
 //!
 //! | format | coefficients | file |
 //! |---|---|---|
 //! | [`Pdm`](Format::Pdm) | factors of Re Y and Im Y with the phase, a degree's order 0 first | `.coef`, text |
 //! | [`Mat`](Format::Mat) | complex with the phase, `fvec` (K, 3) | `.mat`, MATLAB level 5 |
-//! | [`Pyshtools`](Format::Pyshtools) | `C` and `S`, orthonormal, or geodesy's 4 pi | text, a file a channel |
-//! | [`Healpy`](Format::Healpy) | complex with the phase, m from 0 | FITS, a table a channel |
+//! | [`Pyshtools`](Format::Pyshtools) | `C` and `S`, orthonormal, or geodesy's 4 pi | text, one file per channel |
+//! | [`Healpy`](Format::Healpy) | complex with the phase, m from 0 | FITS, one table per channel |
 //! | [`S2fft`](Format::S2fft) | complex with the phase, (c, L + 1, 2 L + 1) | `.npy` |
-//! | [`Ktch`](Format::Ktch) | as here, (c, K) | `.npy` |
-//! | [`Flowshape`](Format::Flowshape) | as here with the phase, (K, c) | `.npy` |
-//! | [`Aics`](Format::Aics) | `C` and `S` of 4 pi, named | JSON or CSV; written only |
-//! | [`Afni`](Format::Afni) | cosines, then sines, with the phase, a row a degree | text, a file a channel |
-//! | [`Csv`](Format::Csv), [`Json`](Format::Json) | as here | text |
+//! | [`Ktch`](Format::Ktch) | canonical, (c, K) | `.npy` |
+//! | [`Flowshape`](Format::Flowshape) | canonical with the phase, (K, c) | `.npy` |
+//! | [`Aics`](Format::Aics) | `C` and `S` normalised to 4 pi, named | JSON or CSV; export only |
+//! | [`Afni`](Format::Afni) | cosines, then sines, with the phase, one row per degree | text, one file per channel |
+//! | [`Csv`](Format::Csv), [`Json`](Format::Json) | canonical | text |
 //!
 //! # Modules
 //!
 //! | module | contents |
 //! |---|---|
-//! | [`convert`] | coefficients of other packages as arrays, and back |
-//! | `coef`, `mat`, `shtools`, `fits`, `npy`, `aics`, `beta`, `table` | a file format each |
+//! | [`convert`] | conversion of coefficients to and from the arrays of other packages |
+//! | `coef`, `mat`, `shtools`, `fits`, `npy`, `aics`, `beta`, `table` | one file format each |
 //! | `text` | numbers in text |
 //!
 //! # Example

@@ -1,7 +1,7 @@
-//! Text of SHTOOLS, a file a channel: lines `l, m, C_lm, S_lm` for m from 0 to l.
+//! Text of SHTOOLS, one file per channel: lines `l, m, C_lm, S_lm` for m from 0 to l.
 //!
-//! pyshtools reads it by `SHCoeffs.from_file(.., normalization="ortho", csphase=1)`. What the numbers mean isn't in the
-//! file.
+//! pyshtools reads it by `SHCoeffs.from_file(.., normalization="ortho", csphase=1)`. The file doesn't state its
+//! convention.
 
 use std::io::{self, Write};
 
@@ -12,7 +12,7 @@ use crate::flaw::Flaw;
 use crate::format::Normalization;
 use crate::text::{number, quoted, text};
 
-/// Highest degree that is read, far above any that harmonics here are evaluated to.
+/// Maximum degree that is read, far above any for which harmonics are evaluated here.
 const HIGHEST: usize = 20_000;
 
 pub(crate) fn write(
@@ -32,9 +32,9 @@ pub(crate) fn write(
     Ok(())
 }
 
-/// Reads the coefficients of a channel. Lines of anything but numbers before the first coefficient are taken for a
-/// header. From the lowest degree on, which other programs' files leave out where it is 0, every order must be there
-/// once: what is missing was lost.
+/// Reads the coefficients of a channel. Non-numeric lines before the first coefficient are treated as a header. From
+/// the lowest degree on (other programs' files omit degree 0 if it is 0) every order must occur exactly once, because a
+/// missing one indicates data loss.
 pub(crate) fn read(bytes: &[u8], normalization: Normalization) -> Result<Vec<f64>, Flaw> {
     let mut found: Vec<(usize, usize, [f64; 2])> = Vec::new();
     for (line, text) in text(bytes)?.lines().enumerate() {
@@ -46,7 +46,7 @@ pub(crate) fn read(bytes: &[u8], normalization: Normalization) -> Result<Vec<f64
             }
             return Err(Flaw::new(format!("degree and order on line {}", line + 1), quoted(text)));
         };
-        // More columns, such as errors, may follow.
+        // Further columns, such as errors, are ignored.
         let [_, _, cosine, sine, ..] = words[..] else {
             if found.is_empty() {
                 continue;
@@ -63,7 +63,7 @@ pub(crate) fn read(bytes: &[u8], normalization: Normalization) -> Result<Vec<f64
     }
     let highest = found.iter().map(|&(l, ..)| l).max();
     let highest = highest.ok_or_else(|| Flaw::new("lines l, m, C, S", "none"))?;
-    // A degree that is claimed takes its room only if there are about as many lines.
+    // Memory is allocated for a claimed degree only if the number of lines is consistent with it.
     if found.len() < highest {
         return Err(Flaw::new(format!("lines up to degree {highest}"), format!("{} lines", found.len())));
     }
@@ -83,7 +83,7 @@ pub(crate) fn read(bytes: &[u8], normalization: Normalization) -> Result<Vec<f64
     Ok(values)
 }
 
-/// Refuses coefficients of which an order is missing, as in a file that was cut off, or there twice.
+/// Rejects coefficients if an order is missing, as in a truncated file, or duplicated.
 fn check_whole(found: &[(usize, usize, [f64; 2])], highest: usize) -> Result<(), Flaw> {
     let mut orders: Vec<(usize, usize)> = found.iter().map(|&(l, m, _)| (l, m)).collect();
     orders.sort_unstable();
@@ -103,7 +103,7 @@ fn check_whole(found: &[(usize, usize, [f64; 2])], highest: usize) -> Result<(),
     }
 }
 
-/// Whether a text's first coefficient is a line of degree, order and two numbers.
+/// Returns whether a text's first coefficient is a line of degree, order and two numbers.
 pub(crate) fn is_shtools(text: &str) -> bool {
     let lines = text.lines().take(4).filter(|line| !line.trim_start().starts_with('#'));
     lines.map(|line| line.split(|c: char| c.is_whitespace() || c == ',').filter(|word| !word.is_empty()).collect()).any(

@@ -1,8 +1,8 @@
 //! Coefficients as text: a CSV table and a JSON object.
 //!
-//! The table is `l,m,x,y,z` (channels that aren't three: `l,m,c0,c1,...`) with canonical coefficients, or as `spharm
-//! fit --coefficients-csv` writes it, `l,m,x_re,x_im,...` with the complex ones of Shen and Chung. The object has
-//! `convention`, `max_degree`, `channels` and `coefficients`, a row a harmonic.
+//! The table is `l,m,x,y,z` with canonical coefficients (`l,m,c0,c1,...` unless there are three channels), or, as
+//! written by `spharm fit --coefficients-csv`, `l,m,x_re,x_im,...` with the complex ones of Shen and Chung. The object
+//! has `convention`, `max_degree`, `channels` and `coefficients`, one row per harmonic.
 
 use std::io::{self, Write};
 
@@ -35,7 +35,7 @@ pub(crate) fn write_csv(out: &mut dyn Write, a: &Coefficients) -> io::Result<()>
     Ok(())
 }
 
-/// Whether a text is such a table.
+/// Returns whether a text is such a table.
 pub(crate) fn is_csv(text: &str) -> bool {
     text.trim_start().starts_with("l,m,")
 }
@@ -79,7 +79,7 @@ pub(crate) fn read_csv(bytes: &[u8]) -> Result<Coefficients, Flaw> {
         .map_err(|_| Flaw::new("a row for each order of every degree", format!("{rows} rows, the last degree cut off")))
 }
 
-/// A row as it stands in the file, for messages.
+/// Returns a row as in the file, for messages.
 fn cells(record: &csv::StringRecord) -> String {
     quoted(&record.iter().collect::<Vec<_>>().join(","))
 }

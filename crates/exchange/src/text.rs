@@ -1,4 +1,4 @@
-//! Numbers in text.
+//! Reading and writing of numbers in text.
 
 use std::io::{self, Write};
 
@@ -19,7 +19,7 @@ pub(crate) fn write_row<'a>(
     Ok(())
 }
 
-/// Reads a finite number, also with Fortran's `D` for its exponent.
+/// Reads a finite number, which may have Fortran's `D` before its exponent.
 pub(crate) fn number(word: &str, line: usize) -> Result<f64, Flaw> {
     let parsed = word.parse().or_else(|_| word.replace(['d', 'D'], "e").parse());
     parsed
@@ -28,12 +28,12 @@ pub(crate) fn number(word: &str, line: usize) -> Result<f64, Flaw> {
         .ok_or_else(|| Flaw::new(format!("a number on line {line}"), quoted(word)))
 }
 
-/// A word of the file, for messages.
+/// Returns a quoted excerpt of a word of the file, for messages.
 pub(crate) fn quoted(word: &str) -> String {
     format!("{:?}", word.chars().take(40).collect::<String>())
 }
 
-/// The text of a file.
+/// Returns the contents of a file as text.
 pub(crate) fn text(bytes: &[u8]) -> Result<&str, Flaw> {
     let text = std::str::from_utf8(bytes).map_err(|error| Flaw::new("text", error))?;
     Ok(text.trim_start_matches('\u{feff}'))

@@ -1,4 +1,4 @@
-//! Every format there and back, its conventions by formula, and files that lie.
+//! Round trips of every format, its conventions by formula, and malformed files.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -26,7 +26,7 @@ fn read(path: &Path, format: Format) -> Result<Imported, ExchangeError> {
     import(&[path], &ImportOptions { format: Some(format), ..ImportOptions::default() })
 }
 
-/// A file of each format of a file a model.
+/// One file for each format with a single file per model.
 fn files(folder: &Path, degree: usize) -> Vec<(Format, PathBuf)> {
     let formats = Format::ALL.into_iter().filter(|format| *format != Format::Aics && !format.file_a_channel());
     let write = |format: Format| {
@@ -123,7 +123,7 @@ fn text_of_other_programs_is_read() {
         std::fs::write(&path, text).unwrap();
         path
     };
-    // A header, Fortran's exponents, errors in further columns, and no degree 0.
+    // A header, Fortran's exponents, errors in further columns, and a missing degree 0.
     let path = write("gravity.txt", "1738.0, 4902.8, 1\n1 0 1.0D+00 0 9 9\n1 1 2.5d-1, 3 9 9\n\n");
     let found = read(&path, Format::Pyshtools).unwrap();
     assert_eq!(found.coefficients.values().column(0).to_vec(), [0.0, 3.0, 1.0, 0.25]);
@@ -162,8 +162,8 @@ fn what_is_cut_short_is_an_error() {
         for length in (0..last).filter(|length| length % 7 == 0 || *length > last - 9) {
             std::fs::write(&path, &whole[..length]).unwrap();
             match read(&path, format) {
-                // A table's last number loses digits and stays one; a FITS file is one of fewer channels without its
-                // last tables, a CSV table one of a lower degree.
+                // A truncated last number of a table is still a number. Without its last tables a FITS file has fewer
+                // channels, and a truncated CSV table a lower degree.
                 Ok(found) => assert!(
                     length > last - 40
                         || (format == Format::Healpy && length >= 6000)
@@ -176,7 +176,7 @@ fn what_is_cut_short_is_an_error() {
     }
 }
 
-/// A MAT file with one compressed matrix of zeros, `claimed` bytes by its tags, `there` in fact.
+/// A MAT file with one compressed matrix of zeros, of `claimed` bytes by its tags, but actually `there` bytes.
 fn compressed(claimed: u32, there: usize) -> Vec<u8> {
     let number = u32::to_le_bytes;
     let mut matrix: Vec<u8> = [14, claimed, 6, 8, 6, 0, 5, 8].into_iter().flat_map(number).collect();

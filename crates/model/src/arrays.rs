@@ -1,4 +1,4 @@
-//! NumPy archives of named matrices and texts: what is computed of groups of models.
+//! NumPy archives of named matrices and texts, for the results of group analyses.
 
 use std::fs::File;
 use std::io::{BufReader, Write};
@@ -13,18 +13,18 @@ use crate::error::ModelError;
 use crate::npy::{Array, write_header, write_text};
 use crate::npz::{Archive, write_all};
 
-/// What an archive has under a name.
+/// A named entry of an archive.
 #[derive(Debug, Clone, Copy)]
 pub enum Entry<'a> {
     /// A matrix of f64.
     Matrix(ArrayView2<'a, f64>),
-    /// An array of f64 of three axes, such as the coefficients of models, (models, K, c).
+    /// An array of f64 with three axes, such as the coefficients of models, (models, K, c).
     Cube(ArrayView3<'a, f64>),
     /// A text.
     Text(&'a str),
 }
 
-/// Writes an archive, whole or not at all; replaces a file that is there if `overwrite`.
+/// Writes an archive atomically; replaces an existing file if `overwrite`.
 ///
 /// # Errors
 ///
@@ -53,7 +53,7 @@ pub fn write_arrays(path: &Path, overwrite: bool, entries: &[(&str, Entry<'_>)])
     Ok(())
 }
 
-/// An archive that is read.
+/// An archive opened for reading.
 pub struct Arrays {
     path: PathBuf,
     zip: ZipArchive<BufReader<File>>,
@@ -72,11 +72,11 @@ impl Arrays {
         Ok(Self { path: path.to_owned(), zip })
     }
 
-    /// Reads a matrix; a vector is one of a single column.
+    /// Reads a matrix; a vector is returned as a single column.
     ///
     /// # Errors
     ///
-    /// [`Invalid`](ModelError::Invalid) also where there is none of that name.
+    /// [`Invalid`](ModelError::Invalid), also if there is no entry of that name.
     pub fn matrix(&mut self, name: &str) -> Result<Array2<f64>, ModelError> {
         self.array(name, Array::matrix)
     }
@@ -85,7 +85,7 @@ impl Arrays {
     ///
     /// # Errors
     ///
-    /// [`Invalid`](ModelError::Invalid) also where there is none of that name.
+    /// [`Invalid`](ModelError::Invalid), also if there is no entry of that name.
     pub fn text(&mut self, name: &str) -> Result<String, ModelError> {
         self.array(name, Array::text)
     }

@@ -1,4 +1,4 @@
-//! What can go wrong with a model.
+//! The error type of this crate.
 
 use std::io;
 use std::path::PathBuf;
@@ -15,18 +15,18 @@ pub enum ModelError {
     Open {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         source: io::Error,
     },
-    /// A file that a model is made from can't be read.
+    /// An input file of a model can't be read.
     #[error("{}: {source}", .path.display())]
     Input {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         source: io::Error,
     },
-    /// Not a file, or one that holds no model.
+    /// The file isn't an archive or contains no valid model.
     #[error(
         "{}: not a SPHARM model: {problem}; expected a NumPy archive (.npz) with an array `coefficients`",
         .path.display()
@@ -37,7 +37,7 @@ pub enum ModelError {
         /// What is wrong.
         problem: String,
     },
-    /// A coefficient that is NaN or infinite is neither read nor written.
+    /// A coefficient is NaN or infinite; such models are neither read nor written.
     #[error("{}: coefficient {row} of channel {channel} is {value}; it must be finite", .path.display())]
     NonFinite {
         /// The file.
@@ -49,27 +49,27 @@ pub enum ModelError {
         /// The value.
         value: f64,
     },
-    /// A model without a sphere was asked for its own sampling.
+    /// The model's own sampling was requested, but it has no sphere.
     #[error("the model has no sphere of its own; give one to evaluate it on")]
     NoSphere,
     /// A degree above the model's.
     #[error("the model goes to degree {max_degree}, found {degree}")]
     DegreeTooHigh {
-        /// The degree asked for.
+        /// The requested degree.
         degree: usize,
         /// The model's highest degree.
         max_degree: usize,
     },
-    /// A surface was asked of a model that is none.
+    /// A surface was requested from the model of a signal.
     #[error("the model is of a signal of {channels} channels, not of a surface")]
     NotASurface {
-        /// Channels of the model.
+        /// Number of channels of the model.
         channels: usize,
     },
-    /// A surface was asked for on a sampling without triangles.
+    /// A surface was requested on a sampling without triangles.
     #[error("this sampling has no triangles; give a sphere that is a mesh")]
     NoTriangles,
-    /// A record of where the surface was cut that doesn't fit the sphere.
+    /// The record of the surface's cuts doesn't match the sphere.
     #[error("the model's record of where its surface was cut doesn't fit its sphere: {0}; fit the surface again")]
     Seam(String),
     /// The harmonics can't be evaluated.

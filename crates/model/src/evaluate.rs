@@ -1,4 +1,4 @@
-//! A model's values on any sphere, to any degree.
+//! Evaluation of a model on any sphere, to any degree.
 
 use ndarray::Array2;
 use spharm_harmonics::Directions;
@@ -10,7 +10,7 @@ use crate::geometry::Geometry;
 use crate::model::Model;
 
 impl Model {
-    /// Returns the values at directions, (n, c), with the degrees up to `degree`.
+    /// Returns the values at directions, (n, c), using the degrees up to `degree`.
     ///
     /// # Errors
     ///
@@ -23,11 +23,12 @@ impl Model {
         Ok(synthesis(directions, self.coefficients.up_to(degree))?)
     }
 
-    /// Returns the bytes that evaluating a model of so many channels to a degree takes over a sphere of so many
-    /// vertices and triangles, and writing what comes of it, the sphere and the result included.
+    /// Returns the bytes needed to evaluate a model of `channels` channels to a degree over a sphere of `vertices`
+    /// vertices and `faces` triangles, and to write the result, including the sphere and the result.
     ///
-    /// 24 a vertex and 12 a triangle for the sphere; the plan and the call of a transform, see [`Transform::bytes`]; 8
-    /// a value as it is computed, as it is in the mesh or signal, and while it is written; the triangles of the result.
+    /// 24 per vertex and 12 per triangle for the sphere; the plan and the call of a transform, see
+    /// [`Transform::bytes`]; 8 per value as computed, in the mesh or signal, and while it is written; the triangles of
+    /// the result.
     #[must_use]
     pub fn bytes_to_evaluate(vertices: u64, faces: u64, channels: usize, degree: usize) -> u64 {
         let params = TransformParams { max_degree: degree, accuracy: FINEST, channels: channels.clamp(1, 3) };
@@ -37,7 +38,7 @@ impl Model {
         arrays.saturating_add(transform)
     }
 
-    /// Returns the surface over a sphere, with the sphere's triangles and what is known of the input's volume.
+    /// Returns the surface over a sphere, with the sphere's triangles and the known metadata of the input's volume.
     ///
     /// # Errors
     ///
@@ -55,8 +56,8 @@ impl Model {
         Ok(Mesh { meta: self.meta(), ..Mesh::new(vertices, sphere.faces.clone()) })
     }
 
-    /// Returns the surface that was fitted, at its own vertices and with its own triangles. Of a surface that was cut
-    /// where it had handles, that is the surface as it was before: fillings are left out, seams are welded.
+    /// Returns the fitted surface, at its own vertices and with its own triangles. If handles of the surface were cut,
+    /// this is the surface before the cuts: fillings are left out, seams are welded.
     ///
     /// # Errors
     ///
@@ -81,11 +82,11 @@ impl Model {
         Ok(Signal::new(values.iter().copied().collect(), vertices, channels))
     }
 
-    /// Returns the sphere that it was fitted over.
+    /// Returns the sphere over which the model was fitted.
     ///
     /// # Errors
     ///
-    /// [`NoSphere`](ModelError::NoSphere) for a model of coefficients alone.
+    /// [`NoSphere`](ModelError::NoSphere) for a model without a sphere.
     pub fn own_sphere(&self) -> Result<&Sphere, ModelError> {
         self.sphere.as_ref().ok_or(ModelError::NoSphere)
     }
@@ -134,7 +135,7 @@ mod tests {
         let (faces, first) = (sphere.faces.len(), sphere.faces[0]);
         model.sphere = Some(sphere.clone());
         assert_eq!(model.reconstruct_original(2).unwrap().mesh, model.reconstruct(&sphere, 2).unwrap());
-        // The last vertex but one is a copy, the last one filling: so are the triangles there.
+        // The penultimate vertex is a copy, the last one filling; the removed triangles are filling too.
         sphere.faces.retain(|face| face.iter().all(|&v| v < 41));
         let own = sphere.faces.len();
         sphere.faces.push([first[0], first[1], 41]);

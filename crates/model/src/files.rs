@@ -10,7 +10,7 @@ use crate::model::Model;
 use crate::npz;
 
 impl Model {
-    /// Writes the model to a file that isn't there yet, whole or not at all.
+    /// Writes the model to a new file atomically.
     ///
     /// # Errors
     ///
@@ -20,11 +20,11 @@ impl Model {
         self.write_with(path, false)
     }
 
-    /// Writes the model, replacing a file that is there if `overwrite`.
+    /// Writes the model atomically; replaces an existing file if `overwrite`.
     ///
     /// # Errors
     ///
-    /// As [`write`](Self::write).
+    /// Those of [`write`](Self::write).
     pub fn write_with(&self, path: impl AsRef<Path>, overwrite: bool) -> Result<(), ModelError> {
         let path = path.as_ref();
         if let Some((row, channel, value)) = self.not_finite() {
@@ -33,7 +33,7 @@ impl Model {
         Ok(write_new(path, overwrite, |out| self.write_to(out))?)
     }
 
-    /// Writes the archive; `out` need not seek.
+    /// Writes the archive; `out` doesn't need to be seekable.
     ///
     /// # Errors
     ///
@@ -42,10 +42,10 @@ impl Model {
         npz::write(self, out)
     }
 
-    /// Reads a model: any NumPy archive that has an array `coefficients`.
+    /// Reads a model: any NumPy archive with an array `coefficients`.
     ///
     /// Its values may be f32 or f64, in C or Fortran order, stored or deflated. `max_degree` and `convention` are
-    /// checked where they are there. Directions need not have length 1.
+    /// verified if present. Directions need not have length 1.
     ///
     /// # Errors
     ///
@@ -56,7 +56,7 @@ impl Model {
         npz::read(path, BufReader::new(spharm_files::open(path).map_err(open)?))
     }
 
-    /// Reads a model from the bytes of an archive, as [`read`](Self::read) does from a file.
+    /// Reads a model from the bytes of an archive, like [`read`](Self::read) from a file.
     ///
     /// # Errors
     ///

@@ -1,42 +1,42 @@
-//! Where a surface lies in its volume, as its file said it: kept in a model, so that a reconstruction says it again.
-//! Who made the file and when isn't kept.
+//! Position of a surface in its volume, as stated by its file: kept in a model, and written again with a
+//! reconstruction. The file's author and date aren't kept.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde::{Deserialize, Serialize};
 use spharm_surface::{CoordinateSystem, Meta};
 
-/// The metadata of a surface's file. Positions are as stored: none of this has been applied to them.
+/// The metadata of a surface's file. Positions are as stored: none of these transforms has been applied to them.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Geometry {
-    /// GIfTI metadata of the file as a whole, but for `Date` and `UserName`: (name, value).
+    /// GIfTI metadata of the entire file, except `Date` and `UserName`: (name, value).
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub file_metadata: Vec<(String, String)>,
-    /// GIfTI metadata of the point set, such as `VolGeomC_R`, but for `Date` and `UserName`: (name, value).
+    /// GIfTI metadata of the point set, such as `VolGeomC_R`, except `Date` and `UserName`: (name, value).
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub surface_metadata: Vec<(String, String)>,
     /// GIfTI's `CoordinateSystemTransformMatrix`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub coordinate_system: Option<Transform>,
-    /// What follows a FreeSurfer file's triangles, in base64.
+    /// The bytes after a FreeSurfer file's triangles, in base64.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub freesurfer_footer: Option<String>,
 }
 
-/// A transform from the positions as stored to another space.
+/// A transform from the stored positions to another space.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Transform {
-    /// The space of the positions as stored.
+    /// The space of the stored positions.
     pub data_space: String,
-    /// The space that `matrix` leads to.
+    /// The space of the transformed positions.
     pub transformed_space: String,
     /// Rows of a 4 x 4 matrix.
     pub matrix: [[f64; 4]; 4],
 }
 
 impl Geometry {
-    /// Returns what a file said; `None` where it said nothing.
+    /// Returns the metadata of a file; `None` if it has none.
     #[must_use]
     pub fn of(meta: &Meta) -> Option<Self> {
         let geometry = Self {
@@ -52,7 +52,7 @@ impl Geometry {
         (geometry != Self::default()).then_some(geometry)
     }
 
-    /// Returns it as a mesh has it. A footer that isn't base64 is left out.
+    /// Returns the metadata in the form of a mesh. A footer that isn't valid base64 is left out.
     #[must_use]
     pub fn to_meta(&self) -> Meta {
         Meta {
@@ -70,7 +70,7 @@ impl Geometry {
     }
 }
 
-/// Metadata without the entries for who made a file, and when, by their standard names.
+/// Returns metadata without the standard entries for a file's author and date.
 fn without_maker(metadata: &[(String, String)]) -> Vec<(String, String)> {
     metadata.iter().filter(|(name, _)| !["Date", "UserName"].contains(&name.as_str())).cloned().collect()
 }

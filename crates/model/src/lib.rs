@@ -1,4 +1,4 @@
-//! SPHARM models: the coefficients of a fit, the sphere they belong to, and how they were made.
+//! SPHARM models: the coefficients of a fit, its sphere, and its provenance.
 //!
 //! A model is a NumPy archive, `NAME.spharm.npz`:
 //!
@@ -7,15 +7,15 @@
 //! | `coefficients` | f64 (K, c) | canonical coefficients, row `l^2 + l + m`, in the input's unit |
 //! | `max_degree` | i64 () | L, with K = (L + 1)^2 |
 //! | `convention` | text () | [`CONVENTION`] |
-//! | `faces` | i32 (F, 3) | triangles of the sphere, counted from 0; none when it was a list of angles |
+//! | `faces` | i32 (F, 3) | triangles of the sphere, indexed from 0; none if the sphere was a list of angles |
 //! | `directions` | f64 (n, 3) | unit vectors of the sampling |
-//! | `cut_from` | i64 (2,) | of a surface that was cut where it had handles: its vertices and triangles, the first ones of the sphere; see `Seam` of `spharm-surface` |
-//! | `seam` | i32 (k,) | with `cut_from`: the vertices that the sphere's next k vertices are copies of; the rest is filling |
+//! | `cut_from` | i64 (2,) | for a surface whose handles were cut: its original numbers of vertices and triangles, which are the first ones of the sphere; see `Seam` of `spharm-surface` |
+//! | `seam` | i32 (k,) | with `cut_from`: the vertices of which the sphere's next k vertices are copies; the rest is filling |
 //! | `scheme_key` | text () | key of the sampling scheme in a basis store |
-//! | `provenance` | text () | JSON: how it was made, see [`Provenance`] |
+//! | `provenance` | text () | JSON: origin of the model, see [`Provenance`] |
 //!
-//! The bytes depend on the contents alone: they have no times and no names of machines or users, but for those in the
-//! paths of input and sphere, which are kept as given. Only `coefficients` is needed to read one, so that a mean of
+//! The bytes depend on the contents only: they include no times and no names of machines or users, except those in the
+//! paths of input and sphere, which are kept as given. Only `coefficients` is required for reading, so that a mean of
 //! models is a model: `numpy.savez_compressed("mean.npz", coefficients=mean)`.
 //!
 //! # Modules
@@ -24,7 +24,7 @@
 //! |---|---|
 //! | [`Model`] | the model; evaluation on any sphere, to any degree |
 //! | [`provenance`] | input, sphere and settings |
-//! | [`geometry`] | where a surface lies in its volume, kept from the input to the reconstruction |
+//! | [`geometry`] | position of a surface in its volume, preserved from the input to the reconstruction |
 //! | [`arrays`] | archives of named matrices: groups of models |
 //! | [`csv`] | the paper's complex coefficients as a table |
 //! | [`npy`] | NumPy's array files |

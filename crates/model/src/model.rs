@@ -5,7 +5,7 @@ use spharm_surface::{Kind, Sphere};
 
 use crate::provenance::Provenance;
 
-/// What `convention` says in every model.
+/// Value of `convention` in every model.
 pub const CONVENTION: &str = "real orthonormal, no Condon-Shortley phase, row l^2 + l + m, sin(m phi) for negative m";
 
 /// A fitted model.
@@ -13,22 +13,22 @@ pub const CONVENTION: &str = "real orthonormal, no Condon-Shortley phase, row l^
 pub struct Model {
     /// Canonical coefficients, (K, c), finite, in the input's unit.
     pub coefficients: Coefficients,
-    /// The sampling that it was fitted over; none for a model of coefficients alone.
+    /// The sampling over which the model was fitted; `None` for a model of coefficients alone.
     pub sphere: Option<Sphere>,
     /// Key of the sampling scheme in a basis store: 64 hexadecimal digits.
     pub scheme_key: Option<String>,
-    /// How it was made.
+    /// Origin of the model.
     pub provenance: Provenance,
 }
 
-/// What a model has beside its sphere: the result of a fit, or coefficients of unknown origin.
+/// The contents of a model except its sphere: the result of a fit, or coefficients of unknown origin.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fitted {
     /// Canonical coefficients, (K, c).
     pub coefficients: Coefficients,
     /// Key of the sampling scheme in a basis store.
     pub scheme_key: Option<String>,
-    /// How they were found.
+    /// Origin of the coefficients.
     pub provenance: Provenance,
 }
 
@@ -39,7 +39,7 @@ impl From<Coefficients> for Fitted {
 }
 
 impl Model {
-    /// Returns the model of a fit over a sphere, or of coefficients that belong to one.
+    /// Returns the model of a fit over a sphere, or of coefficients with a sphere.
     #[must_use]
     pub fn new(sphere: Sphere, fitted: impl Into<Fitted>, kind: Kind) -> Self {
         let mut model = Self::without_sphere(fitted, kind);
@@ -49,7 +49,7 @@ impl Model {
         model
     }
 
-    /// Returns a model that has no sampling of its own: it is evaluated on any sphere.
+    /// Returns a model without its own sampling, which can be evaluated on any sphere.
     #[must_use]
     pub fn without_sphere(fitted: impl Into<Fitted>, kind: Kind) -> Self {
         let Fitted { coefficients, scheme_key, provenance } = fitted.into();
@@ -57,14 +57,14 @@ impl Model {
         Self { coefficients, sphere: None, scheme_key, provenance }
     }
 
-    /// Returns what the channels are: x, y and z where there are three of them, unless the provenance says otherwise.
+    /// Returns the meaning of the channels: x, y and z if there are three, unless the provenance states otherwise.
     #[must_use]
     pub fn kind(&self) -> Kind {
         let surface = self.coefficients.channels() == 3 && self.provenance.surface.unwrap_or(true);
         if surface { Kind::Surface } else { Kind::Signal }
     }
 
-    /// Row, channel and value of the first coefficient that isn't finite.
+    /// Returns row, channel and value of the first coefficient that isn't finite.
     pub(crate) fn not_finite(&self) -> Option<(usize, usize, f64)> {
         let mut values = self.coefficients.values().indexed_iter();
         values.find(|(_, value)| !value.is_finite()).map(|((row, channel), &value)| (row, channel, value))

@@ -1,7 +1,7 @@
-//! NumPy's array files (`.npy`), as far as models and other packages' coefficients need them.
+//! NumPy's array files (`.npy`), to the extent required for models and other packages' coefficients.
 //!
-//! Read are versions 1 to 3, numbers of 32 and 64 bits in either byte order, complex ones of twice that, text of UCS-4,
-//! C and Fortran order. Sizes are held against the bytes that can be there before anything is allocated for them.
+//! Supported are versions 1 to 3, numbers of 32 and 64 bits in either byte order, complex ones of twice that, text in
+//! UCS-4, and C and Fortran order. Sizes are validated against the available bytes before any allocation.
 //!
 //! Source: NumPy Enhancement Proposal 1, and `numpy.lib.format`.
 
@@ -12,12 +12,12 @@ use num_complex::Complex64;
 use spharm_surface::io::check_room;
 use spharm_surface::npy::{Header, MAGIC};
 
-/// What is wrong with an array file.
+/// The problem of an array file.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct NpyError(String);
 
-/// An array as it was read.
+/// An array read from a file.
 #[derive(Debug, Clone)]
 pub struct Array {
     header: Header,
@@ -25,11 +25,11 @@ pub struct Array {
 }
 
 impl Array {
-    /// Reads the bytes of a file that holds one array and nothing else.
+    /// Reads the bytes of a file that contains exactly one array.
     ///
     /// # Errors
     ///
-    /// For anything else, also where the shape doesn't fit the length.
+    /// Any other contents, including a shape that doesn't match the length.
     pub fn from_bytes(mut bytes: &[u8]) -> Result<Self, NpyError> {
         let most = bytes.len() as u64;
         Self::read(&mut bytes, most).map_err(NpyError)
@@ -47,11 +47,11 @@ impl Array {
         self.header.kind == 'c'
     }
 
-    /// Returns the values as complex numbers, of any number of axes.
+    /// Returns the values as complex numbers; the array may have any number of axes.
     ///
     /// # Errors
     ///
-    /// Where they aren't numbers of 32 or 64 bits.
+    /// The values aren't numbers of 32 or 64 bits.
     pub fn complex(&self) -> Result<ArrayD<Complex64>, NpyError> {
         let numbers = self.numbers().map_err(NpyError)?;
         let values = if self.is_complex() {
@@ -70,12 +70,12 @@ impl Array {
         if count > most {
             return Err(format!("its shape doesn't fit its length: {count} bytes of values, of {most} that can be"));
         }
-        // The bytes, the numbers made of them, and those in the order of rows; of complex ones the parts as well.
+        // The bytes, the parsed numbers, and those in row order; for complex numbers also their parts.
         let each = if header.kind == 'c' { 48 } else { 16 };
         let numbers = header.count().map_or(u64::MAX, |values| values.saturating_mul(each));
         check_room(count.saturating_add(numbers)).map_err(|room| format!("its values take {room}"))?;
         let mut bytes = Vec::new();
-        // One more, so that the archive's checksum is compared, which it is at the end.
+        // Reads one byte more to reach the end, at which the archive's checksum is verified.
         input.take(count + 1).read_to_end(&mut bytes).map_err(|error| error.to_string())?;
         if bytes.len() as u64 != count {
             return Err("its shape doesn't fit its length".to_owned());
@@ -94,7 +94,7 @@ impl Array {
             };
             array.bytes.as_chunks().0.iter().copied().map(in_order).collect()
         }
-        // A complex number is two, the real part first.
+        // A complex number is stored as two, the real part first.
         Ok(match (self.header.kind, self.header.size) {
             ('c', 16) => all(self, f64::from_le_bytes),
             ('c', 8) => all(self, |b| f32::from_le_bytes(b).into()),
@@ -108,7 +108,7 @@ impl Array {
         })
     }
 
-    /// Returns a matrix; a vector is one of a single column.
+    /// Returns a matrix; a vector is returned as a single column.
     pub(crate) fn matrix(&self) -> Result<Array2<f64>, String> {
         if self.is_complex() {
             return Err("complex values; expected real ones".to_owned());
@@ -122,7 +122,7 @@ impl Array {
         Ok(matrix.map_err(|error| error.to_string())?.as_standard_layout().into_owned())
     }
 
-    /// Returns the only value.
+    /// Returns the value of an array with a single element.
     pub(crate) fn scalar(&self) -> Result<f64, String> {
         match self.numbers()?[..] {
             [value] => Ok(value),
@@ -163,16 +163,16 @@ pub fn write_complex(out: &mut dyn Write, array: &ArrayViewD<'_, Complex64>) -> 
     array.iter().flat_map(|x| [x.re, x.im]).try_for_each(|x| out.write_all(&x.to_le_bytes()))
 }
 
-/// A shape as Python writes it.
+/// Formats a shape as a Python tuple.
 fn tuple(shape: &[usize]) -> String {
     let lengths: String = shape.iter().map(|n| format!("{n},")).collect();
     format!("({lengths})")
 }
 
-/// Writes an array's header, version 1.
+/// Writes an array's header in version 1.
 pub(crate) fn write_header(out: &mut dyn Write, descr: &str, shape: &str) -> io::Result<()> {
     let mut header = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}");
-    // Up to the values it has a multiple of 64 bytes, and it ends in a new line.
+    // Padded such that the values start at a multiple of 64 bytes; the header ends with a newline.
     let before = MAGIC.len() + 4;
     let length = (before + header.len() + 1).next_multiple_of(64) - before;
     header.extend(std::iter::repeat_n(' ', length - header.len() - 1));
@@ -184,9 +184,9 @@ pub(crate) fn write_header(out: &mut dyn Write, descr: &str, shape: &str) -> io:
     out.write_all(header.as_bytes())
 }
 
-/// Writes a text as `numpy.array("text")` is stored: shape (), UCS-4.
+/// Writes a text in the form in which NumPy stores `numpy.array("text")`: shape (), UCS-4.
 pub(crate) fn write_text(out: &mut dyn Write, text: &str) -> io::Result<()> {
-    // NumPy has no texts of length 0.
+    // NumPy doesn't support texts of length 0.
     write_header(out, &format!("<U{}", text.chars().count().max(1)), "()")?;
     for character in text.chars().chain(text.is_empty().then_some('\0')) {
         out.write_all(&u32::from(character).to_le_bytes())?;

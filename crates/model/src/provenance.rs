@@ -1,6 +1,6 @@
-//! How a model was made: input, sphere, settings.
+//! Origin of a model: input, sphere, settings.
 //!
-//! It holds what a program needs to tell whether a model that it finds is the one it would make.
+//! It contains the information needed to decide whether an existing model is up to date.
 
 use std::fmt;
 use std::io;
@@ -14,7 +14,7 @@ use spharm_surface::range::times_within;
 use crate::error::ModelError;
 use crate::geometry::Geometry;
 
-/// How a model was made. As JSON it is an object of the fields of this and of [`Settings`].
+/// Origin of a model. In JSON it is an object with the fields of this and of [`Settings`].
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Provenance {
@@ -24,16 +24,16 @@ pub struct Provenance {
     /// Versions of the software.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub versions: Option<Versions>,
-    /// What the surface is called in the table of a study, where it is from one.
+    /// Name of the surface in a study's table, if it belongs to one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub id: Option<String>,
-    /// The file of the surface or signal that was fitted; unknown in models of version 0.1.
+    /// The file of the fitted surface or signal; unknown in models of version 0.1.
     #[serde(deserialize_with = "record")]
     pub input: Option<FileRecord>,
-    /// The mask or label of the vertices whose values were read, where the others were continued from its edge.
+    /// The mask or label of the vertices whose values were read, if the others were extrapolated from its edge.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub region: Option<FileRecord>,
-    /// The sphere's file, as it was given. Its directions have the model's scheme key.
+    /// The sphere's file, as given. The model's scheme key is that of its directions.
     pub sphere: Option<String>,
     /// Whether the sphere was made for this surface.
     pub parametrized: bool,
@@ -48,50 +48,50 @@ pub struct Provenance {
     pub distances: Option<Distances>,
     /// GIfTI's `AnatomicalStructurePrimary`, such as `CortexLeft`.
     pub anatomical_structure_primary: Option<String>,
-    /// Size of the voxels along x, y and z, in mm, where it was given in place of what the volume's file says.
+    /// Size of the voxels along x, y and z, in mm, if it was given to override the volume file's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub voxel_size: Option<[f64; 3]>,
-    /// Whether a label or mesh was to be repaired, also where there was nothing to repair.
+    /// Whether the repair of a label or mesh was requested, even if it had no effect.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub fix: bool,
-    /// Whether handles were to be cut, also where there were none.
+    /// Whether the cutting of handles was requested, even if there were none.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub cut_handles: bool,
-    /// What was changed in a label before its surface was taken, where that wasn't of genus zero; or in a mesh.
+    /// Changes made to a label of nonzero genus before extracting its surface, or to a mesh.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub repair: Option<Map<String, Value>>,
-    /// What was cut and filled, where the surface had handles: genus, loops, areas.
+    /// Cuts and fillings, if the surface had handles: genus, loops, areas.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub handles: Option<Map<String, Value>>,
-    /// Where the input lies in its volume.
+    /// Position of the input in its volume.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub geometry: Option<Geometry>,
-    /// Fields of the JSON that aren't any of the above, kept as they are.
+    /// Fields of the JSON other than the above, preserved unchanged.
     #[serde(flatten)]
     pub other: Map<String, Value>,
 }
 
-/// Versions that a result may depend on.
+/// Versions on which a result may depend.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Versions {
-    /// The library and its programs.
+    /// Version of the library and its programs.
     pub spharm: String,
-    /// The store's format.
+    /// Version of the store's format.
     pub store_format: u32,
     /// Operating system and processor.
     pub platform: (String, String),
 }
 
-/// A file that a model was made from.
+/// An input file of a model.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FileRecord {
-    /// Its path, as it was given.
+    /// Its path, as given.
     pub path: String,
-    /// Its size.
+    /// Its size in bytes.
     pub bytes: u64,
     /// The BLAKE3 hash of its contents: 64 hexadecimal digits.
     pub blake3: String,
-    /// Of a volume, the label that the surface was made of.
+    /// For a volume, the label from which the surface was extracted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub label: Option<i64>,
 }
@@ -108,7 +108,7 @@ impl FileRecord {
     ///
     /// # Errors
     ///
-    /// [`Input`](ModelError::Input) where there is no such file, or no regular one, and when it can't be read.
+    /// [`Input`](ModelError::Input) if the file doesn't exist, isn't a regular file or can't be read.
     pub fn of(path: &Path) -> Result<Self, ModelError> {
         let refuse = |source: io::Error| {
             let is_missing = source.kind() == io::ErrorKind::NotFound;
@@ -121,61 +121,61 @@ impl FileRecord {
         Ok(Self { path: path.to_string_lossy().into_owned(), bytes, blake3, label: None })
     }
 
-    /// Returns whether two files have the same contents, whatever they are called, and the same label is meant.
+    /// Returns whether two files have the same contents, regardless of their names, and the same label is used.
     #[must_use]
     pub fn same_contents(&self, other: &Self) -> bool {
         (self.bytes, &self.blake3, self.label) == (other.bytes, &other.blake3, other.label)
     }
 }
 
-/// The settings that a model depends on.
+/// The settings on which a model depends.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Settings {
     /// `lsq`, `irf`, `sirf`, `mirf`, `nlsf` or `quadrature`.
     pub method: String,
-    /// What was fitted: `surface`, `vertices`, or `samples` that moments are of; unknown in models of version 0.1,
-    /// which are of the vertices.
+    /// The objective of the fit: `surface`, `vertices`, or `samples` for moments; unknown in models of version 0.1,
+    /// which were fitted to the vertices.
     #[serde(default, alias = "target")]
     pub objective: Option<String>,
-    /// Area distortion that was allowed to the map of a mesh without a sphere, where it was given.
+    /// Allowed area distortion of the map of a mesh without a sphere, if given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub area: Option<f64>,
-    /// Passes over the basis.
+    /// Number of passes over the basis.
     pub passes: usize,
-    /// Most columns of a block, g, for the methods that have it.
+    /// Maximum number of columns of a block, g, for the methods that have one.
     pub granularity: Option<usize>,
-    /// Last degree of the first block, s, for the methods that have it.
+    /// Last degree of the first block, s, for the methods that have one.
     pub start_degree: Option<usize>,
     /// Whether pairs of passes were accelerated by conjugate gradients.
     #[serde(default)]
     pub accelerate: bool,
     /// `uniform`, `area`, or the file of the weights.
     pub weights: String,
-    /// Of weights from a file, a BLAKE3 hash of their values: 64 hexadecimal digits.
+    /// For weights from a file, a BLAKE3 hash of their values: 64 hexadecimal digits.
     #[serde(default)]
     pub weights_blake3: Option<String>,
-    /// Fraction of the vertices that was held out.
+    /// Fraction of the vertices held out.
     #[serde(default)]
     pub hold_out: Option<f64>,
-    /// Optimality that was asked for; unknown in models of version 0.1.
+    /// Requested optimality; unknown in models of version 0.1.
     #[serde(default)]
     pub tolerance: Option<f64>,
-    /// Most iterations, for the methods that iterate.
+    /// Maximum number of iterations, for iterative methods.
     #[serde(default)]
     pub max_iterations: Option<usize>,
-    /// Preconditioner that was asked for, for the methods that have one.
+    /// Requested preconditioner, for the methods that have one.
     #[serde(default)]
     pub preconditioner: Option<String>,
-    /// Optimality that was reached, for the methods that have a tolerance.
+    /// Optimality reached, for the methods that have a tolerance.
     #[serde(default)]
     pub optimality: Option<f64>,
-    /// Whether the iterations ended as they should, for the methods that iterate.
+    /// Whether the iterations converged, for iterative methods.
     #[serde(default)]
     pub converged: Option<bool>,
     /// How lambda was chosen: `default`, `fixed` or `auto`; unknown in models of version 0.1.
     #[serde(default)]
     pub smoothness_choice: Option<String>,
-    /// Smoothness penalty, lambda, that was used.
+    /// The smoothness penalty used, lambda.
     pub smoothness: f64,
     /// Scalar type of the basis: `f64` or `f32`.
     pub dtype: String,
@@ -184,7 +184,8 @@ pub struct Settings {
 /// Mean and maximal squared distance of a model from its target; msd and xsd with the bounding box scaled to volume 1.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Distances {
-    /// Whether these were found after the passes asked for, by one more that removes what rounding had left.
+    /// Whether these distances include an additional pass after the requested ones, which removes the remaining
+    /// rounding.
     pub refinement: bool,
     /// Mean squared distance; none for what has no volume.
     pub msd: Option<f64>,
@@ -194,7 +195,8 @@ pub struct Distances {
     pub msd_raw: f64,
     /// Maximal squared distance, in the input's unit squared.
     pub xsd_raw: f64,
-    /// Root of `msd_raw`, in the input's unit, where the square leaves the range of f64; `msd_raw` is at its end then.
+    /// Root of `msd_raw`, in the input's unit, if the square overflows or underflows f64, in which case `msd_raw` is
+    /// clamped.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rms_raw: Option<f64>,
     /// Root of `xsd_raw`, likewise.
@@ -203,7 +205,7 @@ pub struct Distances {
 }
 
 impl Distances {
-    /// Returns the distances of a mean and a maximal square, in the input's unit squared, for a surface whose bounding
+    /// Returns the distances for a mean and a maximal square, in the input's unit squared, of a surface whose bounding
     /// box has the volume `scale^3`.
     #[must_use]
     pub fn new(mean_square: f64, max_square: f64, refinement: bool, scale: Option<f64>) -> Self {
@@ -231,7 +233,7 @@ impl Distances {
         self.max_raw.unwrap_or_else(|| self.xsd_raw.sqrt())
     }
 
-    /// Returns the distances where the input is 2^exponent times as large.
+    /// Returns the distances for an input scaled by 2^exponent.
     #[must_use]
     pub fn times(self, exponent: i32) -> Self {
         if exponent == 0 {
@@ -248,21 +250,20 @@ impl Distances {
 }
 
 impl Provenance {
-    /// Returns what a model's JSON says. Text that isn't such JSON gives an empty provenance: it decides nothing about
-    /// the coefficients.
+    /// Parses a model's JSON. Invalid text gives an empty provenance, because the coefficients don't depend on it.
     #[must_use]
     pub fn parse(json: &str) -> Self {
         serde_json::from_str(json).unwrap_or_default()
     }
 
-    /// Takes over what a surface's file said.
+    /// Takes over the metadata of a surface's file.
     pub fn set_meta(&mut self, meta: &Meta) {
         self.anatomical_structure_primary.clone_from(&meta.anatomical_structure_primary);
         self.geometry = Geometry::of(meta);
     }
 }
 
-/// A record; `None` for a bare name, as in models of version 0.1.
+/// Reads a record; `None` for a bare name, as in models of version 0.1.
 fn record<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<FileRecord>, D::Error> {
     #[derive(Deserialize)]
     #[serde(untagged)]
@@ -326,7 +327,7 @@ mod tests {
         assert_eq!(Provenance::parse("{}").settings, None);
     }
 
-    /// As version 0.1 wrote it.
+    /// In the form of version 0.1.
     #[test]
     fn an_old_model_is_understood() {
         let json = r#"{"tool":"fit","versions":{"spharm":"0.1.0","store_format":1,"platform":["linux","x86_64"]},

@@ -1,12 +1,13 @@
-//! SPHARM-MAT's models: `fvec` (K, 3) complex, and where there is a sphere `vertices`, `faces` from 1 and `sph_verts`.
+//! SPHARM-MAT's models: `fvec` (K, 3) complex, and with a sphere also `vertices`, `faces` from 1 and `sph_verts`.
 //!
 //! | file | contents |
 //! |---|---|
 //! | `write` | MAT files of level 5, uncompressed |
 //! | `read` | the same, in either byte order, compressed or not, numbers of any type |
 //!
-//! A file is a header of 128 bytes and elements; an element is its type, its bytes' count, and the bytes, padded to
-//! eight. A matrix is an element of elements: flags, dimensions, name, real parts, imaginary parts, by columns.
+//! A file is a header of 128 bytes followed by elements; an element is its type, its size in bytes, and the bytes,
+//! padded to a multiple of eight. A matrix is an element that contains elements: flags, dimensions, name, real parts,
+//! imaginary parts, column by column.
 //!
 //! Source: "MAT-File Format", MathWorks.
 
@@ -23,7 +24,7 @@ use read::Matrix;
 pub(crate) use read::is_mat;
 pub(crate) use write::{Surface, write};
 
-/// Reads `fvec`, and the sphere where there is one.
+/// Reads `fvec`, and the sphere if there is one.
 pub(crate) fn read(bytes: &[u8]) -> Result<(Coefficients, Option<Sphere>), Flaw> {
     let [fvec, sph_verts, faces] = read::matrices(bytes, ["fvec", "sph_verts", "faces"])?;
     let fvec = fvec.ok_or_else(|| Flaw::new("a matrix `fvec`", "none"))?;

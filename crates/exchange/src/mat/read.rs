@@ -1,7 +1,7 @@
-//! Reading MAT files of level 5.
+//! Reader of MAT files of level 5.
 //!
-//! Nothing is allocated for what a count says beyond the bytes that are there; a compressed matrix is inflated only if
-//! it is wanted, and not beyond what deflate can make of its bytes or [`LARGEST`].
+//! Nothing is allocated beyond the bytes present, whatever a count claims. A compressed matrix is inflated only if it
+//! is requested, and to no more than deflate can produce from its bytes or [`LARGEST`].
 
 use std::io::Read;
 
@@ -14,23 +14,22 @@ use crate::flaw::Flaw;
 const COMPRESSED: u32 = 15;
 const MATRIX: u32 = 14;
 const COMPLEX: u32 = 1 << 11;
-/// Most bytes that a compressed matrix is inflated to: 4 million vertices, or coefficients of degree 1,400, each three
-/// times.
+/// Maximum size in bytes of an inflated matrix: 4 million vertices, or coefficients of degree 1,400, each three times.
 const LARGEST: u64 = 256 << 20;
-/// Flags, dimensions and name of a matrix are before this.
+/// Number of bytes that contain flags, dimensions and name of a matrix.
 const HEAD: u64 = 512;
 
-/// Whether bytes begin as a MAT file does.
+/// Returns whether bytes begin like a MAT file.
 pub(crate) fn is_mat(bytes: &[u8]) -> bool {
     bytes.starts_with(b"MATLAB ")
 }
 
-/// A matrix as it was read, by columns.
+/// A matrix, stored by columns.
 pub(super) struct Matrix {
     pub(super) rows: usize,
     pub(super) columns: usize,
     re: Vec<f64>,
-    /// None of a real one.
+    /// Empty for a real matrix.
     im: Vec<f64>,
 }
 
@@ -59,11 +58,11 @@ impl Order {
         Some(if self.big { u32::from_be_bytes(bytes) } else { u32::from_le_bytes(bytes) })
     }
 
-    /// Takes an element off the front: its type and its bytes.
+    /// Takes the first element: its type and its bytes.
     fn element<'a>(self, bytes: &mut &'a [u8]) -> Result<(u32, &'a [u8]), Flaw> {
         let cut = || Flaw::new("an element", "the end of the file");
         let tag = self.number(bytes).ok_or_else(cut)?;
-        // Up to four bytes are with their tag: the count is in the upper half of the type.
+        // Up to four bytes are stored in the tag: the size is in the upper half of the type.
         let (kind, length, from) = match tag >> 16 {
             0 => (tag, self.number(bytes.get(4..).unwrap_or_default()).ok_or_else(cut)? as usize, 8),
             small => (tag & 0xffff, small as usize, 4),
@@ -75,7 +74,7 @@ impl Order {
         let found = found.ok_or_else(|| {
             Flaw::new(format!("an element of {length} bytes"), format!("{} bytes", bytes.len().saturating_sub(from)))
         })?;
-        // Compressed elements aren't padded; the last one may lack its padding.
+        // Compressed elements aren't padded; the padding of the last element may be missing.
         let end = if from == 4 {
             8
         } else if kind == COMPRESSED {
@@ -88,7 +87,7 @@ impl Order {
     }
 }
 
-/// Reads the matrices of these names, as far as they are there.
+/// Reads the matrices of the given names that are present.
 pub(super) fn matrices<const N: usize>(bytes: &[u8], names: [&str; N]) -> Result<[Option<Matrix>; N], Flaw> {
     let head = bytes.get(..128).ok_or_else(|| Flaw::new("a header of 128 bytes", format!("{} bytes", bytes.len())))?;
     if head.starts_with(b"MATLAB 7.3") {
@@ -120,7 +119,7 @@ pub(super) fn matrices<const N: usize>(bytes: &[u8], names: [&str; N]) -> Result
     Ok(found)
 }
 
-/// Inflates a compressed matrix whose name is wanted; of others only what has the name.
+/// Inflates a compressed matrix if its name is requested; for other matrices only the start that contains the name.
 fn inflate(order: Order, contents: &[u8], names: &[&str]) -> Result<Vec<u8>, Flaw> {
     let wrong = |error: std::io::Error| Flaw::new("a compressed matrix", error);
     let mut decoder = ZlibDecoder::new(contents);
@@ -143,7 +142,7 @@ fn inflate(order: Order, contents: &[u8], names: &[&str]) -> Result<Vec<u8>, Fla
     Ok(matrix)
 }
 
-/// The name of a matrix: its third element.
+/// Returns the name of a matrix: its third element.
 fn name(order: Order, mut matrix: &[u8]) -> Option<&[u8]> {
     for _ in 0..2 {
         order.element(&mut matrix).ok()?;
@@ -154,7 +153,7 @@ fn name(order: Order, mut matrix: &[u8]) -> Option<&[u8]> {
 fn parse(order: Order, mut matrix: &[u8], name: &str) -> Result<Matrix, Flaw> {
     let (_, flags) = order.element(&mut matrix)?;
     let flags = order.number(flags).ok_or_else(|| Flaw::new("flags", "none"))?;
-    // Classes 6 to 15 are full matrices of numbers.
+    // Classes 6 to 15 are full numeric matrices.
     if !(6..=15).contains(&(flags & 0xff)) {
         return Err(Flaw::new(format!("{name}: a full matrix of numbers"), format!("class {}", flags & 0xff)));
     }
@@ -167,7 +166,7 @@ fn parse(order: Order, mut matrix: &[u8], name: &str) -> Result<Matrix, Flaw> {
     order.element(&mut matrix)?;
     let mut part = || -> Result<Vec<f64>, Flaw> {
         let (kind, bytes) = order.element(&mut matrix)?;
-        // Numbers of one byte are the shortest.
+        // Numbers of one byte are the smallest.
         check_room(8 * bytes.len() as u64).map_err(|room| Flaw::new("a matrix that fits in memory", room))?;
         let values = numbers(order, kind, bytes)
             .ok_or_else(|| Flaw::new(format!("{name}: numbers"), format!("data of type {kind}")))?;
@@ -184,7 +183,7 @@ fn parse(order: Order, mut matrix: &[u8], name: &str) -> Result<Matrix, Flaw> {
     Ok(Matrix { rows, columns, re, im })
 }
 
-/// Numbers of a type; MATLAB stores whole ones in as few bytes as they need.
+/// Reads numbers of a type; MATLAB stores integers in as few bytes as possible.
 fn numbers(order: Order, kind: u32, bytes: &[u8]) -> Option<Vec<f64>> {
     fn all<const N: usize>(order: Order, bytes: &[u8], number: impl Fn([u8; N]) -> f64) -> Vec<f64> {
         let in_order = |mut bytes: [u8; N]| {

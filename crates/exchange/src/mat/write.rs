@@ -1,4 +1,4 @@
-//! Writing MAT files of level 5.
+//! Writer of MAT files of level 5.
 
 use std::io::{self, Write};
 
@@ -12,11 +12,11 @@ const I32: u32 = 5;
 const U32: u32 = 6;
 const F64: u32 = 9;
 const MATRIX: u32 = 14;
-/// Class of matrices of f64, and the flag of complex ones.
+/// Class of f64 matrices, and the flag of complex ones.
 const DOUBLE: u32 = 6;
 const COMPLEX: u32 = 1 << 11;
 
-/// What belongs to the model of a surface that has a sphere: positions, triangles from 0, directions.
+/// Geometry of a surface model with a sphere: positions, triangles from 0, directions.
 pub(crate) struct Surface<'a> {
     pub(crate) vertices: &'a [[f64; 3]],
     pub(crate) faces: &'a [[u32; 3]],
@@ -44,7 +44,7 @@ fn columns(rows: &[[f64; 3]]) -> Vec<f64> {
     array.into_iter().collect()
 }
 
-/// Writes a matrix whose values are by columns; its parts are the real one and, of a complex one, the imaginary one.
+/// Writes a matrix with values by columns. `parts` holds the real part and, for a complex matrix, the imaginary part.
 fn matrix(out: &mut dyn Write, name: &str, (rows, columns): (usize, usize), parts: &[Vec<f64>]) -> io::Result<()> {
     let mut body = Vec::new();
     let flags = DOUBLE | if parts.len() > 1 { COMPLEX } else { 0 };

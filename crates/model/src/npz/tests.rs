@@ -26,7 +26,7 @@ fn read_bytes(bytes: &[u8]) -> Result<Model, ModelError> {
     read(Path::new("a.npz"), Cursor::new(bytes))
 }
 
-/// An archive of arrays: name, type, order, shape and values.
+/// Creates an archive of arrays: name, type, order, shape and values.
 fn archive(method: CompressionMethod, arrays: &[(&str, &str, bool, &str, &[u8])]) -> Vec<u8> {
     let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
     for (name, descr, fortran, shape, values) in arrays {
@@ -55,7 +55,7 @@ fn what_is_written_is_read_and_the_bytes_are_the_same_each_time() {
     model().write_with(&path, true).unwrap();
 }
 
-/// A fit over a sphere that was made for its surface is smoothed by default, also where the sphere comes from a model.
+/// A fit over a sphere that was made for its surface is smoothed by default, even if the sphere comes from a model.
 #[test]
 fn a_sphere_is_known_again_as_one_made_for_its_surface() {
     let Model { sphere, coefficients, .. } = model();
@@ -64,7 +64,7 @@ fn a_sphere_is_known_again_as_one_made_for_its_surface() {
     assert_eq!(read_bytes(&bytes_of(&model)).unwrap().sphere, model.sphere);
 }
 
-/// Old readers leave out the arrays that they don't know; models without them, such as all of old, have no seam.
+/// Old readers ignore unknown arrays; models without these arrays, such as all old ones, have no seam.
 #[test]
 fn where_a_surface_was_cut_returns_and_must_fit() {
     let mut cut = model();
@@ -119,7 +119,7 @@ fn a_damaged_model_is_an_error_at_any_length() {
     }
 }
 
-/// A header that claims more than there is must not be believed: 24 TB would be allocated.
+/// A header that claims more than there is must not be trusted: it would allocate 24 TB.
 #[test]
 fn an_array_that_claims_to_be_huge_is_refused() {
     for method in [CompressionMethod::Stored, CompressionMethod::Deflated] {
@@ -129,8 +129,8 @@ fn an_array_that_claims_to_be_huge_is_refused() {
     }
 }
 
-/// Row 19 of what first-time users ran into: a mean model by `numpy.savez_compressed`, in 32 bits, of coefficients
-/// alone.
+/// Row 19 of the problems of first-time users: a mean model by `numpy.savez_compressed`, in 32 bits, with coefficients
+/// only.
 #[test]
 fn coefficients_alone_are_a_model() {
     let values: Vec<f32> = (0..12).map(|k| 0.5 * k as f32).collect();
@@ -181,7 +181,7 @@ fn what_is_not_finite_is_neither_read_nor_written() {
     assert!(matches!(error, Err(ModelError::NonFinite { row: 0, channel: 0, .. })), "{error:?}");
 }
 
-/// Against NumPy itself, where there is one.
+/// Against NumPy itself, if available.
 #[test]
 fn archives_by_numpy_are_read_and_ours_are_read_by_numpy() {
     let Some(python) = std::env::var_os("SPHARM_PYTHON") else {

@@ -48,8 +48,8 @@ pub struct GroupwiseParams {
     /// Weight of the elastic energy, mu, at least 0. 0.4 by default.
     pub elasticity: f64,
     /// Weight of the unit normals as channels, as a share of the square root of the members' mean area; 0 leaves them
-    /// out. Without them places slide along the surface to where members agree. 0.12 by default: of groups whose places
-    /// are known, and of landmarks of vertebrae, more or less of it leaves them farther apart.
+    /// out. Without them points slide along the surface to where members agree. 0.12 by default: for groups of known
+    /// correspondence, and for landmarks of vertebrae, smaller and larger values give larger distances.
     pub normals: f64,
     /// Fixed points of the sphere, such as landmarks; none by default.
     pub held: Vec<Place>,

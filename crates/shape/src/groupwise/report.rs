@@ -26,8 +26,8 @@ pub struct StageReport {
     pub evaluations: usize,
     /// The objective before and after; logarithms, comparable only within a stage.
     pub cost: [f64; 2],
-    /// Variance of the group, before and after: the mean squared distance from the mean of all channels at the stage's
-    /// degree, normals included as they are weighted, over the surface's area; in the square of the models' unit.
+    /// Variance of the group, before and after: the mean squared distance from the mean over all channels at the
+    /// stage's degree, including the weighted normals, over the surface's area; in the square of the models' unit.
     pub variance: [f64; 2],
     /// Change of areas after the stage.
     pub distortion: Distortion,
