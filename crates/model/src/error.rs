@@ -34,7 +34,7 @@ pub enum ModelError {
     Invalid {
         /// The file.
         path: PathBuf,
-        /// What is wrong.
+        /// The problem.
         problem: String,
     },
     /// A coefficient is NaN or infinite; such models are neither read nor written.
@@ -44,7 +44,7 @@ pub enum ModelError {
         path: PathBuf,
         /// Row of the coefficients, `l^2 + l + m`.
         row: usize,
-        /// Channel, counted from 0.
+        /// Channel, from 0.
         channel: usize,
         /// The value.
         value: f64,

@@ -1,4 +1,4 @@
-//! Building bases and fitting surfaces, with the time taken.
+//! Construction of bases and fits of surfaces, with timing.
 
 use std::cell::RefCell;
 use std::fmt::Display;
@@ -15,31 +15,31 @@ use spharm_store::{BuildParams, BuildReport, build};
 use crate::published::Quality;
 use crate::surfaces::Surface;
 
-/// What all experiments are run with.
+/// Context shared by all experiments.
 #[derive(Clone, Copy)]
 pub(crate) struct Bench<'a> {
     pub(crate) monitor: &'a dyn Monitor,
-    /// What may be wrong with a result.
+    /// Warnings about results.
     pub(crate) warnings: &'a RefCell<Vec<String>>,
-    /// Most bytes of memory for a build or a fit.
+    /// Maximum memory of a build or a fit, in bytes.
     pub(crate) memory: usize,
     pub(crate) threads: usize,
-    /// Bytes that the surfaces and the program take.
+    /// Bytes used by the surfaces and the program.
     pub(crate) held: usize,
 }
 
-/// How good a fit was and how long it took.
+/// Accuracy and time of a fit.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Measured {
     pub(crate) quality: Quality,
     pub(crate) seconds: f64,
 }
 
-/// Most sweeps beyond NLSF's one pass, as in `fit`.
+/// Maximum number of sweeps beyond NLSF's one pass, as in `fit`.
 const REFINEMENTS: usize = 5;
 
 impl Bench<'_> {
-    /// Tells which experiment is under way.
+    /// Reports the current experiment.
     pub(crate) fn note(&self, text: impl Display) {
         self.monitor.note(Level::Info, format_args!("{text}"));
     }
@@ -48,7 +48,7 @@ impl Bench<'_> {
         self.warnings.borrow_mut().push(text.to_string());
     }
 
-    /// Builds what a store lacks of a basis. The seconds include bringing the files to disk.
+    /// Builds the missing part of a basis in a store. The seconds include writing the files to disk.
     pub(crate) fn build(&self, store: &Path, directions: &Directions, max_degree: usize) -> Result<(BuildReport, f64)> {
         let params = BuildParams { max_degree, memory: self.memory, threads: self.threads, ..BuildParams::default() };
         let started = Instant::now();
@@ -60,7 +60,7 @@ impl Bench<'_> {
         Ok((report, seconds))
     }
 
-    /// Settings of a fit.
+    /// Returns the settings of a fit.
     pub(crate) fn params(&self, method: Method, max_degree: usize) -> IrfParams {
         IrfParams {
             max_degree,
@@ -73,8 +73,8 @@ impl Bench<'_> {
         }
     }
 
-    /// Fits a surface and gives what it came to after each sweep, with the seconds up to there, and the coefficients in
-    /// the end. The seconds are those of the sweeps alone, the reading of the basis among them.
+    /// Fits a surface. Returns the accuracy after each sweep with the cumulative seconds, and the final coefficients.
+    /// The seconds are those of the sweeps alone, which include reading the basis.
     pub(crate) fn fit(
         &self,
         operator: &DiskOperator,

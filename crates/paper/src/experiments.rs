@@ -1,4 +1,4 @@
-//! The experiments: what is measured, over which range.
+//! The experiments: measured quantities and their ranges.
 
 use std::path::Path;
 
@@ -17,7 +17,7 @@ use crate::families::Family;
 use crate::published::{Quality, Reference};
 use crate::surfaces::Surface;
 
-/// Figure 5: one degree a block, one pass.
+/// Figure 5: one degree per block, one pass.
 #[derive(Debug)]
 pub(crate) struct Sirf {
     pub(crate) surface: String,
@@ -27,7 +27,7 @@ pub(crate) struct Sirf {
     pub(crate) reference: Option<Quality>,
 }
 
-/// Figures 6 and 7: after one of the passes at one granularity.
+/// Figures 6 and 7: result after one of the passes at one granularity.
 #[derive(Debug)]
 pub(crate) struct Pass {
     pub(crate) surface: String,
@@ -39,7 +39,7 @@ pub(crate) struct Pass {
     pub(crate) reference: Option<Quality>,
 }
 
-/// The last fit of the grid, looked at between the vertices.
+/// The last fit of the grid, evaluated between the vertices.
 #[derive(Debug)]
 pub(crate) struct Between {
     pub(crate) surface: String,
@@ -50,26 +50,26 @@ pub(crate) struct Between {
     pub(crate) distance: SurfaceDistance,
 }
 
-/// Table 1: what the full least squares needs.
+/// Table 1: memory required by the full least squares.
 #[derive(Debug)]
 pub(crate) struct Nlsf {
     pub(crate) vertices: usize,
-    /// Bytes.
+    /// Memory limit in bytes.
     pub(crate) memory: usize,
-    /// The largest degree whose plan fits; none when not even degree 0's does.
+    /// The largest degree whose plan fits; none if not even degree 0's does.
     pub(crate) max_degree: Option<usize>,
-    /// The basis ends at that degree: with a higher one more might fit.
+    /// Whether the basis ends at that degree, so that a higher one might fit too.
     pub(crate) capped: bool,
-    /// Bytes planned at that degree.
+    /// Planned bytes at that degree.
     pub(crate) planned: Option<usize>,
-    /// A fit in that memory: its degree, and how it went.
+    /// A fit within that memory: its degree and result.
     pub(crate) fitted: Option<(usize, Measured)>,
 }
 
-/// Figure 3: one basis, built from nothing.
+/// Figure 3: one basis, built from scratch.
 #[derive(Debug)]
 pub(crate) struct Basis {
-    /// Along which of figure 3's axes: `degree` or `vertices`.
+    /// The axis of figure 3: `degree` or `vertices`.
     pub(crate) along: &'static str,
     pub(crate) vertices: usize,
     pub(crate) max_degree: usize,
@@ -77,7 +77,7 @@ pub(crate) struct Basis {
     pub(crate) bytes: u64,
 }
 
-/// All that was measured.
+/// All measurements.
 #[derive(Debug, Default)]
 pub(crate) struct Results {
     pub(crate) sirf: Vec<Sirf>,
@@ -88,7 +88,7 @@ pub(crate) struct Results {
     pub(crate) basis: Vec<Basis>,
 }
 
-/// Figure 5. Degree for degree SIRF does the same whatever the highest, but msd and time belong to each fit.
+/// Figure 5. At each degree SIRF does the same work whatever the highest degree, but msd and time belong to each fit.
 pub(crate) fn sirf(
     bench: &Bench<'_>,
     extent: &Extent,
@@ -110,8 +110,8 @@ pub(crate) fn sirf(
     extent.sirf.iter().map(one).collect()
 }
 
-/// Figures 6 and 7. One fit of the most passes for each g: after each of its passes it is where a fit of so many passes
-/// ends.
+/// Figures 6 and 7. Runs one fit with the most passes for each g: its state after p passes is the result of a fit with
+/// p passes.
 pub(crate) fn grid(
     bench: &Bench<'_>,
     extent: &Extent,
@@ -144,8 +144,8 @@ pub(crate) fn grid(
     Ok((grid, last.map(between).transpose()?))
 }
 
-/// How far a surface is from its reconstruction at four times as many vertices: msd and xsd look at the vertices that
-/// were fitted, between which a fit may do as it likes.
+/// Measures the distance of a surface from its reconstruction at four times as many vertices: msd and xsd refer to the
+/// fitted vertices, between which a fit is unconstrained.
 fn between(surface: &Surface, coefficients: &Coefficients, monitor: &dyn Monitor) -> Result<SurfaceDistance> {
     let denser = surface.denser_sphere();
     let values = synthesis(&Directions::from_vertices(&denser.vertices)?, coefficients.values().view())?;
@@ -155,8 +155,8 @@ fn between(surface: &Surface, coefficients: &Coefficients, monitor: &dyn Monitor
     Ok(surface_distance(&given, &found, &SurfaceDistanceParams::default(), monitor)?)
 }
 
-/// Table 1: for memories around the one given, the largest degree of NLSF by the solver's plan; and in the memory
-/// given, a fit to that degree or to the highest that is still quick.
+/// Table 1: for memory limits around the given one, finds the largest degree of NLSF by the solver's plan; within the
+/// given limit, runs a fit at that degree or at the highest one that is still quick.
 pub(crate) fn nlsf(
     bench: &Bench<'_>,
     extent: &Extent,
@@ -184,7 +184,7 @@ pub(crate) fn nlsf(
     Ok(rows)
 }
 
-/// Figure 3, each basis into a folder of its own in `store`.
+/// Figure 3, with each basis in its own folder in `store`.
 pub(crate) fn basis(bench: &Bench<'_>, extent: &Extent, store: &Path) -> Result<Vec<Basis>> {
     let by_degree = extent.basis_degrees.iter().map(|&degree| ("degree", extent.subdivisions, degree));
     let by_vertices = extent.basis_subdivisions.iter().map(|&s| ("vertices", s, extent.basis_degree));
@@ -203,12 +203,12 @@ pub(crate) fn basis(bench: &Bench<'_>, extent: &Extent, store: &Path) -> Result<
 }
 
 impl Pass {
-    /// Whether it is what a fit of `passes` passes at granularity `granularity` gives.
+    /// Returns whether this is the result of a fit of `passes` passes at granularity `granularity`.
     pub(crate) fn is(&self, passes: usize, granularity: usize) -> bool {
         self.pass == passes && self.granularity == granularity
     }
 
-    /// Number of basis functions, K.
+    /// Returns the number of basis functions, K.
     pub(crate) fn columns(&self) -> usize {
         basis_size(self.max_degree)
     }

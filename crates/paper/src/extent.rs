@@ -1,28 +1,28 @@
-//! How the experiments are run: how large they are, and with how much memory and how many threads.
+//! Settings of the experiments: size, memory and number of threads.
 
-/// How large the experiments are.
+/// Size of the experiments.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Extent {
-    /// Of the generated cortex.
+    /// Subdivisions of the generated cortex.
     pub(crate) subdivisions: u32,
     /// Degree of the grid, and of the bases in the store.
     pub(crate) max_degree: usize,
-    /// Figure 5: degrees of SIRF.
+    /// Figure 5: degrees of the SIRF fits.
     pub(crate) sirf: &'static [usize],
-    /// Figures 6 and 7: g and the largest p.
+    /// Figures 6 and 7: values of g and the largest p.
     pub(crate) granularities: &'static [usize],
     pub(crate) passes: usize,
-    /// Table 1: the degree above which NLSF is planned but not run.
+    /// Table 1: the degree above which NLSF is only planned, not run.
     pub(crate) nlsf: usize,
-    /// Figure 3: degrees at the cortex's number of vertices, icospheres at one degree.
+    /// Figure 3: degrees at the cortex's number of vertices, and icospheres at one degree.
     pub(crate) basis_degrees: &'static [usize],
     pub(crate) basis_degree: usize,
     pub(crate) basis_subdivisions: &'static [u32],
-    /// Least squares beside quadrature.
+    /// Degrees at which least squares and quadrature are compared.
     pub(crate) families: &'static [usize],
 }
 
-/// The paper's.
+/// The paper's size.
 const FULL: Extent = Extent {
     subdivisions: 6,
     max_degree: 100,
@@ -36,7 +36,7 @@ const FULL: Extent = Extent {
     families: &[20, 40, 60, 80, 100, 150, 200],
 };
 
-/// Seconds rather than minutes: to see that everything works.
+/// Seconds rather than minutes, to check that everything works.
 const QUICK: Extent = Extent {
     subdivisions: 4,
     max_degree: 20,
@@ -50,19 +50,19 @@ const QUICK: Extent = Extent {
     families: &[5, 10, 20],
 };
 
-/// How the experiments are run.
+/// Settings of the experiments.
 #[derive(Debug, Clone, Copy)]
 pub struct Settings {
-    /// A small surface and low degrees, to see in a few seconds that everything works.
+    /// Whether to use a small surface and low degrees, to check within a few seconds that everything works.
     pub quick: bool,
-    /// Bytes of memory that each build and each fit may use, mapped files included.
+    /// Memory limit of each build and each fit in bytes, including mapped files.
     pub memory: usize,
     /// Number of threads, at least 1.
     pub threads: usize,
 }
 
 impl Settings {
-    /// Returns how large the experiments are.
+    /// Returns the size of the experiments.
     pub(crate) fn extent(&self) -> &'static Extent {
         if self.quick { &QUICK } else { &FULL }
     }

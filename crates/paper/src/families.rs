@@ -1,5 +1,5 @@
-//! The two families of methods, which the paper leaves for later: least squares at the vertices, and Healy's quadrature
-//! on a grid that the surface is resampled to.
+//! Comparison of two families of methods, which the paper leaves for future work: least squares at the vertices, and
+//! Healy's quadrature on a grid to which the surface is resampled.
 
 use std::time::Instant;
 
@@ -19,14 +19,14 @@ use crate::extent::Extent;
 use crate::published::Quality;
 use crate::surfaces::Surface;
 
-/// One surface to one degree by both.
+/// Results of both methods for one surface and one degree.
 #[derive(Debug)]
 pub(crate) struct Family {
     pub(crate) surface: String,
     pub(crate) vertices: usize,
     pub(crate) max_degree: usize,
     pub(crate) least_squares: Measured,
-    /// Whether the least squares came to its tolerance.
+    /// Whether the least squares reached its tolerance.
     pub(crate) converged: bool,
     pub(crate) quadrature: Measured,
 }

@@ -1,16 +1,16 @@
-//! Which curves the measurements make.
+//! The curves of each figure.
 
 use crate::experiments::{Basis, Nlsf, Pass, Results, Sirf};
 use crate::extent::Extent;
 use crate::plots::{Axis, Curve, Panel, svg};
 
-/// Every figure's file: those of all surfaces, then figures 6 and 7 of each.
+/// Returns the file names of all figures: those of all surfaces, then figures 6 and 7 of each surface.
 pub(crate) fn names(surfaces: &[String]) -> Vec<String> {
     let of_all = ["figure3.svg", "figure5.svg", "table1.svg"].map(str::to_owned);
     of_all.into_iter().chain(surfaces.iter().map(|surface| format!("figures6-7.{surface}.svg"))).collect()
 }
 
-/// Every figure as a file: name and SVG.
+/// Returns all figures as files: name and SVG.
 pub(crate) fn all(results: &Results, extent: &Extent, surfaces: &[String]) -> Vec<(String, String)> {
     let of_all = [figure3(&results.basis, extent), figure5(&results.sirf, surfaces), table1(&results.nlsf)];
     let of_each = surfaces.iter().map(|surface| figures6_7(&results.grid, extent, surface));
@@ -18,7 +18,7 @@ pub(crate) fn all(results: &Results, extent: &Extent, surfaces: &[String]) -> Ve
 }
 
 const DEGREE: Axis = Axis::linear("largest degree L");
-/// Where a power of the degree is to be a straight line.
+/// Axis on which a power of the degree is a straight line.
 const LOG_DEGREE: Axis = Axis::log("largest degree L");
 const PASSES: Axis = Axis::linear("passes p");
 const MSD: Axis = Axis::log("msd (bounding-box volume 1)");

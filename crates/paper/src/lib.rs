@@ -1,17 +1,17 @@
-//! The experiments of the paper, repeated: L. Shen and M. K. Chung, "Large-scale modeling of parametric surfaces using
+//! Repetition of the paper's experiments: L. Shen and M. K. Chung, "Large-scale modeling of parametric surfaces using
 //! spherical harmonics", 3DPVT 2006.
 //!
-//! [`Experiments::new`] reads the surfaces, [`Experiments::run`] measures, and the documents that come of it, tables as
-//! CSV, figures as SVG and a summary in Markdown, are texts for the caller to write.
+//! [`Experiments::new`] reads the surfaces and [`Experiments::run`] measures. The resulting documents (tables as CSV,
+//! figures as SVG and a summary in Markdown) are returned as text, for the caller to write.
 //!
 //! | module | contents |
 //! |---|---|
-//! | `surfaces` | what the experiments run on |
-//! | `published` | the paper's own numbers, and the reference beside the data |
-//! | `extent` | how large they are |
-//! | `bench` | building bases and fitting surfaces, with the time taken |
-//! | `experiments`, `families` | figures 3, 5, 6 and 7, table 1, least squares beside quadrature: what is measured |
-//! | `store` | the bases, in a folder that is kept or a temporary one |
+//! | `surfaces` | the surfaces of the experiments |
+//! | `published` | the paper's own numbers, and the reference file in the data folder |
+//! | `extent` | size of the experiments |
+//! | `bench` | construction of bases and fits of surfaces, with timing |
+//! | `experiments`, `families` | figures 3, 5, 6 and 7, table 1, and least squares against quadrature: the measurements |
+//! | `store` | the bases, in a permanent or temporary folder |
 //! | `tables`, `figures`, `plots`, `summary` | the documents |
 
 mod bench;

@@ -1,4 +1,4 @@
-//! Curves as SVG: panels side by side, one legend beside them.
+//! Curves as SVG: panels side by side with a common legend.
 
 use std::sync::Arc;
 
@@ -32,7 +32,7 @@ pub(crate) struct Curve {
     pub(crate) points: Vec<(f64, f64)>,
 }
 
-/// Curves over a pair of axes.
+/// Curves on a common pair of axes.
 #[derive(Debug)]
 pub(crate) struct Panel {
     pub(crate) x: Axis,
@@ -40,8 +40,8 @@ pub(crate) struct Panel {
     pub(crate) curves: Vec<Curve>,
 }
 
-/// Colours that colour-blind people tell apart (B. Wong, Nature Methods 8, 2011), without the pale yellow; the markers
-/// differ as well, for print without colours.
+/// Colours that colour-blind people can distinguish (B. Wong, Nature Methods 8, 2011), without the pale yellow; the
+/// markers differ as well, for print in black and white.
 const STYLES: [(&str, MarkerShape); 7] = [
     ("#0072B2", MarkerShape::Circle),
     ("#D55E00", MarkerShape::Square),
@@ -52,7 +52,7 @@ const STYLES: [(&str, MarkerShape); 7] = [
     ("#000000", MarkerShape::Plus),
 ];
 
-/// Draws panels, `columns` in a row. The curves' labels and order are those of the first panel.
+/// Draws panels, `columns` per row. The labels and order of the curves are those of the first panel.
 pub(crate) fn svg(title: &str, columns: usize, panels: Vec<Panel>) -> String {
     let legend: Vec<LegendEntry> = panels.first().map_or(Vec::new(), |panel| {
         let entry = |(curve, (color, marker)): (&Curve, &(&str, MarkerShape))| LegendEntry {
@@ -70,7 +70,7 @@ pub(crate) fn svg(title: &str, columns: usize, panels: Vec<Panel>) -> String {
         .with_plots(plots)
         .with_layouts(layouts)
         .with_cell_size(430.0, 330.0);
-    // A single curve is named by its axes.
+    // A single curve is identified by its axes.
     if legend.len() > 1 {
         figure = figure.with_shared_legend_right_middle().with_shared_legend_entries(legend);
     }
@@ -90,7 +90,7 @@ fn draw(panel: &Panel) -> (Vec<Plot>, Layout) {
             ScatterPlot::new().with_data(points).with_color(*color).with_marker(*marker).with_size(4.0),
         ));
     }
-    // Margins by themselves don't count with the labels of logarithmic ticks.
+    // The automatic margins ignore the labels of logarithmic ticks.
     let mut layout = Layout::auto_from_plots(&plots)
         .with_x_label(panel.x.label)
         .with_y_label(panel.y.label)
@@ -107,10 +107,10 @@ fn draw(panel: &Panel) -> (Vec<Plot>, Layout) {
 const LEFT_MARGIN: f64 = 75.0;
 const RIGHT_MARGIN: f64 = 20.0;
 
-/// A logarithmic tick: one digit, as a plain number where that is short.
+/// Formats a logarithmic tick with one digit, as a plain number if that is short.
 fn tick(value: f64) -> String {
     if (0.009..99_999.0).contains(&value) {
-        // Without what rounding left behind the one digit.
+        // Parsed from one digit to remove rounding errors.
         format!("{}", format!("{value:.0e}").parse::<f64>().unwrap_or(value))
     } else {
         format!("{value:.0e}")

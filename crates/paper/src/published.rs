@@ -1,4 +1,4 @@
-//! What there is to compare with: the paper's own numbers, and the reference beside the data.
+//! Values for comparison: the paper's own numbers, and the reference file in the data folder.
 //!
 //! L. Shen and M. K. Chung, "Large-scale modeling of parametric surfaces using spherical harmonics", 3DPVT 2006.
 
@@ -34,14 +34,14 @@ const fn fit(kind: Kind, name: &'static str, vertices: usize, p: usize, g: usize
     Published { kind, name, vertices, passes: p, granularity: g, seconds, msd, xsd }
 }
 
-/// The fits that the paper names the time of.
+/// The fits whose time the paper reports.
 pub(crate) const PUBLISHED: [Published; 3] = [
     fit(Kind::Cortex, "cortex", 40_962, 1, 100, [555.0, 4.57e-5, 6.54e-4]),
     fit(Kind::Head, "head", 27_618, 1, 400, [568.0, 1.16e-5, 2.46e-4]),
     fit(Kind::Hippocampus, "hippocampus", 10_082, 2, 1, [210.0, 2.33e-5, 1.63e-3]),
 ];
 
-/// About the degree that the full least squares reached at 40,962 vertices in 2006.
+/// Approximate degree reached by the full least squares at 40,962 vertices in 2006.
 pub(crate) const NLSF_DEGREE: usize = 24;
 
 /// msd and xsd of a fit.
@@ -56,15 +56,15 @@ struct OfSurface {
     results: BTreeMap<String, Quality>,
 }
 
-/// What fits of the surfaces must give, from a `reference.json`: surface, then method, then msd and xsd.
+/// Expected results of the fits of the surfaces, from a `reference.json`: surface, then method, then msd and xsd.
 #[derive(Debug, Default, Deserialize)]
 pub(crate) struct Reference(BTreeMap<String, OfSurface>);
 
-/// Most bytes of a reference.
+/// Maximum size of a reference file in bytes.
 const LARGEST: u64 = 1 << 24;
 
 impl Reference {
-    /// Reads the reference of a folder of data; an empty one where there is no such file.
+    /// Reads the reference of a data folder; empty if there is no such file.
     pub(crate) fn beside(data: &Path) -> Result<Self> {
         let path = data.join("reference.json");
         if !path.exists() {
@@ -75,12 +75,12 @@ impl Reference {
         serde_json::from_str(&text).with_context(|| format!("{}: not a reference as the README says", path.display()))
     }
 
-    /// After `pass` passes of IRF.
+    /// Returns the reference after `pass` passes of IRF.
     pub(crate) fn irf(&self, surface: &str, pass: usize, granularity: usize, max_degree: usize) -> Option<Quality> {
         self.get(surface, &format!("irf p={pass} g={granularity} L={max_degree}"))
     }
 
-    /// Of SIRF.
+    /// Returns the reference of SIRF.
     pub(crate) fn sirf(&self, surface: &str, max_degree: usize) -> Option<Quality> {
         self.get(surface, &format!("sirf L={max_degree}"))
     }
@@ -91,7 +91,7 @@ impl Reference {
 }
 
 impl Quality {
-    /// The larger of the relative differences of msd and xsd from a reference.
+    /// Returns the larger of the relative differences of msd and xsd from a reference.
     pub(crate) fn off(self, reference: Self) -> f64 {
         let off = |found: f64, expected: f64| ((found - expected) / expected).abs();
         off(self.msd, reference.msd).max(off(self.xsd, reference.xsd))

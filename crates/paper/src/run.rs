@@ -1,4 +1,4 @@
-//! All experiments in a row, and the documents about them.
+//! Execution of all experiments, and the resulting documents.
 
 use std::cell::RefCell;
 use std::path::Path;
@@ -17,7 +17,7 @@ use crate::summary::{Circumstances, summary};
 use crate::surfaces::{Surface, among, generated};
 use crate::{families, figures, tables};
 
-/// A text to be written to a file of this name.
+/// A text to be written to a file.
 #[derive(Debug, Clone)]
 pub struct Document {
     /// Name of the file.
@@ -28,7 +28,7 @@ pub struct Document {
 
 const SUMMARY: &str = "paper.md";
 
-/// The surfaces that the experiments run on, and what their fits must give.
+/// The surfaces of the experiments, and the expected results of their fits.
 pub struct Experiments {
     settings: Settings,
     surfaces: Vec<Surface>,
@@ -36,11 +36,11 @@ pub struct Experiments {
 }
 
 impl Experiments {
-    /// Generates a cortex and reads the surfaces that a folder has; those that it lacks are left out, with a note.
+    /// Generates a cortex and reads the known surfaces in a folder; missing ones are skipped, with a note.
     ///
     /// # Errors
     ///
-    /// When the folder or a file in it can't be read.
+    /// If the folder or a file in it can't be read.
     pub fn new(settings: Settings, data: Option<&Path>, monitor: &dyn Monitor) -> Result<Self> {
         let mut surfaces = vec![generated(settings.extent().subdivisions)?];
         let mut reference = Reference::default();
@@ -58,13 +58,13 @@ impl Experiments {
         tables.chain(figures::names(&self.names())).chain([SUMMARY.to_owned()]).collect()
     }
 
-    /// Runs all experiments, with bases in the folder `store`, or in a temporary one within `beside`.
+    /// Runs all experiments, with bases in the folder `store`, or in a temporary folder within `beside`.
     ///
     /// # Errors
     ///
-    /// When a basis can't be built, a fit fails, or the monitor stops them.
+    /// If a basis can't be built, a fit fails, or the monitor interrupts.
     pub fn run(&self, store: Option<&Path>, beside: &Path, monitor: &dyn Monitor) -> Result<Measurements> {
-        /// The program, its stacks and allocator, as in `fit`.
+        /// Bytes of the program, its stacks and allocator, as in `fit`.
         const BASE: usize = 12 << 20;
         let Settings { memory, threads, .. } = self.settings;
         let store = Store::new(store, beside)?;
@@ -98,7 +98,7 @@ impl Experiments {
         Ok(results)
     }
 
-    /// Returns tables, figures and, last, the summary.
+    /// Returns the tables, the figures and, last, the summary.
     pub fn documents(&self, measured: &Measurements, circumstances: &Circumstances) -> Vec<Document> {
         let (results, extent) = (&measured.results, self.settings.extent());
         let tables = tables::all_csv(results).into_iter().map(|(name, text)| Document { name: name.to_owned(), text });
@@ -113,10 +113,10 @@ impl Experiments {
     }
 }
 
-/// What was measured.
+/// The measurements.
 #[derive(Debug)]
 pub struct Measurements {
     results: Results,
-    /// What may be wrong with the results.
+    /// Warnings about the results.
     pub warnings: Vec<String>,
 }

@@ -1,4 +1,4 @@
-//! Where the bases are.
+//! The folder of the bases.
 
 use std::path::{Path, PathBuf};
 
@@ -7,12 +7,12 @@ use anyhow::{Context, Result};
 /// A folder of bases.
 pub(crate) struct Store {
     pub(crate) folder: PathBuf,
-    /// Removes the folder when it is dropped.
+    /// Removes the folder when dropped.
     temporary: Option<tempfile::TempDir>,
 }
 
 impl Store {
-    /// A folder that is kept, or a temporary one within `beside`.
+    /// Opens a permanent folder, or creates a temporary one within `beside`.
     pub(crate) fn new(kept: Option<&Path>, beside: &Path) -> Result<Self> {
         if let Some(folder) = kept {
             let made = std::fs::create_dir_all(folder);
@@ -25,8 +25,8 @@ impl Store {
         Ok(Self { folder: temporary.path().to_path_buf(), temporary: Some(temporary) })
     }
 
-    /// Removes a basis from a temporary store, which so never holds more than one: the disk and the system's cache
-    /// needn't hold all of them.
+    /// Removes a basis from a temporary store, so that the store never holds more than one, and neither the disk nor
+    /// the system's cache has to hold all of them.
     pub(crate) fn done_with(&self, basis: &Path) -> Result<()> {
         if self.temporary.is_some() {
             std::fs::remove_dir_all(basis).with_context(|| format!("{}: cannot remove", basis.display()))?;

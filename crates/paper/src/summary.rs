@@ -1,4 +1,4 @@
-//! The summary: what was measured beside what the paper says.
+//! The summary: measurements compared with the paper.
 
 use crate::experiments::{Pass, Results};
 use crate::extent::{Extent, Settings};
@@ -6,16 +6,16 @@ use crate::published::{NLSF_DEGREE, PUBLISHED, Quality};
 use crate::surfaces::Surface;
 use crate::tables::markdown;
 
-/// What the numbers depend on beside the experiments.
+/// Other circumstances of the measurements.
 #[derive(Debug, Clone, Copy)]
 pub struct Circumstances {
-    /// Largest resident size of the process, in bytes, where the system reports it.
+    /// Largest resident size of the process in bytes, if the system reports it.
     pub peak: Option<u64>,
-    /// Of the whole run.
+    /// Duration of the entire run.
     pub seconds: f64,
 }
 
-/// The summary as Markdown.
+/// Returns the summary as Markdown.
 pub(crate) fn summary(
     results: &Results,
     extent: &Extent,
@@ -52,7 +52,7 @@ fn size(bytes: u64) -> String {
     }
 }
 
-/// Three digits or so.
+/// Formats seconds with about three digits.
 fn seconds(value: f64) -> String {
     let decimals = [1.0, 10.0, 100.0].into_iter().position(|bound| value < bound).map_or(0, |at| 3 - at);
     format!("{value:.decimals$}")
@@ -112,7 +112,7 @@ fn beside_the_paper(results: &Results, surfaces: &[Surface], quick: bool) -> Str
                 published.granularity.to_string(),
                 seconds(pass.measured.seconds),
                 format!("{}", published.seconds),
-                // Of different work there is no ratio.
+                // No ratio, because the work differs.
                 if quick { "-".to_owned() } else { format!("{:.0}", published.seconds / pass.measured.seconds) },
                 short(quality.msd),
                 short(published.msd),

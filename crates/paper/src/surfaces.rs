@@ -1,4 +1,4 @@
-//! The surfaces that the experiments run on.
+//! The surfaces of the experiments.
 
 use std::path::Path;
 
@@ -11,11 +11,11 @@ use spharm_surface::{Mesh, read_sphere, read_target};
 
 use crate::published::Kind;
 
-/// A surface over its sphere.
+/// A surface and its sphere.
 pub(crate) struct Surface {
     /// Short name, for files and tables.
     pub(crate) name: String,
-    /// Which of the paper's surfaces it stands beside.
+    /// The paper's surface with which it is compared.
     pub(crate) kind: Kind,
     /// The sphere's vertices.
     pub(crate) directions: Directions,
@@ -34,21 +34,21 @@ impl Surface {
         Ok(Self { name: name.to_owned(), kind, directions, vertices, faces, scale })
     }
 
-    /// The sphere, four times as dense.
+    /// Returns the sphere at four times the number of vertices.
     pub(crate) fn denser_sphere(&self) -> Mesh {
         subdivide_sphere(&Mesh::new(self.directions.as_slice().to_vec(), self.faces.clone()))
     }
 
-    /// Bytes of memory it takes.
+    /// Returns the memory used, in bytes.
     pub(crate) fn bytes(&self) -> usize {
         2 * 24 * self.vertices.len() + 12 * self.faces.len()
     }
 }
 
-/// A surface among the data: name, files of surface and sphere, whether to subdivide it.
+/// A known surface in the data: name, files of surface and sphere, and whether to subdivide it.
 type Known = (&'static str, &'static str, &'static str, Kind, bool);
 
-/// The paper's hippocampus has 10,082 vertices, these about 2,400 before they are subdivided.
+/// The paper's hippocampus has 10,082 vertices; these have about 2,400 before subdivision.
 const KNOWN: [Known; 5] = [
     ("cort40962", "cort40962.surf.gii", "cort40962.sphere.surf.gii", Kind::Cortex, false),
     ("head27618", "head27618.surf.gii", "head27618.sphere.surf.gii", Kind::Head, false),
@@ -57,14 +57,14 @@ const KNOWN: [Known; 5] = [
     ("hippo_a03_l", "hippo_a03_l.obj", "hippo_a03_l.sphere.obj", Kind::Hippocampus, true),
 ];
 
-/// The generated cortex, whose sphere is an icosphere.
+/// Generates the cortex, whose sphere is an icosphere.
 pub(crate) fn generated(subdivisions: u32) -> Result<Surface> {
     let (surface, sphere) = cortex(&Cortex { subdivisions, variant: 0 });
     let directions = Directions::from_vertices(&sphere.vertices)?;
     Surface::new("generated", Kind::Cortex, surface, directions)
 }
 
-/// The surfaces that a folder of data has. What it doesn't have is left out, with a note.
+/// Reads the known surfaces in a data folder. Missing ones are skipped, with a note.
 pub(crate) fn among(data: &Path, monitor: &dyn Monitor) -> Result<Vec<Surface>> {
     std::fs::read_dir(data).with_context(|| format!("{}: cannot open the folder of the surfaces", data.display()))?;
     let mut found = Vec::new();

@@ -1,5 +1,5 @@
 //! Draws surfaces side by side: `cargo run --release -p spharm-render --example draw -- out.png [surface...]`; without
-//! surfaces, two subjects of the made-up study and their sphere's view from the front.
+//! surfaces, two subjects of the generated study and their sphere, viewed from the front.
 
 use std::error::Error;
 

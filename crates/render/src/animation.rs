@@ -1,4 +1,4 @@
-//! Surfaces one after the other, as an animated GIF.
+//! A sequence of surfaces as an animated GIF.
 
 use std::io;
 use std::path::Path;
@@ -9,7 +9,7 @@ use spharm_surface::io::{Output, WriteOptions, check_output, write_new};
 
 use crate::{Image, Panel, RenderError, Settings, render};
 
-/// Draws surfaces of one path, all to one scale, each as a picture of `settings.width` by `settings.height` pixels.
+/// Draws the surfaces of one path at a common scale, each as a picture of `settings.width` by `settings.height` pixels.
 ///
 /// # Errors
 ///
@@ -31,13 +31,13 @@ pub fn render_frames(meshes: &[Mesh], settings: &Settings) -> Result<Vec<Image>,
     Ok((0..meshes.len()).map(frame).collect())
 }
 
-/// Writes pictures of one size as an animated GIF that repeats for ever, each shown for `delay` hundredths of a second;
-/// whole or not at all. The name must end in `.gif`.
+/// Writes pictures of equal size atomically as an endlessly repeating animated GIF, each shown for `delay` hundredths
+/// of a second. The name must end in `.gif`.
 ///
 /// # Errors
 ///
-/// [`RenderError::NoPanels`] for no frames, [`RenderError::Size`] for frames of other sizes than the first one's; those
-/// of [`check_output`] and [`write_new`].
+/// [`RenderError::NoPanels`] for no frames, [`RenderError::Size`] for frames whose size differs from the first one's;
+/// those of [`check_output`] and [`write_new`].
 pub fn write_gif(
     path: impl AsRef<Path>,
     frames: &[Image],

@@ -2,10 +2,10 @@
 
 use spharm_surface::geometry::{Vec3, add, bounds, cross, dot, scale, sub, unit};
 
-/// The camera's position, as a direction from the surface's middle, which it looks at.
+/// The camera's position, as a direction from the surface's centre, at which it looks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
-    /// From the middle towards the camera; any length above 0.
+    /// Direction from the centre towards the camera; any length above 0.
     pub from: [f64; 3],
     /// The direction that is up in the picture; not parallel to `from`.
     pub up: [f64; 3],
@@ -27,7 +27,7 @@ impl View {
     /// From the left, the front and above.
     pub const CORNER: Self = Self::new([-1.0, 0.6, 0.5], [0.0, 0.0, 1.0]);
 
-    /// Returns a view from a direction, with the direction that is up.
+    /// Returns a view from a direction, with the given up direction.
     #[must_use]
     pub const fn new(from: [f64; 3], up: [f64; 3]) -> Self {
         Self { from, up }
@@ -39,7 +39,7 @@ pub(crate) struct Camera {
     right: Vec3,
     up: Vec3,
     pub(crate) towards: Vec3,
-    /// In the picture's axes.
+    /// Centre of the view in the picture's axes.
     centre: Vec3,
     /// Pixels per unit.
     zoom: f64,
@@ -47,7 +47,7 @@ pub(crate) struct Camera {
 }
 
 impl Camera {
-    /// A camera that sees all the points in a frame of `width` by `height` pixels, with a margin.
+    /// Returns a camera whose frame of `width` by `height` pixels contains all points, with a margin.
     pub(crate) fn framing<'a>(view: View, points: impl Iterator<Item = &'a Vec3>, width: usize, height: usize) -> Self {
         let towards = unit(view.from);
         let right = unit(cross(view.up, towards));
@@ -61,20 +61,20 @@ impl Camera {
             up,
             towards,
             centre,
-            // One point, or none, is drawn at any zoom.
+            // A single point, or none, is drawn at an arbitrary zoom.
             zoom: if zoom.is_finite() { zoom } else { 1.0 },
             middle: (width / 2.0, height / 2.0),
         }
     }
 
-    /// (x, y) in pixels and the depth.
+    /// Returns (x, y) in pixels and the depth.
     pub(crate) fn project(&self, point: Vec3) -> Vec3 {
         let p = [dot(point, self.right), dot(point, self.up), dot(point, self.towards)];
         let [x, y, depth] = scale(sub(p, self.centre), self.zoom);
         [self.middle.0 + x, self.middle.1 - y, depth]
     }
 
-    /// A direction given in the picture's axes (right, up, towards the camera), in space.
+    /// Returns the direction in space of a direction in the picture's axes (right, up, towards the camera).
     pub(crate) fn direction(&self, [right, up, towards]: Vec3) -> Vec3 {
         unit(add(add(scale(self.right, right), scale(self.up, up)), scale(self.towards, towards)))
     }

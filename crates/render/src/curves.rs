@@ -1,43 +1,43 @@
-//! Curves with bands over whole numbers, such as measures over the number of modes: panels side by side.
+//! Curves with bands over integers, such as measures over the number of modes: panels side by side.
 //!
-//! Shapes are anti-aliased by their distance from a pixel's centre: a curve covers a pixel by how near it passes, a
-//! band by how much of the pixel's column lies within.
+//! Shapes are anti-aliased: a curve's coverage of a pixel follows from its distance to the pixel's centre, a band's
+//! from the covered part of the pixel's column.
 
 use crate::RenderError;
 use crate::image::Image;
 use crate::text::Label;
 
-/// A curve over 1, 2, ..., m, and what lies about it.
+/// A curve over 1, 2, ..., m, and its band.
 #[derive(Clone, Copy, Debug)]
 pub struct Curve<'a> {
     /// Its name in the legend.
     pub label: &'a str,
     /// Values, (m).
     pub values: &'a [f64],
-    /// The lower and the upper end of its band, (m) each, or empty.
+    /// The lower and the upper bounds of its band, (m) each, or empty.
     pub band: [&'a [f64]; 2],
 }
 
 /// Axes with curves.
 #[derive(Clone, Debug)]
 pub struct CurvePanel<'a> {
-    /// Above the panel.
+    /// Title above the panel.
     pub title: &'a str,
-    /// Beneath it.
+    /// Label of the x axis.
     pub x_label: &'a str,
     /// The curves, in the order of their colours.
     pub curves: Vec<Curve<'a>>,
 }
 
-/// Colours that colour-blind people tell apart (B. Wong, Nature Methods 8, 2011).
+/// Colours that colour-blind people can distinguish (B. Wong, Nature Methods 8, 2011).
 const COLORS: [[u8; 3]; 4] = [[0, 114, 178], [213, 94, 0], [0, 158, 115], [204, 121, 167]];
 const INK: [u8; 3] = [51, 51, 51];
 const GRID: [u8; 3] = [226, 226, 226];
-/// Size of a panel and of the margins about its axes, in pixels: left, right, above, below.
+/// Sizes in pixels of a panel and of the margins around its axes: left, right, above, below.
 const PANEL: [usize; 2] = [520, 400];
 const MARGINS: [usize; 4] = [78, 20, 44, 62];
 const TEXT: f64 = 18.0;
-/// Half of a curve's width.
+/// Half of a curve's width, in pixels.
 const HALF: f64 = 1.3;
 
 /// Draws panels side by side.
@@ -60,11 +60,11 @@ pub fn render_curves(panels: &[CurvePanel<'_>]) -> Result<Image, RenderError> {
     Ok(picture)
 }
 
-/// Where values lie in the picture.
+/// Transform from values to pixels.
 struct Axes {
     /// Pixels: left, right, top, bottom.
     area: [f64; 4],
-    /// The last number along x.
+    /// The last integer along x.
     last: usize,
     /// The highest value, and the step of the ticks.
     top: f64,
@@ -140,7 +140,7 @@ impl Axes {
         }
     }
 
-    /// The value of a curve at a pixel's column, linear between its points; `None` beyond them.
+    /// Returns the value of a curve at a pixel's column, linearly interpolated; `None` beyond its ends.
     fn at(&self, values: &[f64], column: f64) -> Option<f64> {
         let [left, right, ..] = self.area;
         let number = (column - left - 12.0) / (right - left - 24.0) * (self.last - 1) as f64;
@@ -157,7 +157,7 @@ impl Axes {
         places.iter().for_each(|place| stroke(picture, *place, *place, 4.0, color));
     }
 
-    /// Names in the corner that is empty: below, where curves rise to the top.
+    /// Draws the legend in the empty corner: at the bottom if curves rise to the top.
     fn legend(&self, picture: &mut Image, panel: &CurvePanel<'_>) {
         let rising = panel.curves.first().is_some_and(|curve| curve.values.first() < curve.values.last());
         let count = panel.curves.len() as f64;
@@ -171,7 +171,7 @@ impl Axes {
     }
 }
 
-/// A step of 1, 2 or 5 times a power of ten, some five of which reach a value.
+/// Returns a step of 1, 2 or 5 times a power of ten, such that about five steps reach a value.
 fn tick_step(highest: f64) -> f64 {
     if highest <= 0.0 {
         return 1.0;
@@ -182,7 +182,7 @@ fn tick_step(highest: f64) -> f64 {
     factor.unwrap_or(10.0) * power
 }
 
-/// A line of a half width from one place to another; a disc where they are one.
+/// Draws a line segment of a given half width; a disc if both ends coincide.
 fn stroke(picture: &mut Image, a: [f64; 2], b: [f64; 2], half: f64, color: [u8; 3]) {
     let along = [b[0] - a[0], b[1] - a[1]];
     let square = along[0] * along[0] + along[1] * along[1];
@@ -218,11 +218,11 @@ mod tests {
         assert_eq!((axes.top, axes.step), (10.0, 2.0));
         let at = |picture: &Image, x: f64, y: f64| picture.get(x as usize, y as usize);
         assert_eq!(at(&picture, axes.x(2.5), axes.y(5.0)), COLORS[0]);
-        // Within the band alone, and outside of both.
+        // Points within the band only, and outside of both.
         let [band, above] = [4.5, 7.5].map(|value| at(&picture, axes.x(2.6), axes.y(value)));
         assert!(band[0] < 230 && band[2] > band[0] && band != COLORS[0], "{band:?}");
         assert_eq!(above, [255; 3]);
-        // The second panel is the first one again.
+        // The second panel repeats the first.
         assert_eq!(at(&picture, 520.0 + axes.x(2.5), axes.y(5.0)), COLORS[0]);
         assert!(matches!(render_curves(&[]), Err(RenderError::NoPanels)));
     }

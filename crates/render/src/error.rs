@@ -1,4 +1,4 @@
-//! What can go wrong with a picture.
+//! The error type of this crate.
 
 use spharm_surface::SurfaceError;
 
@@ -6,7 +6,7 @@ use spharm_surface::SurfaceError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RenderError {
-    /// A picture of nothing.
+    /// No panels to draw.
     #[error("a picture needs at least one panel, found none")]
     NoPanels,
     /// A picture that is too small or too large.
@@ -17,7 +17,7 @@ pub enum RenderError {
         /// Height, in pixels.
         height: usize,
     },
-    /// Values to colour a mesh by, which aren't one for each vertex.
+    /// The number of values to colour a mesh by differs from its number of vertices.
     #[error("values to colour a mesh by: expected {expected}, found {found}: both must come from the same surface")]
     ValueCount {
         /// The mesh's number of vertices.
@@ -25,7 +25,7 @@ pub enum RenderError {
         /// The number of values.
         found: usize,
     },
-    /// A colour bar without finite ends.
+    /// A colour bar whose ends aren't finite.
     #[error("the range of a colour bar must be two finite numbers, found {low} and {high}")]
     Range {
         /// The value at its lower end.

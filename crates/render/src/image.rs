@@ -1,4 +1,4 @@
-//! Pixels, and PNG files of them.
+//! Images, and PNG files of them.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -10,11 +10,11 @@ use crate::RenderError;
 /// A picture.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Image {
-    /// In pixels.
+    /// Width in pixels.
     pub width: usize,
-    /// In pixels.
+    /// Height in pixels.
     pub height: usize,
-    /// (height, width), row-major from the upper left: red, green, blue (sRGB).
+    /// Colours, (height, width), row-major from the upper left: red, green, blue (sRGB).
     pub pixels: Vec<[u8; 3]>,
 }
 
@@ -27,19 +27,19 @@ impl Image {
         (x < self.width && y < self.height).then(|| y * self.width + x)
     }
 
-    /// The colour at a place; black outside.
+    /// Returns the colour of a pixel; black outside.
     pub(crate) fn get(&self, x: usize, y: usize) -> [u8; 3] {
         self.index(x, y).map_or([0; 3], |i| self.pixels[i])
     }
 
-    /// Sets a pixel; outside, nothing.
+    /// Sets a pixel; ignored outside.
     pub(crate) fn set(&mut self, x: usize, y: usize, color: [u8; 3]) {
         if let Some(i) = self.index(x, y) {
             self.pixels[i] = color;
         }
     }
 
-    /// Lays a colour over a pixel, `coverage` from 0 to 1.
+    /// Blends a colour over a pixel, with `coverage` from 0 to 1.
     pub(crate) fn blend(&mut self, x: usize, y: usize, color: [u8; 3], coverage: f64) {
         let below = self.get(x, y);
         let mixed = std::array::from_fn(|i| {
@@ -50,7 +50,7 @@ impl Image {
     }
 }
 
-/// Writes a picture as PNG, whole or not at all. The name must end in `.png`.
+/// Writes a picture as PNG, atomically. The name must end in `.png`.
 ///
 /// # Errors
 ///
@@ -65,7 +65,7 @@ pub fn write_png(path: impl AsRef<Path>, image: &Image, options: &WriteOptions) 
 ///
 /// # Errors
 ///
-/// Those of `out`, and a picture of more than 2^32 - 1 pixels on a side.
+/// Those of `out`, and an error for a picture of more than 2^32 - 1 pixels on a side.
 pub fn encode_png(image: &Image, out: &mut dyn Write) -> io::Result<()> {
     let size = |n: usize| u32::try_from(n).map_err(io::Error::other);
     let mut encoder = png::Encoder::new(out, size(image.width)?, size(image.height)?);

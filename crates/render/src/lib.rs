@@ -1,7 +1,7 @@
-//! Pictures of meshes: a small z-buffer renderer, no window or graphics card needed.
+//! Pictures of meshes: a small z-buffer renderer that needs no window or graphics card.
 //!
-//! [`render`] draws panels, each a mesh with a caption, in a grid under one orthographic camera, and [`write_png`]
-//! stores the picture. [`render_curves`] draws curves with bands.
+//! [`render`] draws panels, each a mesh with a caption, in a grid with one orthographic camera, and [`write_png`] saves
+//! the picture. [`render_curves`] draws curves with bands.
 //!
 //! ```
 //! use spharm_surface::generate::icosphere;
@@ -45,9 +45,9 @@ use text::Label;
 pub enum Paint<'a> {
     /// One colour (sRGB).
     Plain([u8; 3]),
-    /// A value at each vertex, through [`viridis`], with a colour bar beneath.
+    /// A value per vertex, mapped through [`viridis`], with a colour bar beneath.
     Scalar {
-        /// One a vertex.
+        /// One value per vertex.
         values: &'a [f64],
         /// The values at the bar's ends.
         range: (f64, f64),
@@ -63,7 +63,7 @@ pub struct Panel<'a> {
     pub mesh: &'a Mesh,
     /// Text beneath the mesh; may be empty.
     pub caption: &'a str,
-    /// Its colours.
+    /// The colours of the mesh.
     pub paint: Paint<'a>,
 }
 
@@ -75,19 +75,19 @@ impl<'a> Panel<'a> {
     }
 }
 
-/// Layout and camera, the same for all panels.
+/// Layout and camera, common to all panels.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings {
     /// Width of a panel in pixels.
     pub width: usize,
-    /// Height of a panel in pixels, caption and colour bar included.
+    /// Height of a panel in pixels, including caption and colour bar.
     pub height: usize,
-    /// Panels in a row; 0 puts all in one.
+    /// Panels per row; 0 puts all in one row.
     pub columns: usize,
     /// The camera's position.
     pub view: View,
-    /// Whether all meshes are drawn to one scale about one centre, so that they can be compared; else each fills its
-    /// panel.
+    /// Whether all meshes are drawn at one scale around one centre, so that they can be compared; otherwise each fills
+    /// its panel.
     pub common_scale: bool,
 }
 
@@ -97,22 +97,22 @@ impl Default for Settings {
     }
 }
 
-/// Pixels on a side of a whole picture, at most.
+/// Maximum width and height of a picture in pixels.
 const LARGEST: usize = 1 << 14;
 const BACKGROUND: [u8; 3] = [255; 3];
 const INK: [u8; 3] = [40; 3];
 
 impl Settings {
-    /// Returns the bytes that [`render`] and [`encode_png`] take for so many panels, of meshes of at most so many
-    /// vertices, the picture included.
+    /// Returns the bytes that [`render`] and [`encode_png`] take for `panels` panels with meshes of at most `vertices`
+    /// vertices, including the picture.
     ///
-    /// Three a pixel of the picture, twice while it is compressed; 80 a pixel of one panel, which is drawn at twice the
-    /// resolution in linear light with its depth, one panel after another; 128 a vertex of the panel's mesh.
+    /// Three per pixel of the picture, twice while it is compressed; 80 per pixel of one panel, which is drawn at twice
+    /// the resolution in linear light with its depth, one panel after another; 128 per vertex of the panel's mesh.
     #[must_use]
     pub fn bytes(&self, panels: usize, vertices: usize) -> u64 {
         const BYTES_PER_VERTEX: u64 = 128;
         let columns = if self.columns == 0 { panels } else { self.columns.min(panels) };
-        // A last row that isn't full is as large as the others.
+        // An incomplete last row is as large as the others.
         let places = columns as u64 * panels.div_ceil(columns.max(1)) as u64;
         let pixels = (self.width as u64).saturating_mul(self.height as u64);
         pixels.saturating_mul(raster::BYTES_PER_PIXEL + 6 * places) + BYTES_PER_VERTEX * vertices as u64
@@ -123,8 +123,8 @@ impl Settings {
 ///
 /// # Errors
 ///
-/// [`RenderError`]: no panels, a picture below 16 or above 16,384 pixels on a side, values that aren't one for each
-/// vertex of their mesh, or a range that isn't finite.
+/// [`RenderError`]: no panels, a picture below 16 or above 16,384 pixels on a side, a number of values that differs
+/// from the number of the mesh's vertices, or a range that isn't finite.
 pub fn render(panels: &[Panel<'_>], settings: &Settings) -> Result<Image, RenderError> {
     check(panels, settings)?;
     let columns = match settings.columns {
@@ -137,7 +137,7 @@ pub fn render(panels: &[Panel<'_>], settings: &Settings) -> Result<Image, Render
         return Err(RenderError::Size { width, height });
     }
 
-    // The type grows with the panel, within what is legible.
+    // The font size grows with the panel, within legible limits.
     let type_size = (settings.width as f64 / 24.0).clamp(11.0, 36.0);
     let line = (1.5 * type_size) as usize;
     let any_scalar = panels.iter().any(|p| matches!(p.paint, Paint::Scalar { .. }));
@@ -176,7 +176,7 @@ fn check(panels: &[Panel<'_>], settings: &Settings) -> Result<(), RenderError> {
     if panels.is_empty() {
         return Err(RenderError::NoPanels);
     }
-    // Before their product overflows.
+    // Checked before their product can overflow.
     if settings.width > LARGEST || settings.height > LARGEST {
         return Err(RenderError::Size { width: settings.width, height: settings.height });
     }
@@ -194,7 +194,7 @@ fn check(panels: &[Panel<'_>], settings: &Settings) -> Result<(), RenderError> {
     Ok(())
 }
 
-/// A strip of colours over half the panel's width, its ends' values beside it, its label beneath.
+/// Draws a colour bar over half the panel's width, with the values at its ends beside it and its label beneath.
 fn bar(picture: &mut Image, x: usize, y: usize, width: usize, line: usize, range: (f64, f64), label: &str) {
     let (left, length) = (x + width / 4, width / 2);
     let thickness = line / 2;
@@ -211,7 +211,7 @@ fn bar(picture: &mut Image, x: usize, y: usize, width: usize, line: usize, range
     Label::new(label, size).centred(picture, x + width / 2, y + line, INK);
 }
 
-/// Three digits.
+/// Formats a number with three digits.
 fn short(x: f64) -> String {
     if x == 0.0 {
         "0".to_owned()

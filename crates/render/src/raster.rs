@@ -1,4 +1,4 @@
-//! Triangles into pixels: a z-buffer at twice the resolution, averaged down.
+//! Rasterisation of triangles: a z-buffer at twice the resolution, averaged down.
 
 use std::ops::Range;
 
@@ -10,28 +10,28 @@ use crate::image::Image;
 
 /// Samples per pixel along each axis.
 const FINE: usize = 2;
-/// Depth and colour of a pixel's samples.
+/// Bytes of the depth and colour of a pixel's samples.
 pub(crate) const BYTES_PER_PIXEL: u64 = (FINE * FINE * 20) as u64;
 /// Lights in the picture's axes (right, up, towards the camera) and their strengths: a key light from the upper left,
 /// a weak one from the right that keeps the shadow side legible.
 const LIGHTS: [(Vec3, f64); 2] = [([-0.5, 0.7, 0.8], 0.78), ([0.9, -0.1, 0.4], 0.22)];
 const AMBIENT: f64 = 0.14;
 
-/// A frame in the making.
+/// A frame being drawn.
 pub(crate) struct Raster {
     width: usize,
     height: usize,
     depth: Vec<f64>,
-    /// Linear light and coverage.
+    /// Colour in linear light, and coverage.
     color: Vec<[f32; 3]>,
 }
 
-/// A vertex ready to be drawn.
+/// A projected vertex.
 #[derive(Clone, Copy)]
 struct Corner {
     at: Vec3,
     normal: Vec3,
-    /// Linear light.
+    /// Colour in linear light.
     color: Vec3,
 }
 
@@ -42,7 +42,7 @@ impl Raster {
     }
 
     /// Draws a mesh with a colour (sRGB) at each vertex. Triangles that face away are drawn too, lit from behind, so
-    /// that an open or inverted surface shows as it is.
+    /// that an open or inverted surface is recognisable.
     pub(crate) fn draw(&mut self, mesh: &Mesh, colors: &[[u8; 3]], camera: &Camera) {
         let lights = LIGHTS.map(|(direction, strength)| (camera.direction(direction), strength));
         let normals = vertex_normals(mesh);
@@ -57,7 +57,7 @@ impl Raster {
             })
             .collect();
         for face in &mesh.faces {
-            // A mesh built by hand may name a vertex that isn't there; it has no place in the picture.
+            // A mesh built by hand may refer to a missing vertex; its triangle is skipped.
             let [Some(a), Some(b), Some(c)] = face.map(|i| corners.get(i as usize)) else {
                 continue;
             };
@@ -101,7 +101,7 @@ impl Raster {
         }
     }
 
-    /// Averages the samples over the background and puts the frame's upper left corner at (x, y).
+    /// Averages the samples over the background and draws the frame with its upper left corner at (x, y).
     pub(crate) fn paint_on(&self, picture: &mut Image, x: usize, y: usize) {
         let columns = self.width * FINE;
         for row in 0..self.height {
@@ -122,9 +122,9 @@ impl Raster {
     }
 }
 
-/// The columns in which a triangle may have samples of the row at y: of a sliver few of those that its box has.
+/// Returns the columns in which a triangle may have samples in the row at y: for a sliver, few of those in its box.
 fn columns_of(corners: [Vec3; 3], y: f64, across: &Range<usize>) -> Range<usize> {
-    /// What rounding may be off by, in samples.
+    /// Bound of the rounding error, in samples.
     const SLACK: f64 = 1e-3;
     let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
     for k in 0..3 {
@@ -133,7 +133,7 @@ fn columns_of(corners: [Vec3; 3], y: f64, across: &Range<usize>) -> Range<usize>
             continue;
         }
         let rise = q[1] - p[1];
-        // A level edge is in the row from end to end.
+        // A horizontal edge spans the row from end to end.
         let ends = if rise.abs() < 1.0 { [0.0, 1.0] } else { [((y - p[1]) / rise).clamp(0.0, 1.0); 2] };
         for x in ends.map(|t| p[0] + t * (q[0] - p[0])) {
             (low, high) = (low.min(x), high.max(x));
@@ -143,14 +143,14 @@ fn columns_of(corners: [Vec3; 3], y: f64, across: &Range<usize>) -> Range<usize>
     start..across.end.min((high + 1.0).ceil().max(0.0) as usize).max(start)
 }
 
-/// Lambert's cosine law over an ambient floor.
+/// Lambert's cosine law plus ambient light.
 fn shade(normal: Vec3, lights: &[(Vec3, f64)], towards: Vec3) -> f64 {
     let normal = if dot(normal, towards) < 0.0 { scale(normal, -1.0) } else { normal };
     let lit: f64 = lights.iter().map(|(direction, strength)| strength * dot(normal, *direction).max(0.0)).sum();
     AMBIENT + lit
 }
 
-/// Area-weighted means of the triangles' normals; not of unit length.
+/// Returns area-weighted means of the triangles' normals, which aren't of unit length.
 fn vertex_normals(mesh: &Mesh) -> Vec<Vec3> {
     let mut normals = vec![[0.0; 3]; mesh.vertices.len()];
     for face in &mesh.faces {
@@ -168,7 +168,7 @@ fn vertex_normals(mesh: &Mesh) -> Vec<Vec3> {
     normals
 }
 
-/// Twice the signed area of a triangle in the plane.
+/// Returns twice the signed area of a triangle in the plane.
 fn cross(a: Vec3, b: Vec3, c: Vec3) -> f64 {
     (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 }

@@ -1,12 +1,12 @@
-//! Bringing panels to one scale, and values to a range of colours.
+//! Scaling of panels to each other, and of values to a range of colours.
 
 use spharm_surface::Mesh;
 
-/// Values beyond this percentile get the last colour: a few large ones would leave no colours to the rest.
+/// Values beyond this percentile get the last colour: otherwise a few large ones would use up the range of colours.
 const PERCENTILE: usize = 99;
 
-/// Returns a mesh scaled and moved into the place of another: as wide as it where both are widest, around the same
-/// centre of the bounding box.
+/// Returns a mesh scaled and moved to the place of another: with the same largest extent, and the same centre of the
+/// bounding box.
 #[must_use]
 pub fn fit_into(mesh: &Mesh, other: &Mesh) -> Mesh {
     let span = |mesh: &Mesh, axis: usize| {
@@ -21,7 +21,7 @@ pub fn fit_into(mesh: &Mesh, other: &Mesh) -> Mesh {
     mesh.with_vertices(mesh.vertices.iter().map(place).collect())
 }
 
-/// Returns a range around 0 that holds the smallest 99 % of the values, by size.
+/// Returns a range around 0 that contains the 99 % of the values that are smallest in magnitude.
 #[must_use]
 pub fn symmetric_range(values: &[f64]) -> (f64, f64) {
     let mut sizes: Vec<f64> = values.iter().map(|value| value.abs()).collect();
@@ -31,13 +31,13 @@ pub fn symmetric_range(values: &[f64]) -> (f64, f64) {
     (-most, most)
 }
 
-/// Whether a map of this name is of p values or false-discovery rates: `p`, `q`, `p-fwe`.
+/// Returns whether a map of this name holds p values or false-discovery rates: `p`, `q`, `p-fwe`.
 #[must_use]
 pub fn is_probability(name: &str) -> bool {
     name == "p" || name == "q" || name.starts_with("p-")
 }
 
-/// Returns -log10 of p values, and their range from 0 to that of the least p, or at least to 1: what is significant has
+/// Returns -log10 of p values, and their range from 0 to the largest one, but at least to 1: significant values have
 /// the last colours.
 #[must_use]
 pub fn significance(p: &[f64]) -> (Vec<f64>, (f64, f64)) {
@@ -46,8 +46,8 @@ pub fn significance(p: &[f64]) -> (Vec<f64>, (f64, f64)) {
     (values, (0.0, most))
 }
 
-/// Returns what stands at the scale of a map: its name, for p values `-log10`, and that the ends are clipped where
-/// values lie beyond.
+/// Returns the label of a map's scale: its name, `-log10` for p values, and a note that the ends are clipped if values
+/// lie beyond.
 #[must_use]
 pub fn scale_label(name: &str, values: &[f64], (low, high): (f64, f64)) -> String {
     if is_probability(name) {

@@ -1,10 +1,10 @@
-//! Words in pictures.
+//! Text in pictures.
 
 use ab_glyph::{Font, FontRef, PxScale, ScaleFont, point};
 
 use crate::image::Image;
 
-/// A line of text at a size.
+/// A line of text of a given size.
 pub(crate) struct Label<'a> {
     text: &'a str,
     scale: PxScale,
@@ -12,13 +12,13 @@ pub(crate) struct Label<'a> {
 }
 
 impl<'a> Label<'a> {
-    /// `size` is the line's height in pixels.
+    /// Creates a label; `size` is the line's height in pixels.
     pub(crate) fn new(text: &'a str, size: f64) -> Self {
         Self {
             text,
             scale: PxScale::from(size as f32),
-            // Ubuntu Light, from the crate that packs it: no font need be installed. It parses; if it ever failed to,
-            // a picture without words beats none.
+            // Ubuntu Light, from the crate that packages it: no font has to be installed. It is valid; if parsing ever
+            // failed, a picture without text would be better than none.
             font: FontRef::try_from_slice(epaint_default_fonts::UBUNTU_LIGHT).ok(),
         }
     }
@@ -29,17 +29,17 @@ impl<'a> Label<'a> {
         self.text.chars().map(|c| font.h_advance(font.glyph_id(c))).sum()
     }
 
-    /// Centred on x, its top at y.
+    /// Draws the label centred on x, its top at y.
     pub(crate) fn centred(&self, picture: &mut Image, x: usize, y: usize, color: [u8; 3]) {
         self.draw(picture, x as f32 - self.width() / 2.0, y as f32, color);
     }
 
-    /// Its left end at x.
+    /// Draws the label with its left end at x, its top at y.
     pub(crate) fn starting(&self, picture: &mut Image, x: usize, y: usize, color: [u8; 3]) {
         self.draw(picture, x as f32, y as f32, color);
     }
 
-    /// Its right end at x.
+    /// Draws the label with its right end at x, its top at y.
     pub(crate) fn ending(&self, picture: &mut Image, x: usize, y: usize, color: [u8; 3]) {
         self.draw(picture, x as f32 - self.width(), y as f32, color);
     }

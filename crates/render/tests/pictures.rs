@@ -1,4 +1,4 @@
-//! Pictures show what they should.
+//! Tests of the pictures' contents.
 
 use spharm_render::{Image, Paint, Panel, RenderError, Settings, View, render, write_png};
 use spharm_surface::Mesh;
@@ -13,7 +13,7 @@ fn at(image: &Image, x: usize, y: usize) -> [u8; 3] {
     image.pixels[y * image.width + x]
 }
 
-/// Share of pixels that aren't background.
+/// Returns the fraction of pixels that aren't background.
 fn covered(image: &Image) -> f64 {
     let ink = image.pixels.iter().filter(|&&p| p != [255; 3]).count();
     ink as f64 / image.pixels.len() as f64
@@ -89,7 +89,7 @@ fn senseless_requests_are_told() {
     let paint = Paint::Scalar { values: &[1.0], range: (0.0, 1.0), label: "" };
     let error = render(&[Panel { mesh: &ball, caption: "", paint }], &small()).unwrap_err();
     assert!(matches!(error, RenderError::ValueCount { expected: 12, found: 1 }), "{error}");
-    // What isn't a number isn't drawn.
+    // Triangles with vertices that aren't finite aren't drawn.
     let mut broken = ball.clone();
     broken.vertices[3] = [f64::NAN; 3];
     render(&[Panel::new(&broken, "")], &small()).unwrap();
