@@ -187,9 +187,9 @@ pub struct Distances {
     /// Whether these distances include an additional pass after the requested ones, which removes the remaining
     /// rounding.
     pub refinement: bool,
-    /// Mean squared distance; none for what has no volume.
+    /// Mean squared distance; none if there is no volume.
     pub msd: Option<f64>,
-    /// Maximal squared distance; none for what has no volume.
+    /// Maximal squared distance; none if there is no volume.
     pub xsd: Option<f64>,
     /// Mean squared distance, in the input's unit squared.
     pub msd_raw: f64,

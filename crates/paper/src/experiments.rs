@@ -88,7 +88,8 @@ pub(crate) struct Results {
     pub(crate) basis: Vec<Basis>,
 }
 
-/// Figure 5. At each degree SIRF does the same work whatever the highest degree, but msd and time belong to each fit.
+/// Runs figure 5. At each degree SIRF does the same work whatever the highest degree, but msd and time belong to each
+/// fit.
 pub(crate) fn sirf(
     bench: &Bench<'_>,
     extent: &Extent,
@@ -155,8 +156,8 @@ fn between(surface: &Surface, coefficients: &Coefficients, monitor: &dyn Monitor
     Ok(surface_distance(&given, &found, &SurfaceDistanceParams::default(), monitor)?)
 }
 
-/// Table 1: for memory limits around the given one, finds the largest degree of NLSF by the solver's plan; within the
-/// given limit, runs a fit at that degree or at the highest one that is still quick.
+/// Runs table 1: for memory limits around the given one, finds the largest degree of NLSF by the solver's plan; within
+/// the given limit, fits at that degree or at the highest one that is still quick.
 pub(crate) fn nlsf(
     bench: &Bench<'_>,
     extent: &Extent,
@@ -184,7 +185,7 @@ pub(crate) fn nlsf(
     Ok(rows)
 }
 
-/// Figure 3, with each basis in its own folder in `store`.
+/// Runs figure 3, with each basis in its own folder in `store`.
 pub(crate) fn basis(bench: &Bench<'_>, extent: &Extent, store: &Path) -> Result<Vec<Basis>> {
     let by_degree = extent.basis_degrees.iter().map(|&degree| ("degree", extent.subdivisions, degree));
     let by_vertices = extent.basis_subdivisions.iter().map(|&s| ("vertices", s, extent.basis_degree));

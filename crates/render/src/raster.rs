@@ -143,7 +143,7 @@ fn columns_of(corners: [Vec3; 3], y: f64, across: &Range<usize>) -> Range<usize>
     start..across.end.min((high + 1.0).ceil().max(0.0) as usize).max(start)
 }
 
-/// Lambert's cosine law plus ambient light.
+/// Returns the brightness by Lambert's cosine law plus ambient light.
 fn shade(normal: Vec3, lights: &[(Vec3, f64)], towards: Vec3) -> f64 {
     let normal = if dot(normal, towards) < 0.0 { scale(normal, -1.0) } else { normal };
     let lit: f64 = lights.iter().map(|(direction, strength)| strength * dot(normal, *direction).max(0.0)).sum();

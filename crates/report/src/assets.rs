@@ -1,7 +1,7 @@
-//! What a page carries beside its data: script, WebAssembly and style sheet.
+//! Assets of a page: script, WebAssembly and style sheet.
 //!
 //! `./run report-assets` builds the first two from `viewer/` and `crates/viewer`, and writes the hashes of their
-//! sources into `assets/sources.txt`; a test compares these.
+//! sources to `assets/sources.txt`; a test compares these.
 
 use std::io::Read;
 
@@ -9,16 +9,16 @@ use flate2::read::GzDecoder;
 
 use crate::ReportError;
 
-/// The page's script, gzipped: `viewer/src` and three.js, whose licence is in it.
+/// The page's script, gzipped: `viewer/src` and three.js, including the latter's licence.
 const SCRIPT: &[u8] = include_bytes!("../assets/page.js.gz");
 /// `crates/viewer` as WebAssembly, gzipped.
 pub(crate) const WASM: &[u8] = include_bytes!("../assets/viewer.wasm.gz");
 /// The style sheets.
 pub(crate) const STYLE: &str = concat!(include_str!("page.css"), include_str!("chart.css"));
-/// The view's elements, which the script fills in.
+/// The HTML elements of the view, which the script fills in.
 pub(crate) const VIEW: &str = include_str!("view.html");
 
-/// The script's text.
+/// Returns the text of the script.
 pub(crate) fn script() -> Result<String, ReportError> {
     let mut text = String::new();
     GzDecoder::new(SCRIPT).read_to_string(&mut text).map_err(ReportError::Assets)?;
@@ -35,7 +35,7 @@ mod tests {
 
     use super::*;
 
-    /// Files under a folder, sorted, without what package managers put there.
+    /// Returns the files under a folder, sorted, without those of package managers.
     fn files(folder: &Path) -> Vec<PathBuf> {
         let mut entries: Vec<PathBuf> = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
         entries.sort();
@@ -44,7 +44,7 @@ mod tests {
         all.flatten().collect()
     }
 
-    /// A package's sources are without those of the script, whose build it doesn't run.
+    /// A published package lacks the sources of the script, because its build doesn't need them.
     #[test]
     fn the_assets_are_built_from_these_sources() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");

@@ -1,21 +1,21 @@
-//! Upright axes of charts.
+//! Vertical axes of charts.
 
 use crate::text::number;
 
-/// Values this far below the largest are left out: they are what rounding left.
+/// Range in decades below the largest value; smaller values are rounding errors and left out.
 const DECADES: f64 = 18.0;
 
-/// How values lie on an axis.
+/// The scale of an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Scale {
-    /// By their logarithms, of values above 0.
+    /// Logarithmic, for values above 0.
     Logarithmic,
-    /// From 0 on, of values that aren't below it.
+    /// Linear from 0, for non-negative values.
     Linear,
 }
 
 impl Scale {
-    /// Whether a value has a place at all.
+    /// Returns whether a value can be shown on the scale.
     pub(crate) fn has(self, y: f64) -> bool {
         y.is_finite() && if self == Self::Logarithmic { y > 0.0 } else { y >= 0.0 }
     }
@@ -25,18 +25,18 @@ impl Scale {
     }
 }
 
-/// An axis that all values are on.
+/// An axis that covers a set of values.
 pub(crate) struct Axis {
     scale: Scale,
-    /// The least value that is shown.
+    /// The smallest value shown.
     floor: f64,
-    /// The ends, as the scale has them.
+    /// The ends, in the units of the scale.
     bottom: f64,
     upper: f64,
 }
 
 impl Axis {
-    /// The axis for these values, which have a place on the scale; none where there is nothing above 0.
+    /// Returns the axis for values that can be shown on the scale; `None` if none is above 0.
     pub(crate) fn new<I: Iterator<Item = f64>>(scale: Scale, values: impl Fn() -> I) -> Option<Self> {
         let top = values().fold(0.0_f64, f64::max);
         if top <= 0.0 {
@@ -53,13 +53,14 @@ impl Axis {
         Some(Self { scale, floor, bottom, upper })
     }
 
-    /// Where a value is between the ends, 0 to 1; none where it has no place. What is above the upper end is there.
+    /// Returns the position of a value between the ends, 0 to 1; `None` if it isn't shown. Values above the upper end
+    /// are clamped.
     pub(crate) fn share(&self, y: f64) -> Option<f64> {
         let shown = self.scale.has(y) && y >= self.floor;
         shown.then(|| ((self.scale.of(y) - self.bottom) / (self.upper - self.bottom)).min(1.0))
     }
 
-    /// Round values, at most seven: their shares, and what stands there, as SVG.
+    /// Returns round values, at most seven: their positions, and their labels as SVG.
     pub(crate) fn ticks(&self) -> Vec<(f64, String)> {
         let span = self.upper - self.bottom;
         let step = if self.scale == Scale::Logarithmic { (span / 6.0).ceil().max(1.0) } else { step(self.upper) };
@@ -72,7 +73,7 @@ impl Axis {
     }
 }
 
-/// The round step of which three to six reach from 0 to a value.
+/// Returns a round step of which three to six reach from 0 to a value.
 fn step(top: f64) -> f64 {
     let power = 10f64.powf((top / 6.0).log10().floor());
     [1.0, 2.0, 5.0, 10.0]

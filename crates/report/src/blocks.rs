@@ -1,7 +1,7 @@
-//! Arrays in a page: in planes of bytes, gzipped, in base64.
+//! Arrays in a page: split into byte planes, gzipped, in base64.
 //!
-//! The first bytes of all numbers come first, then the second ones, and so on: exponents and high bytes are alike among
-//! themselves, and take half the room that way.
+//! The first bytes of all numbers come first, then the second ones, and so on: exponents and high bytes are similar to
+//! each other, and this order halves the compressed size.
 
 use std::io::Write;
 
@@ -11,18 +11,18 @@ use flate2::Compression;
 use flate2::write::GzEncoder;
 use serde::Serialize;
 
-/// An array in a page: its place among the blocks and what its numbers are.
+/// Reference to an array in a page: its block and the type of its numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub(crate) struct Block {
-    /// The element `data-N`.
+    /// Number N of the element `data-N`.
     id: usize,
-    /// `f32`, `i32` or `i16`.
+    /// Type of the numbers: `f32`, `i32` or `i16`.
     kind: &'static str,
-    /// How many numbers.
+    /// Number of values.
     length: usize,
 }
 
-/// The arrays of a page. Equal ones are there once.
+/// The arrays of a page. Equal arrays are stored once.
 #[derive(Debug, Default)]
 pub(crate) struct Blocks {
     packed: Vec<(blake3::Hash, String)>,
@@ -39,7 +39,7 @@ impl Blocks {
         self.add("i16", 2, &bytes)
     }
 
-    /// Triangles, each less the one before it: neighbours in a file are neighbours on the surface.
+    /// Adds triangles as differences from the preceding one: neighbours in a file are mostly neighbours on the surface.
     pub(crate) fn faces(&mut self, faces: &[[u32; 3]]) -> Block {
         let mut before = [0u32; 3];
         let mut bytes = Vec::with_capacity(12 * faces.len());
@@ -64,7 +64,7 @@ impl Blocks {
         Block { id, kind, length }
     }
 
-    /// The elements of all blocks.
+    /// Returns the HTML elements of all blocks.
     pub(crate) fn html(&self) -> String {
         let element = |(id, (_, text)): (usize, &(_, String))| {
             format!("<script type=\"application/octet-stream\" id=\"data-{id}\">{text}</script>\n")
@@ -73,10 +73,10 @@ impl Blocks {
     }
 }
 
-/// The bytes, gzipped, without a time in the header.
+/// Compresses bytes by gzip, without a time in the header.
 fn gzip(bytes: &[u8]) -> Vec<u8> {
     let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
-    // A vector takes whatever is written.
+    // Writing to a vector can't fail.
     let _ = encoder.write_all(bytes);
     encoder.finish().unwrap_or_default()
 }

@@ -1,5 +1,5 @@
-//! Line charts, as SVG without scripts or styles of its own: the page's style sheet gives lines their colours, in light
-//! and dark.
+//! Line charts as SVG without their own scripts or styles: the page's style sheet defines the lines' colours, for light
+//! and dark mode.
 
 use std::fmt::Write;
 
@@ -8,7 +8,7 @@ use crate::text::{escape, number};
 
 const WIDTH: f64 = 460.0;
 const HEIGHT: f64 = 250.0;
-/// Left, right, top, bottom.
+/// Margins: left, right, top, bottom.
 const MARGINS: [f64; 4] = [52.0, 12.0, 12.0, 38.0];
 
 /// A line: its class in the style sheet, its name, its points.
@@ -16,9 +16,9 @@ const MARGINS: [f64; 4] = [52.0, 12.0, 12.0, 38.0];
 pub(crate) struct Line {
     pub(crate) class: &'static str,
     pub(crate) name: String,
-    /// x and y; there is no point where y has no place on the axis.
+    /// x and y; points whose y can't be shown on the axis are skipped.
     pub(crate) points: Vec<[f64; 2]>,
-    /// x, and the lowest and the highest y of a band about the line; may be empty.
+    /// x, and the lowest and the highest y of the line's band; may be empty.
     pub(crate) band: Vec<[f64; 3]>,
 }
 
@@ -29,12 +29,12 @@ pub(crate) struct Chart<'a> {
     pub(crate) y: &'a str,
     pub(crate) lines: Vec<Line>,
     pub(crate) scale: Scale,
-    /// Whether points are marked: where they are few.
+    /// Whether points are marked, which suits a small number of points.
     pub(crate) marks: bool,
 }
 
 impl Chart<'_> {
-    /// The figure; none where no line has a point.
+    /// Returns the figure; `None` if no line has a point.
     pub(crate) fn html(&self) -> Option<String> {
         let axis = Axis::new(self.scale, || self.points().map(|p| p[1]))?;
         let (left, right) = self.points().fold((f64::MAX, f64::MIN), |(a, b), p| (a.min(p[0]), b.max(p[0])));
@@ -47,7 +47,7 @@ impl Chart<'_> {
             "<svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{}\">",
             escape(&format!("{}: {} by {}", self.title, self.y, self.x))
         );
-        // Writing to a string doesn't fail.
+        // Writing to a string can't fail.
         let mut put = |text: std::fmt::Arguments<'_>| {
             let _ = svg.write_fmt(text);
         };
@@ -78,7 +78,7 @@ impl Chart<'_> {
                 axis.share(of[k]).map(|share| format!("{:.1},{:.1}", at_x(of[0]), on_height(share)))
             };
             let (low, high) = (line.band.iter().map(|of| edge(1, of)), line.band.iter().rev().map(|of| edge(2, of)));
-            // All of it, or nothing.
+            // The band is drawn completely or not at all.
             if let Some(corners) = low.chain(high).collect::<Option<Vec<_>>>().filter(|corners| !corners.is_empty()) {
                 put(format_args!("<polygon class=\"{}\" points=\"{}\"/>", line.class, corners.join(" ")));
             }
@@ -120,7 +120,7 @@ impl Chart<'_> {
     }
 }
 
-/// Round numbers between two, at most six.
+/// Returns round numbers between two values, at most six.
 fn ticks(low: f64, high: f64) -> Vec<f64> {
     let span = high - low;
     if span <= 0.0 {
@@ -128,7 +128,7 @@ fn ticks(low: f64, high: f64) -> Vec<f64> {
     }
     let power = 10f64.powf((span / 5.0).log10().floor());
     let steps = [1.0, 2.0, 5.0, 10.0].map(|factor| factor * power);
-    // Degrees and passes are whole.
+    // Degrees and passes are integers.
     let step = steps.into_iter().find(|step| span / step <= 5.0).unwrap_or(span).max(1.0);
     let first = (low / step).ceil() as i64;
     (first..=(high / step).floor() as i64).map(|k| k as f64 * step).collect()

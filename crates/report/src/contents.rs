@@ -1,4 +1,4 @@
-//! What a page is made of.
+//! The input of a page.
 
 use serde_json::Value;
 use spharm_model::Model;
@@ -8,12 +8,12 @@ use spharm_surface::Mesh;
 
 use crate::table::Table;
 
-/// The contents of a page, in its order.
+/// The contents of a page, in display order.
 #[derive(Debug, Clone, Default)]
 pub struct Contents {
     /// The page's heading.
     pub title: String,
-    /// Warnings, shown before all else.
+    /// Warnings, shown first.
     pub warnings: Vec<String>,
     /// Models of surfaces.
     pub models: Vec<Shown>,
@@ -21,24 +21,24 @@ pub struct Contents {
     pub modes: Vec<(String, ShapeModel)>,
     /// Maps of tests.
     pub tests: Vec<Maps>,
-    /// Quality of alignments of one group, side by side; the first is the one that matters.
+    /// Quality of several alignments of one group, for comparison; the first is the main one.
     pub quality: Vec<Quality>,
-    /// Tables of status, and others.
+    /// Tables of status, and other tables.
     pub tables: Vec<Table>,
-    /// The version of the program, for the page's foot.
+    /// The version of the program, for the page's footer.
     pub version: String,
 }
 
 /// A model in a page.
 #[derive(Debug, Clone)]
 pub struct Shown {
-    /// Its name.
+    /// Name of the model.
     pub name: String,
-    /// The model, of a surface.
+    /// The model, which must be of a surface.
     pub model: Model,
-    /// The surface to compare it with, and its name.
+    /// A surface for comparison, and its name.
     pub surface: Option<(String, Mesh)>,
-    /// Its entry under `surfaces` in the report of `spharm fit`.
+    /// The model's entry under `surfaces` in the report of `spharm fit`.
     pub fit: Option<Value>,
 }
 
@@ -47,21 +47,21 @@ pub struct Shown {
 pub struct Maps {
     /// Name of the test.
     pub name: String,
-    /// What was tested, such as `a - b`; may be empty.
+    /// The tested effect, such as `a - b`; may be empty.
     pub meaning: String,
-    /// What else there is to say of it, such as the subjects and the covariates: name and text.
+    /// Further information, such as the subjects and the covariates: name and text.
     pub about: Vec<(String, String)>,
     /// The surface.
     pub mesh: Mesh,
-    /// Names and values, one a vertex; those of p values are called `p`, `q` or begin with `p-`.
+    /// Names and values, one per vertex; maps of p values are called `p`, `q` or begin with `p-`.
     pub maps: Vec<(String, Vec<f64>)>,
 }
 
-/// Quality of a group that corresponds, by [`group_quality`](spharm_shape::group_quality); lengths in the surfaces'
+/// Quality of a group in correspondence, from [`group_quality`](spharm_shape::group_quality); lengths in the surfaces'
 /// unit.
 #[derive(Debug, Clone, Default)]
 pub struct Quality {
-    /// What the group was brought together by.
+    /// Name of the alignment.
     pub name: String,
     /// Variance along all modes, in the square of the unit.
     pub variance: f64,
@@ -75,14 +75,15 @@ pub struct Quality {
     pub surface_generalisation: Option<Curve>,
     /// Specificity by the distance between surfaces.
     pub surface_specificity: Option<Curve>,
-    /// Mean and median distance of landmarks that should be at one place.
+    /// Mean and median distance of corresponding landmarks.
     pub landmarks: Option<[f64; 2]>,
 }
 
 /// Settings of a page.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Params {
-    /// Most vertices of a mesh in the page. A model over more is evaluated on an icosphere. Default 163,842.
+    /// Maximum number of vertices of a mesh in the page. A model over more is evaluated on an icosphere. Default
+    /// 163,842.
     pub max_vertices: usize,
 }
 

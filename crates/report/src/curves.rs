@@ -1,4 +1,4 @@
-//! The charts of a model: its power by degree, what lower degrees leave out, and how its fit converged.
+//! The charts of a model: power by degree, truncation error by degree, and convergence of the fit.
 
 use serde_json::Value;
 use spharm_harmonics::Coefficients;
@@ -8,7 +8,7 @@ use crate::chart::{Chart, Line};
 
 const SPHERE: f64 = 4.0 * std::f64::consts::PI;
 
-/// Power of each degree from 1 on, of each channel and of all: `sum_m a_lm^2 / 4 pi`.
+/// Returns the chart of the power of each degree from 1 on, per channel and in total: `sum_m a_lm^2 / 4 pi`.
 pub(crate) fn spectrum(coefficients: &Coefficients) -> Option<String> {
     let names = [("x", "x"), ("y", "y"), ("z", "z"), ("all", "all")];
     let lines = names.iter().enumerate().map(|(channel, &(class, name))| {
@@ -27,7 +27,7 @@ pub(crate) fn spectrum(coefficients: &Coefficients) -> Option<String> {
     .html()
 }
 
-/// The root mean square distance by which leaving out the degrees above each moves the surface, by Parseval's identity.
+/// Returns the chart of the root mean square distance caused by truncation after each degree, by Parseval's identity.
 pub(crate) fn detail(coefficients: &Coefficients) -> Option<String> {
     let degrees = coefficients.max_degree();
     let mut left_out = 0.0;
@@ -44,7 +44,7 @@ pub(crate) fn detail(coefficients: &Coefficients) -> Option<String> {
     Chart { title: "Detail left out", x: "highest degree", y, lines, scale: Scale::Logarithmic, marks: false }.html()
 }
 
-/// The power of a degree, of a channel or (3) of all.
+/// Returns the power of a degree, for one channel or (3) in total.
 fn power(coefficients: &Coefficients, l: usize, channel: usize) -> f64 {
     let rows = l * l..(l + 1) * (l + 1);
     let values = coefficients.values();
@@ -55,8 +55,8 @@ fn power(coefficients: &Coefficients, l: usize, channel: usize) -> f64 {
     rows.map(square).sum::<f64>() / SPHERE
 }
 
-/// Mean and largest squared distance after each pass, from the entry of a surface in the report of `fit`; none where
-/// the fit wasn't made in passes.
+/// Returns the chart of the mean and largest squared distance after each pass, from a surface's entry in the report of
+/// `fit`; `None` if the fit wasn't made in passes.
 pub(crate) fn convergence(entry: &Value) -> Option<String> {
     let passes = entry.get("passes")?.as_array()?;
     if passes.len() < 2 {

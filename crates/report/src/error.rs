@@ -1,4 +1,4 @@
-//! What can go wrong with a page.
+//! The error type of this crate.
 
 use spharm_model::ModelError;
 use spharm_render::RenderError;
@@ -9,77 +9,77 @@ use spharm_surface::SurfaceError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReportError {
-    /// A page of nothing.
+    /// A page without contents.
     #[error("a page needs a model, modes, a test, a quality or a table; found none")]
     Empty,
-    /// Values that aren't one for each vertex.
+    /// A map whose number of values differs from the number of vertices.
     #[error("{name}: map {map} has {found} values, expected one for each of {expected} vertices")]
     ValueCount {
-        /// The test.
+        /// Name of the test.
         name: String,
-        /// The map.
+        /// Name of the map.
         map: String,
-        /// Vertices.
+        /// Number of vertices.
         expected: usize,
-        /// Values.
+        /// Number of values.
         found: usize,
     },
-    /// A table whose rows are of different lengths.
+    /// A table with rows of different lengths.
     #[error("{name}: row {row} has {found} cells, expected {expected}, as many as the header")]
     Cells {
-        /// The table.
+        /// Name of the table.
         name: String,
-        /// The row, counted from 1, without the header.
+        /// Number of the row, from 1, without the header.
         row: usize,
-        /// Columns.
+        /// Number of columns.
         expected: usize,
-        /// Cells.
+        /// Number of cells.
         found: usize,
     },
-    /// More vertices than are let into a page.
+    /// A mesh with too many vertices for a page.
     #[error("{name}: the mesh has {found} vertices, expected at most {most}")]
     TooLarge {
-        /// The mesh.
+        /// Name of the mesh.
         name: String,
-        /// Vertices.
+        /// Number of vertices.
         found: usize,
-        /// Most vertices.
+        /// Maximum number of vertices.
         most: usize,
     },
-    /// A model that can't be evaluated, or is of no surface.
+    /// A model that can't be evaluated, or isn't of a surface.
     #[error("{name}: {source}")]
     Model {
-        /// The model.
+        /// Name of the model.
         name: String,
-        /// Why.
+        /// The cause.
         source: ModelError,
     },
-    /// A surface that distances can't be measured from.
+    /// A surface from which distances can't be measured.
     #[error("{name}: {source}")]
     Surface {
-        /// The model.
+        /// Name of the model.
         name: String,
-        /// Why.
+        /// The cause.
         source: SurfaceError,
     },
-    /// Modes that make no shape.
+    /// Modes that can't be turned into shapes.
     #[error("{name}: {source}")]
     Shape {
-        /// The modes.
+        /// Name of the modes.
         name: String,
-        /// Why.
+        /// The cause.
         source: ShapeError,
     },
     /// A picture that can't be drawn.
     #[error(transparent)]
     Render(#[from] RenderError),
-    /// The bytes of a picture.
+    /// A picture that can't be encoded.
     #[error("the picture can't be encoded: {0}")]
     Picture(std::io::Error),
-    /// What was built into the library is damaged.
+    /// An asset built into the library is damaged.
     #[error("the page's script can't be unpacked: {0}; build the program again")]
     Assets(std::io::Error),
-    /// Data that JSON has no form for.
+    /// Data that can't be represented in JSON.
     #[error("the page's data can't be written: {0}")]
     Data(#[from] serde_json::Error),
 }

@@ -1,28 +1,26 @@
-//! Models as a page for the browser: one HTML file, which asks for nothing beside itself and evaluates the models at
-//! any degree.
+//! Models as a page for the browser: a single self-contained HTML file, which evaluates the models at any degree.
 //!
-//! [`page()`] makes it of [`Contents`]: models beside the surfaces that they were fitted to, modes of a group, maps of
-//! a test, tables of status. Coefficients, directions and triangles are in the page as arrays; WebAssembly of
-//! `crates/viewer` evaluates them there and `viewer/` draws. Without scripts, or without WebGL, pictures stand in place
-//! of the views.
+//! [`page()`] creates it from [`Contents`]: models compared with the surfaces to which they were fitted, modes of a
+//! group, maps of a test, tables of status. The page contains coefficients, directions and triangles as arrays;
+//! WebAssembly from `crates/viewer` evaluates them and `viewer/` draws. Without scripts or WebGL, pictures replace the
+//! views.
 //!
-//! A surface with the triangles of its model's sphere is stored as its offsets from the model, in steps of a 32,767th
-//! of the largest, so that distances in the page are right to 3e-5 of the largest one. Coefficients and directions are
-//! f32.
+//! A surface with the triangles of its model's sphere is stored as offsets from the model, in steps of 1/32,767 of the
+//! largest, so that distances in the page are accurate to 3e-5 of the largest one. Coefficients and directions are f32.
 //!
 //! # Modules
 //!
 //! | module | contents |
 //! |---|---|
-//! | [`contents`] | what a page is made of |
-//! | [`page`](mod@page) | the page, its policy of what may run |
-//! | `model_item`, `modes_item`, `maps_item` | what the script gets of a model, of modes, of a test |
-//! | `grid` | directions and triangles, or the icosphere that they are |
+//! | [`contents`] | the input of a page |
+//! | [`page`](mod@page) | the page and its content security policy |
+//! | `model_item`, `modes_item`, `maps_item` | the script's data for a model, for modes, for a test |
+//! | `grid` | directions and triangles, or the equivalent icosphere |
 //! | `blocks` | arrays as text |
 //! | `curves`, `chart`, `axis` | the charts of a model, as SVG |
-//! | `quality` | curves and a table of alignments side by side |
+//! | `quality` | curves and a table that compare alignments |
 //! | [`table`], `provenance` | tables |
-//! | `still` | pictures in place of views |
+//! | `still` | pictures that replace views |
 //! | `text` | escaping |
 //! | `assets` | script, WebAssembly, style sheet |
 //!

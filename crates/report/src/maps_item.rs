@@ -10,10 +10,10 @@ use crate::model_item::Drawn;
 use crate::still::still;
 use crate::text::number;
 
-/// Level of significance whose vertices are counted.
+/// Level of significance for counting vertices.
 const LEVEL: f64 = 0.05;
 
-/// Maps, as the page's script gets them.
+/// Maps, in the form passed to the page's script.
 #[derive(Debug, Serialize)]
 pub(crate) struct MapsItem {
     kind: &'static str,
@@ -27,16 +27,16 @@ pub(crate) struct MapsItem {
 struct Map {
     name: String,
     values: Block,
-    /// Whether these are p values or false-discovery rates, to be shown as their logarithms.
+    /// Whether these are p values or false-discovery rates, which are shown as logarithms.
     probability: bool,
-    /// The values of the first and the last colour, before logarithms.
+    /// The values of the first and the last colour, before taking logarithms.
     range: [f64; 2],
-    /// What stands at its scale.
+    /// Label of the scale.
     label: String,
 }
 
 impl MapsItem {
-    /// The maps with their picture.
+    /// Creates the item and its picture (PNG).
     pub(crate) fn new(test: &Maps, max_vertices: usize, blocks: &mut Blocks) -> Result<(Self, Vec<u8>), ReportError> {
         let expected = test.mesh.vertices.len();
         if expected > max_vertices {
@@ -48,7 +48,7 @@ impl MapsItem {
                 return Err(ReportError::ValueCount { name, map, expected, found });
             }
         }
-        // As the script paints them.
+        // Same colours as in the script.
         let painted: Vec<(Vec<f64>, (f64, f64), String)> = test
             .maps
             .iter()
@@ -85,7 +85,7 @@ impl MapsItem {
     }
 }
 
-/// What each map holds, for the table under the view.
+/// Returns a description of each map, for the table under the view.
 pub(crate) fn rows(test: &Maps) -> Vec<(String, String)> {
     let mut rows = vec![("Vertices".to_owned(), test.mesh.vertices.len().to_string())];
     if !test.meaning.is_empty() {
@@ -106,7 +106,7 @@ pub(crate) fn rows(test: &Maps) -> Vec<(String, String)> {
     rows
 }
 
-/// Symmetric about 0 where values have both signs, else from the least to the largest.
+/// Returns a range symmetric about 0 if values have both signs, else from the smallest to the largest.
 fn range(values: &[f64]) -> (f64, f64) {
     let finite = || values.iter().copied().filter(|value| value.is_finite());
     let (low, high) = finite().fold((f64::MAX, f64::MIN), |(low, high), x| (low.min(x), high.max(x)));

@@ -1,20 +1,21 @@
-//! What a page takes of memory, to be planned with.
+//! Memory requirements of a page, for planning.
 
 use spharm_model::Model;
 
 use crate::contents::{Contents, Params};
 use crate::grid::vertices_for;
 
-/// Of a mesh in the page: its positions and triangles, as they are evaluated, in binary, and as text, twice while that
-/// grows. Measured: 270 for a model of 40,962 vertices with its surface, each.
+/// Bytes per vertex of a mesh in the page: positions and triangles as evaluated, in binary, and as text, twice while
+/// the text grows. Measured: 270 for a model of 40,962 vertices and its surface, each.
 const BYTES_PER_VERTEX: u64 = 320;
-/// The tree by which the distances from a surface of other triangles are found, of one model at a time.
+/// Bytes per vertex of the search tree for distances from a surface with other triangles, of one model at a time.
 const TREE: u64 = 520;
-/// What all pages have, and a picture in the making.
+/// Bytes common to all pages, and of a picture while it is drawn.
 const FIXED: u64 = 12 << 20;
 
 impl Contents {
-    /// Returns about the most bytes that making the page takes, the page included, beside these contents.
+    /// Returns the approximate maximum number of bytes for creating the page, including the page, in addition to the
+    /// contents.
     #[must_use]
     pub fn bytes(&self, params: Params) -> u64 {
         let most = params.max_vertices;
@@ -37,7 +38,7 @@ impl Contents {
     }
 }
 
-/// Vertices that a model is evaluated at in a page.
+/// Returns the number of vertices at which a model is evaluated in a page.
 fn vertices_of(model: &Model, most: usize) -> usize {
     match &model.sphere {
         Some(sphere) if sphere.directions.len() <= most => sphere.directions.len(),

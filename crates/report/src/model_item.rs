@@ -1,4 +1,4 @@
-//! A model in a page: coefficients, where they are evaluated, and the surface to compare with.
+//! A model in a page: coefficients, the grid for evaluation, and the surface for comparison.
 
 use serde::Serialize;
 use spharm_model::Model;
@@ -13,7 +13,7 @@ use crate::contents::Shown;
 use crate::grid::{Grid, icosphere_for};
 use crate::still::still;
 
-/// A model, as the page's script gets it.
+/// A model, in the form passed to the page's script.
 #[derive(Debug, Serialize)]
 pub(crate) struct ModelItem {
     kind: &'static str,
@@ -24,20 +24,20 @@ pub(crate) struct ModelItem {
     reference: Reference,
 }
 
-/// What the model is compared with.
+/// The object with which the model is compared.
 #[derive(Debug, Serialize)]
 #[serde(tag = "kind", rename_all = "lowercase")]
 enum Reference {
-    /// Nothing: distances are from the model to its highest degree.
+    /// The model itself: distances are from the model at its highest degree.
     Model,
-    /// The surface, vertex by vertex: its offset from the model to its highest degree, in steps.
+    /// The surface, vertex by vertex: its offset from the model at its highest degree, in steps.
     Vertices { name: String, offsets: Block, step: f64 },
-    /// A surface of other triangles: the distance (NaN for what isn't of the surface) of each vertex of the model to
-    /// its highest degree from the nearest point.
+    /// A surface with other triangles: the distance of each vertex of the model at its highest degree from the nearest
+    /// point; NaN for vertices that aren't part of the surface.
     Surface { name: String, mesh: Option<Drawn>, distances: Block },
 }
 
-/// A mesh that doesn't change.
+/// A static mesh.
 #[derive(Debug, Serialize)]
 pub(crate) struct Drawn {
     grid: Grid,
@@ -53,17 +53,17 @@ impl Drawn {
     }
 }
 
-/// A model with its picture, and its distances where there is a surface.
+/// A model with its picture, and its distances if there is a surface.
 pub(crate) struct Made {
     pub(crate) item: ModelItem,
-    /// PNG.
+    /// Picture as PNG.
     pub(crate) still: Vec<u8>,
     /// Root mean square and largest distance from the surface.
     pub(crate) errors: Option<[f64; 2]>,
 }
 
 impl ModelItem {
-    /// The model with its picture and its distances.
+    /// Creates the item, its picture and its distances.
     pub(crate) fn make(
         shown: &Shown,
         max_vertices: usize,
@@ -86,7 +86,7 @@ impl ModelItem {
                 reference = Reference::Vertices { name: surface_name, offsets: blocks.i16(offsets), step };
             } else {
                 found = distances_to_surface(surface, &mesh.vertices, monitor).map_err(of_surface)?;
-                // What fills the ends where handles were cut is no part of the surface.
+                // The fillings of cut handles aren't part of the surface.
                 if let Some(seam) = &sphere.seam {
                     found.iter_mut().skip(seam.vertices + seam.copies.len()).for_each(|distance| *distance = f64::NAN);
                 }
@@ -121,8 +121,8 @@ impl ModelItem {
     }
 }
 
-/// The model's own sphere where it has triangles and isn't too large, else an icosphere. A surface that was cut open
-/// has its own one, and is shown as it was cut.
+/// Returns the model's own sphere if it has triangles and isn't too large, else an icosphere. A surface whose handles
+/// were cut always has its own sphere, and is shown with the cuts.
 fn sphere_of(model: &Model, max_vertices: usize) -> Sphere {
     match &model.sphere {
         Some(own) if !own.faces.is_empty() && own.directions.len() <= max_vertices => own.clone(),
@@ -130,7 +130,7 @@ fn sphere_of(model: &Model, max_vertices: usize) -> Sphere {
     }
 }
 
-/// The surface less the model, in steps of which the largest is the most that i16 holds.
+/// Returns the surface minus the model, in steps chosen such that the largest offset is the maximum of i16.
 fn offsets(surface: &[[f64; 3]], model: &[[f64; 3]]) -> (Vec<i16>, f64) {
     let apart: Vec<f64> =
         surface.as_flattened().iter().zip(model.as_flattened()).map(|(surface, model)| surface - model).collect();

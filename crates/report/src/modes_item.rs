@@ -1,4 +1,4 @@
-//! Modes of a group in a page: the mean and the shapes along modes, which the page evaluates itself.
+//! Modes of a group in a page: the mean and the shapes along modes, which the page evaluates.
 
 use serde::Serialize;
 use spharm_harmonics::Coefficients;
@@ -12,10 +12,10 @@ use crate::blocks::{Block, Blocks};
 use crate::grid::{Grid, icosphere_for};
 use crate::still::still;
 
-/// Modes that get a slider.
+/// Maximum number of modes with a slider.
 const MOST: usize = 10;
 
-/// Modes, as the page's script gets them.
+/// Modes, in the form passed to the page's script.
 #[derive(Debug, Serialize)]
 pub(crate) struct ModesItem {
     kind: &'static str,
@@ -24,16 +24,16 @@ pub(crate) struct ModesItem {
     grid: Grid,
     /// The mean, (K, 3).
     coefficients: Block,
-    /// (m, K - 1, 3), each of norm sqrt(4 pi).
+    /// The modes, (m, K - 1, 3), each of norm sqrt(4 pi).
     modes: Block,
     /// Standard deviation along each mode.
     deviations: Vec<f64>,
-    /// Share of the whole variance of each mode.
+    /// Share of the total variance of each mode.
     shares: Vec<f64>,
     members: Vec<Member>,
 }
 
-/// A member of the group: standard deviations along the modes.
+/// A member of the group: its position along the modes in standard deviations.
 #[derive(Debug, Serialize)]
 struct Member {
     name: String,
@@ -41,7 +41,8 @@ struct Member {
 }
 
 impl ModesItem {
-    /// The modes with their picture: the mean, and three standard deviations along the first mode to both sides.
+    /// Creates the item and its picture: the mean, and three standard deviations along the first mode in both
+    /// directions.
     pub(crate) fn new(
         name: &str,
         shapes: &ShapeModel,

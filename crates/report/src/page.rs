@@ -1,7 +1,7 @@
-//! The page: one HTML file, which asks for nothing beside itself.
+//! The page: a single self-contained HTML file.
 //!
-//! The policy in its head lets this script and this style sheet run, by their hashes, and nothing else: what a name
-//! holds can only be text.
+//! The content security policy in its head allows only this script and this style sheet, by their hashes, so that names
+//! can't inject code.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -23,7 +23,7 @@ use crate::quality;
 use crate::table::{Table, pairs};
 use crate::text::{escape, json, name, number};
 
-/// Blue to red through grey, each as light as its opposite: for values about 0.
+/// Colours from blue to red through grey, of symmetric lightness: for values about 0.
 const DIVERGING: [[u8; 3]; 9] = [
     [33, 75, 155],
     [74, 118, 189],
@@ -36,11 +36,11 @@ const DIVERGING: [[u8; 3]; 9] = [
     [152, 27, 43],
 ];
 
-/// What the script reads.
+/// Data read by the script.
 #[derive(Serialize)]
 struct Info<'a> {
     items: &'a [Item],
-    /// Colours at even steps.
+    /// Colours at equal steps.
     viridis: Vec<[u8; 3]>,
     diverging: [[u8; 3]; 9],
 }
@@ -53,19 +53,19 @@ enum Item {
     Maps(MapsItem),
 }
 
-/// Returns the page, the same bytes for the same contents.
+/// Returns the page. Equal contents give identical bytes.
 ///
 /// # Errors
 ///
-/// [`ReportError`]: no contents; a model of a signal; maps that don't fit their mesh; a cancelled monitor, as an error
-/// of the surface.
+/// [`ReportError`]: no contents; a model of a signal; maps that don't match their mesh; an interruption by the monitor,
+/// as an error of the surface.
 pub fn page(contents: &Contents, params: Params, monitor: &dyn Monitor) -> Result<String, ReportError> {
     let Contents { title, warnings, models, modes, tests, quality: measured, tables, version } = contents;
     if [models.len(), modes.len(), tests.len(), measured.len(), tables.len()] == [0; 5] {
         return Err(ReportError::Empty);
     }
     let (mut blocks, mut items, mut sections) = (Blocks::default(), Vec::new(), String::new());
-    // The page's heading is that of its only item.
+    // A single item has no heading besides the page's.
     let alone = models.len() + modes.len() + tests.len() == 1;
     let mut section = |name: &str, still: &[u8], details: &str| {
         let heading = if alone && name == title.as_str() { None } else { Some(name) };
@@ -93,7 +93,7 @@ pub fn page(contents: &Contents, params: Params, monitor: &dyn Monitor) -> Resul
     }
     let mut rows = quality::section(measured)?;
     if models.len() > 1 {
-        // The script makes the names of this one buttons.
+        // The script turns the names in this table into buttons.
         rows += &models_table(models, &errors).html()?.replace("class=\"sortable\"", "class=\"sortable models\"");
     }
     for table in tables {
@@ -127,7 +127,7 @@ pub fn page(contents: &Contents, params: Params, monitor: &dyn Monitor) -> Resul
     ))
 }
 
-/// The warnings, at the head of the page.
+/// Returns the list of warnings at the top of the page.
 fn warning_list(warnings: &[String]) -> String {
     if warnings.is_empty() {
         return String::new();
@@ -138,12 +138,12 @@ fn warning_list(warnings: &[String]) -> String {
     format!("<section class=\"warnings\" aria-label=\"Warnings\"><h2>{heading}</h2>\n<ul>\n{rows}</ul></section>\n")
 }
 
-/// A hash as policies have it.
+/// Returns a hash in the form used by policies.
 fn hash(text: &str) -> String {
     format!("sha256-{}", STANDARD.encode(Sha256::digest(text.as_bytes())))
 }
 
-/// What is known of an item beside its view: the picture goes when the view is there.
+/// Returns the HTML of an item besides its view; the picture is removed once the view exists.
 fn item(heading: Option<&str>, title: &str, still: &[u8], details: &str) -> String {
     let png = STANDARD.encode(still);
     let heading = heading.map_or_else(String::new, |heading| format!("<h2>{}</h2>", name(heading)));
@@ -154,7 +154,7 @@ fn item(heading: Option<&str>, title: &str, still: &[u8], details: &str) -> Stri
     )
 }
 
-/// Charts and provenance of a model.
+/// Returns charts and provenance of a model.
 fn details(shown: &Shown) -> String {
     let coefficients = &shown.model.coefficients;
     let charts = [spectrum(coefficients), detail(coefficients), shown.fit.as_ref().and_then(convergence)];
@@ -167,7 +167,7 @@ fn details(shown: &Shown) -> String {
     html
 }
 
-/// The modes' shares of the variance, and the group.
+/// Returns the modes' shares of the variance, and information on the group.
 fn spectrum_of_variance(shapes: &spharm_shape::pca::file::ShapeModel) -> String {
     let total = shapes.modes.total_variance;
     let (shares, cumulative) = (shapes.modes.shares(), shapes.modes.compactness());
@@ -187,7 +187,7 @@ fn spectrum_of_variance(shapes: &spharm_shape::pca::file::ShapeModel) -> String 
     pairs("Modes", &rows)
 }
 
-/// The table of the models.
+/// Returns the table of the models.
 fn models_table(models: &[Shown], errors: &[Option<[f64; 2]>]) -> Table {
     let columns = ["model", "degree", "method", "msd", "xsd", "rms error", "largest error"];
     let row = |(shown, errors): (&Shown, &Option<[f64; 2]>)| {

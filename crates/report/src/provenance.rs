@@ -1,11 +1,11 @@
-//! How a model was made, as rows for people.
+//! Origin of a model, as readable rows.
 
 use serde_json::Value;
 use spharm_model::Model;
 
 use crate::text::number;
 
-/// Names and values of what a model says of itself; what isn't known is left out.
+/// Returns names and values of a model's provenance; unknown ones are left out.
 pub(crate) fn rows(model: &Model) -> Vec<(String, String)> {
     let mut rows: Vec<(String, String)> = Vec::new();
     let mut add = |key: &str, value: Option<String>| rows.extend(value.map(|value| (key.to_owned(), value)));
@@ -47,7 +47,7 @@ pub(crate) fn rows(model: &Model) -> Vec<(String, String)> {
     rows
 }
 
-/// A value that is one word or number; others are for programs.
+/// Returns a value that is a single word or number; others are meant for programs.
 fn plain(value: &Value) -> Option<String> {
     match value {
         Value::String(text) => Some(text.clone()),

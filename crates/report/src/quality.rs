@@ -1,4 +1,4 @@
-//! The quality of correspondences in a page: curves and a table of alignments side by side.
+//! Quality of correspondence in a page: curves and a table that compare alignments.
 
 use spharm_shape::Curve;
 
@@ -9,12 +9,12 @@ use crate::contents::Quality;
 use crate::table::Table;
 use crate::text::number;
 
-/// Classes of lines in the style sheet, and of those beside them.
+/// Style sheet classes of lines, and of the corresponding lines between surfaces.
 const CLASSES: [(&str, &str); 4] = [("y", "y beside"), ("x", "x beside"), ("z", "z beside"), ("all", "all beside")];
-/// Modes that the table is of.
+/// Numbers of modes in the table.
 const SHOWN: [usize; 2] = [1, 3];
 
-/// The section; empty where there is nothing to show.
+/// Returns the section; empty if there is nothing to show.
 pub(crate) fn section(measured: &[Quality]) -> Result<String, ReportError> {
     if measured.is_empty() {
         return Ok(String::new());
@@ -38,7 +38,7 @@ pub(crate) fn section(measured: &[Quality]) -> Result<String, ReportError> {
     ))
 }
 
-/// A measure of all alignments, by the number of modes, and the same between surfaces beside it.
+/// Returns a chart of a measure for all alignments, by the number of modes, together with the same between surfaces.
 fn chart(
     measured: &[Quality],
     title: &str,
@@ -50,7 +50,7 @@ fn chart(
         let (points, surfaces) = of(quality);
         lines.push(line(class, quality.name.clone(), points));
         if let Some(surfaces) = surfaces {
-            // Its band would lie on that of the points.
+            // Its band would overlap that of the points.
             let name = format!("{}, between surfaces", quality.name);
             lines.push(Line { band: Vec::new(), ..line(beside, name, surfaces) });
         }
@@ -70,7 +70,7 @@ fn line(class: &'static str, name: String, curve: &Curve) -> Line {
     }
 }
 
-/// The measures with few modes.
+/// Returns the table of the measures with few modes.
 fn table(measured: &[Quality]) -> Table {
     let surfaces = measured.iter().any(|of| of.surface_generalisation.is_some() || of.surface_specificity.is_some());
     let landmarks = measured.iter().any(|of| of.landmarks.is_some());

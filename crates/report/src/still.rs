@@ -1,13 +1,13 @@
-//! Pictures that a page shows where it can't draw: without scripts, or without WebGL.
+//! Pictures that replace a page's views without scripts or WebGL.
 
 use spharm_render::{Panel, Settings, encode_png, render};
 
 use crate::ReportError;
 
-/// Pixels of a panel's sides: three fill a narrow page, and take a few tens of kilobytes.
+/// Side of a panel in pixels: three panels fill a narrow page, and take a few tens of kilobytes.
 const SIDE: usize = 280;
 
-/// Draws panels in a row; the PNG's bytes.
+/// Draws panels in a row; returns the bytes of a PNG.
 pub(crate) fn still(panels: &[Panel<'_>]) -> Result<Vec<u8>, ReportError> {
     let picture = render(panels, &Settings { width: SIDE, height: SIDE, ..Settings::default() })?;
     let mut bytes = Vec::new();

@@ -1,4 +1,4 @@
-//! Tables of text, which the page's script sorts.
+//! Text tables, which the page's script can sort.
 
 use crate::ReportError;
 use crate::text::{escape, name};
@@ -6,16 +6,16 @@ use crate::text::{escape, name};
 /// A table: of models, or of a cohort's status.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Table {
-    /// What it is of.
+    /// Title of the table.
     pub title: String,
     /// The columns' names.
     pub columns: Vec<String>,
-    /// Rows of as many cells.
+    /// Rows, with one cell per column.
     pub rows: Vec<Vec<String>>,
 }
 
 impl Table {
-    /// The table as HTML.
+    /// Returns the table as HTML.
     pub(crate) fn html(&self) -> Result<String, ReportError> {
         let expected = self.columns.len();
         if let Some((row, cells)) = self.rows.iter().enumerate().find(|(_, cells)| cells.len() != expected) {
@@ -44,14 +44,14 @@ impl Table {
         ))
     }
 
-    /// Whether all cells of a column that aren't empty are numbers.
+    /// Returns whether all non-empty cells of a column are numbers.
     fn numeric(&self, column: usize) -> bool {
         let mut cells = self.rows.iter().map(|row| row[column].as_str()).filter(|cell| !matches!(*cell, "" | "–"));
         cells.clone().next().is_some() && cells.all(|cell| cell.parse::<f64>().is_ok())
     }
 }
 
-/// Rows of names and values, as a list of definitions.
+/// Returns rows of names and values as an HTML definition list.
 pub(crate) fn pairs(title: &str, rows: &[(String, String)]) -> String {
     let row = |(key, value): &(String, String)| {
         format!("<tr><th scope=\"row\">{}</th><td>{}</td></tr>", escape(key), name(value))

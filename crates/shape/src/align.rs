@@ -211,7 +211,7 @@ fn reported(
     })
 }
 
-/// Fit with identity rotations.
+/// Returns the fit with identity rotations.
 pub(crate) fn nothing_to_turn() -> Fit {
     let (rotation, orthogonal) = (Rotation::IDENTITY, Rotation::IDENTITY.matrix());
     Fit { rotation, orthogonal, distance: 0.0, stiffness: 0.0, singular_values: [0.0; 3] }

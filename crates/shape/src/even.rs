@@ -133,7 +133,7 @@ impl Flow {
         Ok(Self(side_by_side(&[density, x, y, z])))
     }
 
-    /// `-grad psi / rho_t` at directions of any length.
+    /// Returns `-grad psi / rho_t` at directions of any length.
     fn velocity(&self, at: &[Vec3], t: f64) -> Result<Vec<Vec3>, ShapeError> {
         let directions = Directions::from_vertices(at)?;
         let samples = synthesis(&directions, self.0.view())?;

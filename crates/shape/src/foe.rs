@@ -81,7 +81,7 @@ fn proper(coefficients: &Coefficients) -> (Matrix3, [f64; 3], Matrix3) {
     proper_of(|row, c| values[[row, c]])
 }
 
-/// The same for rows 1 to 3, given by `values`.
+/// Returns the same for rows 1 to 3, given by `values`.
 fn proper_of(values: impl Fn(usize, usize) -> f64) -> (Matrix3, [f64; 3], Matrix3) {
     // Rows of x, y and z: orders 1, -1 and 0.
     let map: Matrix3 = std::array::from_fn(|c| [3, 1, 2].map(|row| values(row, c)));

@@ -215,8 +215,8 @@ pub(crate) fn side_by_side(arrays: &[Array2<f64>]) -> Array2<f64> {
     joined
 }
 
-/// Number of directions evaluated together: large enough that planning the transform, whose cost depends on the degree
-/// alone, doesn't dominate the time, and small enough that memory stays bounded.
+/// Returns the number of directions evaluated together: large enough that planning the transform, whose cost depends on
+/// the degree alone, doesn't dominate the time, and small enough that memory stays bounded.
 pub(crate) fn run_length(max_degree: usize) -> usize {
     (max_degree * max_degree).clamp(1 << 18, 1 << 21)
 }

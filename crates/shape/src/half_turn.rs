@@ -78,7 +78,7 @@ impl Workspace {
     }
 }
 
-/// `s_i c_i`.
+/// Returns `s_i c_i`.
 fn scale(i: usize) -> f64 {
     let c = if i == 0 { 1.0 } else { std::f64::consts::SQRT_2 };
     if i % 4 < 2 { c } else { -c }

@@ -209,7 +209,7 @@ impl Columns {
         Ok(Self { values, max_degree: coefficients.max_degree(), mean })
     }
 
-    /// X, relative to its mean position, and N at directions.
+    /// Returns X, relative to its mean position, and N at directions.
     pub(crate) fn at(&self, directions: Vec<Vec3>) -> Result<Vec<[Vec3; 2]>, ShapeError> {
         let directions = Directions::from_unit_vectors(directions)?;
         let samples = synthesis(&directions, self.values.view())?;
@@ -228,7 +228,7 @@ impl Columns {
             .collect())
     }
 
-    /// Sums over the grid of n rings; area elements below `small` count as squeezed.
+    /// Returns the sums over the grid of n rings; area elements below `small` count as squeezed.
     fn sums(&self, rings: usize, small: f64, monitor: &dyn Monitor) -> Result<Sums, ShapeError> {
         let grid = Grid::new(rings);
         monitor.begin(Stage::counted("quadrature", "rings"), rings as u64);
@@ -268,23 +268,23 @@ impl Grid {
         Self { rings: gauss_legendre(rings) }
     }
 
-    /// Number of directions of a ring.
+    /// Returns the number of directions of a ring.
     pub(crate) fn around(&self) -> usize {
         2 * self.rings.len()
     }
 
-    /// Weight of each direction of a ring; those of a grid sum to 4 pi.
+    /// Returns the weight of each direction of a ring; those of a grid sum to 4 pi.
     pub(crate) fn weight(&self, ring: usize) -> f64 {
         self.rings.weights[ring] * PI / self.rings.len() as f64
     }
 
-    /// Runs of rings that are evaluated together, for a model of degree `max_degree`.
+    /// Returns runs of rings to evaluate together, for a model of degree `max_degree`.
     pub(crate) fn runs(&self, max_degree: usize) -> impl Iterator<Item = std::ops::Range<usize>> {
         let (n, run) = (self.rings.len(), (run_length(max_degree) / self.around()).max(1));
         (0..n).step_by(run).map(move |first| first..(first + run).min(n))
     }
 
-    /// Directions of rings, ring by ring.
+    /// Returns the directions of rings, ring by ring.
     pub(crate) fn directions(&self, rings: std::ops::Range<usize>) -> Vec<Vec3> {
         let azimuths: Vec<(f64, f64)> =
             (0..self.around()).map(|k| (2.0 * PI * k as f64 / self.around() as f64).sin_cos()).collect();

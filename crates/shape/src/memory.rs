@@ -17,7 +17,7 @@ pub struct GroupSizes {
 }
 
 impl GroupSizes {
-    /// Number of values of the group, `n K c`.
+    /// Returns the number of values of the group, `n K c`.
     fn values(self) -> u64 {
         let of_model = basis_size(self.max_degree).saturating_mul(self.channels);
         (self.models as u64).saturating_mul(of_model as u64)

@@ -64,12 +64,12 @@ pub(crate) struct Quarter {
     pub(crate) exponents: [Vec<i32>; 2],
 }
 
-/// Number of steps of a degree, rounded up to a multiple of [`BLOCK`].
+/// Returns the number of steps of a degree, rounded up to a multiple of [`BLOCK`].
 pub(crate) const fn steps(degree: usize) -> usize {
     (degree + 1).next_multiple_of(BLOCK)
 }
 
-/// Number of rows of one parity, rounded up to a multiple of `width`.
+/// Returns the number of rows of one parity, rounded up to a multiple of `width`.
 pub(crate) const fn rows(degree: usize, parity: usize, width: usize) -> usize {
     ((degree + 2 - parity) / 2).next_multiple_of(width)
 }

@@ -149,7 +149,7 @@ impl Library {
         Ok(found)
     }
 
-    /// Every model with its bound and score, in the library's order.
+    /// Returns every model with its bound and score, in the library's order.
     fn scores(&self, query: &Descriptors, metric: Metric) -> Result<Vec<Match>, ShapeError> {
         check_channels(self.channels, query)?;
         if query.max_degree() < self.degree {
@@ -172,7 +172,7 @@ impl Library {
     }
 }
 
-/// Inverse standard deviations of the columns, in the order of the rows.
+/// Returns the inverse standard deviations of the columns, in the order of the rows.
 fn scales(rows: &[f64], width: usize) -> Vec<f64> {
     let models = (rows.len() / width) as f64;
     let mut means = vec![0.0; width];

@@ -159,7 +159,8 @@ fn turn(
     Ok(Coefficients::new(values)?)
 }
 
-/// Root mean square distance over the sphere of two surfaces of the same degree: `|a - b| / sqrt(4 pi)`, in their unit.
+/// Returns the root mean square distance over the sphere of two surfaces of the same degree, `|a - b| / sqrt(4 pi)`, in
+/// their unit.
 ///
 /// # Errors
 ///

@@ -219,7 +219,7 @@ fn with_normals(
     Ok((channels.collect(), length))
 }
 
-/// Root mean square angle by which directions were moved.
+/// Returns the root mean square angle by which directions were moved.
 fn moved(from: &[Vec3], to: &[Vec3]) -> f64 {
     let squares = from.iter().zip(to).map(|(a, b)| dot(*a, *b).clamp(-1.0, 1.0).acos().powi(2));
     (squares.sum::<f64>() / from.len() as f64).sqrt()
