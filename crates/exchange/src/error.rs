@@ -48,7 +48,7 @@ pub enum ExchangeError {
     CannotHold {
         /// The package.
         format: &'static str,
-        /// What it holds.
+        /// The models that it can hold.
         holds: &'static str,
         /// Number of channels of the model.
         channels: usize,

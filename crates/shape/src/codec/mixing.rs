@@ -1,8 +1,8 @@
 //! The probability of a decision, mixed from several adaptive estimates in integer arithmetic.
 //!
 //! Each estimate is a probability that moves towards the decisions seen in its context, by 1 / (n + 8) after n of them.
-//! Logistic mixing (Mahoney, "Adaptive weighing of context models for lossless data compression", 2005) sums `ln(p / (1
-//! - p))` of the estimates with weights that follow the gradient of the coding cost.
+//! Logistic mixing (Mahoney, "Adaptive weighing of context models for lossless data compression", 2005) sums the
+//! estimates' `ln(p / (1 - p))` with weights that follow the gradient of the coding cost.
 //!
 //! Encoder and decoder must agree in every bit, on any machine and in any language. So floating point is avoided: an
 //! estimate has 22 bits, a probability 16, a logarithm is in 256ths, a weight in 65,536ths; `>>` rounds down.

@@ -9,7 +9,7 @@
 //! | 0..16 | `spharm group 1\r\n` |
 //! | 16..48 | BLAKE3 of the members and settings |
 //! | 48..64 | zero |
-//! | 196 each | rotation of the parameters and orthogonal matrix of space by rows, distance, stiffness, 3 singular values, 1 where directions are replaced by their opposites, else 0: 24 f64; CRC32C of them, of what the file begins with and of the record's number |
+//! | 196 each | rotation of the parameters and orthogonal matrix of space by rows, distance, stiffness, 3 singular values, 1 if directions are replaced by their opposites, else 0: 24 f64; CRC32C of them, of the header and of the record's number |
 //!
 //! A run that is interrupted while writing leaves an incomplete record, and a power failure may leave blocks that were
 //! never written: everything after the last valid record is discarded and recomputed.
