@@ -10,8 +10,8 @@
 //! The mean of a group has no natural pose. At the end all surfaces are rotated together so that the mean is in the
 //! [frame](crate::foe) of its first-order ellipsoid: the result doesn't depend on the poses that were given.
 //!
-//! Memory: `96 n (L+1)^2` bytes for n surfaces of degree L in addition to the input, 86 MB for 1,000 surfaces at L =
-//! 29. Each thread adds the memory of [`align`](mod@crate::align), and 0.6 MB with [`Method::Surfaces`]. Surfaces are
+//! Memory: `96 n (L+1)^2` bytes for n surfaces of degree L in addition to the input, 86 MB for n = 1,000 and L = 29.
+//! Each thread adds the memory of [`align`](mod@crate::align), and 0.6 MB with [`Method::Surfaces`]. Surfaces are
 //! aligned on all threads; sums are taken in the order of the members, so that the result doesn't depend on the number
 //! of threads.
 
