@@ -1,7 +1,7 @@
 //! Rigid alignment of members to their mean, within a round.
 //!
-//! Weights are the mean's areas. The rotation is Kabsch's, starting from each member's pose in the last round. The
-//! minimum of C nearly minimises the variance, so the gradient treats motions as constant.
+//! Weights are the mean's areas. The rotation is Kabsch's, starting from each member's pose in the last round. Motions
+//! minimise the variance, which nearly minimises C; the gradient treats them as constant.
 
 use ndarray::{Array2, Axis};
 use rayon::prelude::*;
