@@ -1,4 +1,4 @@
-//! What is in a store: its schemes and their files, verification, and removing what killed builds left.
+//! The contents of a store: listing its schemes and files, verifying them, and removing the leftovers of killed builds.
 
 use std::path::{Path, PathBuf};
 
@@ -14,7 +14,7 @@ use crate::{folder, temporary};
 
 pub use crate::basis::degrees;
 
-/// Lists the schemes of a store, by key. A folder that isn't a store has none.
+/// Lists the schemes of a store, by key. The list is empty for a folder that isn't a store.
 ///
 /// # Errors
 ///
@@ -23,12 +23,12 @@ pub fn schemes(store: &Path) -> Result<Vec<SchemeKey>, StoreError> {
     folder::schemes(store)
 }
 
-/// Finds the scheme whose key begins with `digits`; all schemes for `None`.
+/// Returns the one scheme whose key begins with `digits`, or all schemes for `None`.
 ///
 /// # Errors
 ///
-/// [`StoreError::NoSchemes`] for a store without any, [`StoreError::KeyDigits`] unless exactly one key begins with the
-/// digits, [`StoreError::Io`].
+/// [`StoreError::NoSchemes`] for a store without schemes, [`StoreError::KeyDigits`] unless exactly one key begins with
+/// the digits, [`StoreError::Io`].
 pub fn find_schemes(store: &Path, digits: Option<&str>) -> Result<Vec<SchemeKey>, StoreError> {
     let all = schemes(store)?;
     if all.is_empty() {
@@ -43,31 +43,31 @@ pub fn find_schemes(store: &Path, digits: Option<&str>) -> Result<Vec<SchemeKey>
     Ok(found)
 }
 
-/// A scheme's files in figures.
+/// Summary of a scheme's files.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct SchemeSummary {
     /// The scheme.
     pub key: SchemeKey,
-    /// Number of directions, if there is a sound file.
+    /// Number of directions, if a sound file exists.
     pub rows: Option<usize>,
-    /// Scalar type of the basis, if there is a sound basis file.
+    /// Scalar type of the basis, if a sound basis file exists.
     pub scalar: Option<Scalar>,
     /// Codec of the lowest degree's file.
     pub codec: Option<Codec>,
     /// Number of basis files.
     pub degrees: usize,
-    /// Highest degree of which every one below is there and sound as well.
+    /// Highest degree up to which all basis files exist and are sound.
     pub complete_to: Option<usize>,
     /// Number of factors.
     pub factors: usize,
-    /// Files, of both kinds, that couldn't be opened.
+    /// Number of files, of both kinds, that couldn't be opened.
     pub damaged: usize,
-    /// Bytes of the sound files.
+    /// Total size of the sound files in bytes.
     pub bytes: u64,
 }
 
-/// Opens the files of a scheme and sums them up.
+/// Opens the files of a scheme and summarizes them.
 ///
 /// # Errors
 ///
@@ -92,25 +92,25 @@ pub fn summarize(store: &Path, key: SchemeKey) -> Result<SchemeSummary, StoreErr
     })
 }
 
-/// What [`verify`] found.
+/// Result of [`verify`].
 #[derive(Debug)]
 #[non_exhaustive]
 pub struct Verification {
-    /// Files checked, basis files and factors.
+    /// Number of files checked, basis files and factors.
     pub files: usize,
-    /// Bytes of those that could be opened.
+    /// Total size in bytes of the files that could be opened.
     pub bytes: u64,
-    /// What is wrong with those that are damaged.
+    /// Errors of the damaged files.
     pub damaged: Vec<StoreError>,
 }
 
-/// Checks every byte of the basis files and factors of some schemes against their hashes, on the rayon pool of the
+/// Checks every byte of the basis files and factors of the given schemes against their hashes, on the rayon pool of the
 /// caller, in a stage `verify` counted in bytes. Each thread holds a megabyte.
 ///
 /// # Errors
 ///
-/// [`StoreError::Io`] when a folder can't be listed, [`StoreError::Interrupted`]. Damaged files are no error but listed
-/// in the result.
+/// [`StoreError::Io`] when a folder can't be listed, [`StoreError::Interrupted`]. Damaged files don't cause an error;
+/// they are listed in the result.
 pub fn verify(store: &Path, keys: &[SchemeKey], monitor: &dyn Monitor) -> Result<Verification, StoreError> {
     let mut files = Vec::new();
     for &key in keys {
@@ -158,8 +158,8 @@ pub fn leftovers(store: &Path, key: SchemeKey) -> Result<Vec<PathBuf>, StoreErro
     temporary::abandoned(&folder::of_scheme(store, key))
 }
 
-/// Removes the [`leftovers`] of a scheme and returns which they were. Safe while others build: each is removed under
-/// its lock, which a builder takes on every file it creates.
+/// Removes the [`leftovers`] of a scheme and returns their paths. Safe while other processes build: each leftover is
+/// removed under its lock, and a builder locks every file that it creates.
 ///
 /// # Errors
 ///

@@ -1,7 +1,7 @@
-//! What can go wrong between a store and its user.
+//! Errors and warnings of the store.
 //!
-//! Messages name the file, what was expected and what was found, and what to do where that doesn't depend on the
-//! program. Programs add the options that help, from the fields.
+//! Messages name the file, the expected and the actual value, and the remedy if it is the same for every program.
+//! Programs add the options that help, which they derive from the fields.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -15,47 +15,47 @@ use crate::scheme::{Scalar, SchemeKey};
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum StoreError {
-    /// The operating system refused something.
+    /// An operation that the operating system refused.
     #[error("{}: {action}: {source}", .path.display())]
     Io {
         /// The file or folder.
         path: PathBuf,
-        /// What was being done.
+        /// The attempted operation.
         action: &'static str,
-        /// Why it failed.
+        /// The system's reason.
         source: io::Error,
     },
-    /// Something that isn't a regular file where a basis file or factor should be.
+    /// The path of a basis file or factor holds something other than a regular file.
     #[error("{}: expected a regular file, found {found}; move it away and build it again", .path.display())]
     NotAFile {
         /// The path.
         path: PathBuf,
-        /// Folder, symbolic link, FIFO, ...
+        /// Kind found: folder, symbolic link, FIFO, ...
         found: &'static str,
     },
-    /// A field that isn't what the format says.
+    /// A field that violates the format.
     #[error("{}: damaged or not a file of a basis store: {what}: expected {expected}, found {found}; delete it and build it again", .path.display())]
     Corrupt {
         /// The file.
         path: PathBuf,
         /// The field or check.
         what: String,
-        /// What the format demands.
+        /// Value required by the format.
         expected: String,
-        /// What the file has.
+        /// Value in the file.
         found: String,
     },
-    /// Bytes of a chunk that don't match their checksum.
+    /// A chunk whose bytes don't match their checksum.
     #[error("{}: chunk {chunk} is damaged ({what} differs from the table); delete the file and build it again", .path.display())]
     ChunkDamaged {
         /// The file.
         path: PathBuf,
         /// Chunk number from 0.
         chunk: usize,
-        /// Which check failed.
+        /// The check that failed.
         what: &'static str,
     },
-    /// Bytes of a tile of a factor that don't match their checksum.
+    /// A tile of a factor whose bytes don't match their checksum.
     #[error("{}: tile ({row}, {column}) is damaged ({what} differs from the table); delete the file and build it again", .path.display())]
     TileDamaged {
         /// The file.
@@ -64,19 +64,19 @@ pub enum StoreError {
         row: usize,
         /// Tile column from 0.
         column: usize,
-        /// Which check failed.
+        /// The check that failed.
         what: &'static str,
     },
-    /// A factor that isn't the one that was asked for.
+    /// A factor other than the requested one.
     #[error("{}: a factor of another {what}: expected {expected}, found {found}", .path.display())]
     FactorDiffers {
         /// The file.
         path: PathBuf,
-        /// What differs: scheme, number of directions, degree, weights, smoothness.
+        /// The property that differs: scheme, number of directions, degree, weights or smoothness.
         what: &'static str,
-        /// What was asked for.
+        /// Requested value.
         expected: String,
-        /// What the file has.
+        /// Value in the file.
         found: String,
     },
     /// The store has no such factor.
@@ -86,12 +86,12 @@ pub enum StoreError {
         store: PathBuf,
         /// The scheme.
         key: SchemeKey,
-        /// What was asked for: degree, weights, smoothness.
+        /// The requested degree, weights and smoothness.
         wanted: String,
         /// Names of the factors of the scheme that exist.
         available: Vec<String>,
     },
-    /// A factor that the format has no room for.
+    /// A factor that exceeds the limits of the format.
     #[error(
         "a factor of {size} columns in tiles of {tile}: tiles must be a multiple of 8 from 8 to {MAX_TILE}, and at most {MAX_TILES}; choose a lower degree"
     )]
@@ -106,7 +106,7 @@ pub enum StoreError {
     Version {
         /// The file.
         path: PathBuf,
-        /// The version that can be read.
+        /// The version that this program reads.
         expected: u32,
         /// The version found.
         found: u32,
@@ -117,14 +117,14 @@ pub enum StoreError {
         /// The file.
         path: PathBuf,
     },
-    /// The store has nothing for this sampling scheme.
+    /// The store has no basis for this sampling scheme.
     #[error("{}: no basis for scheme {key}; {}", .store.display(), keys_there(.available))]
     NoSuchScheme {
         /// The store.
         store: PathBuf,
-        /// The key asked for.
+        /// The requested key.
         key: SchemeKey,
-        /// Keys that exist.
+        /// Keys that the store has.
         available: Vec<SchemeKey>,
     },
     /// A folder without any scheme.
@@ -133,72 +133,72 @@ pub enum StoreError {
         /// The folder.
         store: PathBuf,
     },
-    /// Digits that begin the key of no scheme, or of several.
+    /// Digits with which no key, or more than one, begins.
     #[error("{}: {} with {digits}", .store.display(), keys_begin(*.found))]
     KeyDigits {
         /// The store.
         store: PathBuf,
         /// The digits given.
         digits: String,
-        /// Number of schemes whose key begins with them.
+        /// Number of schemes whose key begins with the digits.
         found: usize,
     },
-    /// The store holds the scheme, but not to the degree asked for.
+    /// The store holds the scheme, but not up to the requested degree.
     #[error("{}: scheme {key} holds {}, degree {missing} is missing", .store.display(), degrees_there(.complete_to))]
     DegreeMissing {
         /// The store.
         store: PathBuf,
         /// The scheme.
         key: SchemeKey,
-        /// Scalar type of its files, where degree 0 exists.
+        /// Scalar type of the scheme's files, if degree 0 exists.
         scalar: Option<Scalar>,
-        /// Degrees 0 to this one all exist.
+        /// Highest degree up to which all degrees exist.
         complete_to: Option<usize>,
         /// The first degree that is missing.
         missing: usize,
-        /// The degree that was asked for.
+        /// The requested degree.
         wanted: usize,
     },
-    /// Files of one scheme that can't be read together.
+    /// Files of one scheme that can't be read together because their chunks have different sizes.
     #[error("{}: chunks of {found} rows, the other degrees have {expected}; delete it and build it again", .path.display())]
     ChunkRowsDiffer {
         /// The file.
         path: PathBuf,
-        /// Rows a chunk of degree 0.
+        /// Rows per chunk of degree 0.
         expected: usize,
-        /// Rows a chunk of this file.
+        /// Rows per chunk of this file.
         found: usize,
     },
-    /// Not enough disk space, or more than may be taken without being allowed explicitly.
+    /// The disk has too little free space, or the files are so large that they need explicit permission.
     #[error("{}: the {what} needs {needed} bytes ({:.1} GB), the disk has {free} free ({:.1} GB)", .path.display(), *.needed as f64 / 1e9, *.free as f64 / 1e9)]
     Space {
         /// The store.
         path: PathBuf,
-        /// What needs them: `basis` or `factor`.
+        /// What would be written: `basis` or `factor`.
         what: &'static str,
         /// Bytes that would be written.
         needed: u64,
         /// Bytes that are free.
         free: u64,
     },
-    /// A memory budget below what the work needs.
+    /// A memory budget too small for the work.
     #[error("a memory budget of {budget} bytes is too small; the smallest that works is {needed} bytes ({} MiB)", needed.div_ceil(1 << 20))]
     Budget {
         /// The budget in bytes.
         budget: usize,
-        /// The least that works, in bytes.
+        /// The smallest budget that works, in bytes.
         needed: usize,
     },
-    /// The work was interrupted; what is finished stays.
+    /// The work was interrupted; finished files are kept.
     #[error("interrupted; what is finished is kept")]
     Interrupted(#[from] Interrupted),
-    /// A request outside of what the harmonics support.
+    /// A request that the harmonics don't support.
     #[error(transparent)]
     Harmonics(#[from] spharm_harmonics::HarmonicsError),
-    /// A chunk size outside of what the format allows.
+    /// A chunk size that the format doesn't allow.
     #[error("chunks of {found} rows: expected a multiple of {ROW_MULTIPLE} from {ROW_MULTIPLE} to {MAX_CHUNK_ROWS}")]
     ChunkRows {
-        /// The number asked for.
+        /// The requested number of rows.
         found: usize,
     },
     /// Chunks that are too many or too large for the format.
@@ -215,17 +215,17 @@ pub enum StoreError {
     },
 }
 
-/// What was out of order and has been repaired by a build.
+/// A problem that a build has repaired.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum StoreWarning {
-    /// A file was damaged; it has been removed and written again.
+    /// A damaged file, which has been removed and written again.
     #[error("a damaged file was replaced: {0}")]
     Replaced(StoreError),
 }
 
 impl StoreError {
-    /// Wraps an error of the operating system with the path and what was being done.
+    /// Wraps an error of the operating system with the path and the attempted operation.
     pub(crate) fn io(path: &Path, action: &'static str) -> impl FnOnce(io::Error) -> Self {
         let path = path.to_path_buf();
         move |source| Self::Io { path, action, source }
@@ -236,7 +236,7 @@ impl StoreError {
         Self::Corrupt { path: path.to_path_buf(), what: what.into(), expected, found }
     }
 
-    /// Whether the file or folder doesn't exist.
+    /// Returns whether the file or folder doesn't exist.
     pub(crate) fn is_not_found(&self) -> bool {
         matches!(self, Self::Io { source, .. } if source.kind() == io::ErrorKind::NotFound)
     }

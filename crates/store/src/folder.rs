@@ -1,4 +1,4 @@
-//! The folders of a store and of its schemes: names, listing, locking, free space.
+//! The folders of a store and of its schemes: names, listing, locking, and free disk space.
 
 use std::fs::{File, TryLockError};
 use std::io;
@@ -21,7 +21,7 @@ pub(crate) fn schemes(store: &Path) -> Result<Vec<SchemeKey>, StoreError> {
     list(store, "cannot open the store", |name| name.parse().ok())
 }
 
-/// Lists a folder: what `parse` makes of its names, in order. Other names are ignored.
+/// Lists a folder: returns the sorted results of `parse` on its file names, without names for which that is `None`.
 pub(crate) fn list<T: Ord>(
     folder: &Path,
     action: &'static str,
@@ -36,7 +36,7 @@ pub(crate) fn list<T: Ord>(
     Ok(found)
 }
 
-/// Creates the folder of a scheme, and the store's where it doesn't exist.
+/// Creates the folder of a scheme, and that of the store if it doesn't exist.
 pub(crate) fn create(store: &Path, folder: &Path) -> Result<(), StoreError> {
     if !folder.is_dir() {
         std::fs::create_dir_all(folder).map_err(StoreError::io(folder, "cannot create"))?;
@@ -45,11 +45,11 @@ pub(crate) fn create(store: &Path, folder: &Path) -> Result<(), StoreError> {
     Ok(())
 }
 
-/// Makes names and removals in a folder durable.
+/// Makes the creation and removal of names in a folder durable.
 pub(crate) fn sync(folder: &Path) -> Result<(), StoreError> {
     let failed = |error| StoreError::io(folder, "cannot write to disk")(error);
     match File::open(folder).map_err(failed)?.sync_all() {
-        // Some network file systems can't sync a folder; their servers do so on their own.
+        // Some network file systems can't sync a folder; their servers do so by themselves.
         Err(error) if error.kind() == io::ErrorKind::InvalidInput => Ok(()),
         result => result.map_err(failed),
     }
@@ -58,22 +58,22 @@ pub(crate) fn sync(folder: &Path) -> Result<(), StoreError> {
 /// Removes a damaged file before it is written again.
 pub(crate) fn remove_damaged(path: &Path) -> Result<(), StoreError> {
     match std::fs::remove_file(path) {
-        // A builder that has no lock either was faster.
+        // Another builder, which has no lock either, removed it first.
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
         removed => removed.map_err(StoreError::io(path, "cannot remove")),
     }
 }
 
-/// Waits until no other process builds this scheme; the file returned holds the lock. It only spares double work:
-/// without a lock (`None`, where the file system has none) builders are safe as well.
+/// Waits until no other process builds this scheme; the returned file holds the lock. The lock only avoids duplicate
+/// work: builders are also safe without one (`None`, if the file system has no locks).
 pub(crate) fn lock(folder: &Path, monitor: &dyn Monitor) -> Result<Option<File>, StoreError> {
     let path = folder.join(".lock");
     let open = |write: bool| {
         let flags = libc::O_NOFOLLOW | libc::O_NONBLOCK;
         std::fs::OpenOptions::new().read(true).write(write).create(write).custom_flags(flags).open(&path)
     };
-    // Where another user made it, reading is all one may do, and enough. Where there can be none, go on without: a
-    // folder that can't be written to shows when the first file is created.
+    // If another user created the lock file, it may only be opened for reading, which is enough. If it can't be
+    // created, continue without: a folder that can't be written to causes an error when the first file is created.
     let Ok(file) = open(true).or_else(|_| open(false)) else { return Ok(None) };
     let mut noted = false;
     loop {
@@ -91,10 +91,10 @@ pub(crate) fn lock(folder: &Path, monitor: &dyn Monitor) -> Result<Option<File>,
     }
 }
 
-/// A build that writes more than this, in bytes, has to be allowed to.
+/// Size in bytes above which a build needs explicit permission.
 pub(crate) const LARGE: u64 = 64 << 30;
 
-/// Fails when `needed` bytes don't fit the disk, or are [`LARGE`].
+/// Fails if `needed` bytes don't fit the disk, or if they exceed [`LARGE`].
 pub(crate) fn check_space(store: &Path, what: &'static str, needed: u64) -> Result<(), StoreError> {
     let free = free_space(store)?;
     if is_too_much(needed, free) {
@@ -107,9 +107,9 @@ fn is_too_much(needed: u64, free: u64) -> bool {
     needed > free || needed > LARGE
 }
 
-/// Returns the bytes free on the disk that a store is, or will be, on.
+/// Returns the free bytes of the disk that holds, or will hold, a store.
 fn free_space(store: &Path) -> Result<u64, StoreError> {
-    // The folder may not exist yet: ask for the nearest one that does.
+    // The folder may not exist yet: use its nearest existing ancestor.
     let existing = store.ancestors().find(|path| path.exists()).unwrap_or(Path::new("."));
     let existing = if existing.as_os_str().is_empty() { Path::new(".") } else { existing };
     let statistics =

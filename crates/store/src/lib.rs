@@ -15,19 +15,19 @@
 //! Any number of processes may build and read a store at the same time. A file that is damaged, or truncated while it
 //! is read, gives an error that names it, never a signal or a wrong number.
 //!
-//! Long functions take a [`Monitor`](spharm_monitor::Monitor) last; they use the rayon pool in which they are
-//! called.
+//! Long functions take a [`Monitor`](spharm_monitor::Monitor) as their last argument and run on the caller's rayon
+//! pool.
 //!
 //! | module | what |
 //! |---|---|
 //! | [`scheme`] | the key: what a basis depends on, hashed |
 //! | [`basis`] | basis files: building them, opening a scheme, reading chunks |
 //! | [`factor`] | the Cholesky factor of a scheme's normal equations, beside its basis |
-//! | [`catalog`] | what is in a store; verifying it, removing leftovers |
+//! | [`catalog`] | listing the contents of a store, verifying it, removing leftovers |
 //! | [`mod@format`] | versions and limits of the format |
-//! | `container` | what basis files and factors share: header frame, table, footer, checks, publishing |
+//! | `container` | the parts shared by basis files and factors: header frame, table, footer, checks, publishing |
 //! | `folder`, `temporary` | folders of schemes, locks, disk space; temporary files |
-//! | `source`, `map` | open files, and windows on them that survive a file that shrinks |
+//! | `source`, `map` | open files, and memory windows on them that survive a shrinking file |
 //!
 //! Building a basis and reading the harmonic of degree 0:
 //!

@@ -1,17 +1,18 @@
-//! Read-only windows on files: the only `unsafe` code of the store.
+//! Read-only memory windows on files: the only `unsafe` code of the store.
 //!
-//! A memory map has two dangers that a read doesn't have. The file may change under it, and touching a page that the
-//! file no longer has (it was truncated, or the disk fails) raises SIGBUS, which kills the process. Both are handled
-//! here:
+//! A memory map has two dangers that reading doesn't have. The file may change while it is mapped, and touching a page
+//! that the file no longer has (because it was truncated, or the disk fails) raises SIGBUS, which kills the process.
+//! Both are handled here:
 //!
 //! - Every window is entered into a table of address ranges. A SIGBUS handler, installed with the first window, looks
-//!   the faulting address up. Inside a window it maps a page of zeros there and marks the window; the reader continues
-//!   and learns of it at the end. Outside all windows the handler restores the previous one and lets the fault repeat.
-//! - [`Window::check`] fails after use if a page was missing or the file's size or modification time has changed. What
-//!   was computed from a window is valid only once this check has passed.
+//!   up the faulting address. If it lies in a window, the handler maps a page of zeros there and marks the window; the
+//!   reader continues and learns of the fault at the end. If it lies outside all windows, the handler restores the
+//!   previous one and lets the fault repeat.
+//! - [`Window::check`] fails after use if a page was missing or the file's size or modification time has changed.
+//!   Results computed from a window are valid only once this check has passed.
 //!
-//! Windows hand out bytes and numbers whose every bit pattern is valid, so even a file that changes under a window
-//! gives wrong numbers that the check rejects, never an invalid value.
+//! Windows hand out bytes and numbers for which every bit pattern is valid. So a file that changes while it is mapped
+//! leads to wrong numbers, which the check rejects, but never to an invalid value.
 
 #![allow(unsafe_code)]
 
@@ -24,7 +25,7 @@ use memmap2::{Advice, Mmap, MmapOptions};
 use crate::error::StoreError;
 use crate::source::Source;
 
-/// A run of a file's bytes, mapped read-only.
+/// A range of a file's bytes, mapped read-only.
 #[derive(Debug)]
 pub(crate) struct Window {
     map: Mmap,
@@ -32,12 +33,12 @@ pub(crate) struct Window {
 }
 
 impl Window {
-    /// Maps `len > 0` bytes from `offset` on, which need not be page-aligned.
+    /// Maps `len > 0` bytes from `offset` on; the offset need not be page-aligned.
     pub(crate) fn new(source: &Source, offset: u64, len: usize) -> Result<Self, StoreError> {
         install_handler();
-        // SAFETY: the map is read-only and private to this type. That the file may change or shrink meanwhile is
-        // handled as the module's head says: bytes are read as plain numbers only, missing pages become zeros, and
-        // `check` rejects what was read.
+        // SAFETY: the map is read-only and private to this type. The file may change or shrink meanwhile, which is
+        // handled as described at the head of the module: bytes are only read as plain numbers, missing pages become
+        // zeros, and `check` rejects the values read.
         let map = unsafe { MmapOptions::new().offset(offset).len(len).map(source.file()) }
             .map_err(StoreError::io(source.path(), "cannot map"))?;
         let start = map.as_ptr() as usize;
@@ -56,7 +57,7 @@ impl Window {
         let _ = self.map.advise_range(Advice::WillNeed, offset, len);
     }
 
-    /// Maps the pages of a range in one go, which costs less than a fault for each. Advice only.
+    /// Maps the pages of a range at once, which costs less than a fault for each. Advice only.
     #[cfg(target_os = "linux")]
     pub(crate) fn populate(&self, offset: usize, len: usize) {
         let _ = self.map.advise_range(Advice::PopulateRead, offset, len);
@@ -67,7 +68,7 @@ impl Window {
         self.will_need(offset, len);
     }
 
-    /// Fails when a page was missing or the file has changed since it was opened.
+    /// Fails if a page was missing or the file has changed since it was opened.
     pub(crate) fn check(&self, source: &Source) -> Result<(), StoreError> {
         if SLOTS[self.slot].faulted.load(Ordering::Acquire) {
             return Err(StoreError::ChangedWhileRead { path: source.path().to_path_buf() });
@@ -78,13 +79,13 @@ impl Window {
 
 impl Drop for Window {
     fn drop(&mut self) {
-        // Before the memory is unmapped and its addresses may serve something else; `map` is dropped after this.
+        // Release the slot before the memory is unmapped and its addresses may be reused; `map` is dropped after this.
         SLOTS[self.slot].release();
     }
 }
 
-/// Prefetches into the L2 cache what lies `ahead` bytes from these values, as much as they are long. The processor's
-/// own prefetcher doesn't cross the pages of a map. Advice only; nothing needs to be mapped there.
+/// Prefetches into the L2 cache as many bytes as these values have, starting `ahead` bytes after their beginning. The
+/// processor's own prefetcher doesn't cross the pages of a map. Advice only; the prefetched range need not be mapped.
 #[inline(always)]
 pub fn prefetch<T>(values: &[T], ahead: isize) {
     #[cfg(target_arch = "x86_64")]
@@ -101,9 +102,9 @@ pub fn prefetch<T>(values: &[T], ahead: isize) {
     let _ = (values, ahead);
 }
 
-/// One mapped range, for the signal handler: atomics only, no locks, no memory of its own.
+/// One mapped range, for the signal handler: atomics only, no locks and no allocation.
 struct Slot {
-    /// 0 when free, 1 while it is being set up, else the first address.
+    /// 0 if free, 1 while being set up, otherwise the first address.
     start: AtomicUsize,
     end: AtomicUsize,
     faulted: AtomicBool,
@@ -111,7 +112,7 @@ struct Slot {
 
 const FREE: usize = 0;
 const CLAIMED: usize = 1;
-/// A window for each of 64 threads and 500 degrees; systems allow some 65,000 maps a process.
+/// Enough for a window for each of 64 threads and 500 degrees; systems allow about 65,000 maps per process.
 const SLOT_COUNT: usize = 32_768;
 
 static SLOTS: [Slot; SLOT_COUNT] =
@@ -141,15 +142,15 @@ fn claim_slot(start: usize, end: usize) -> Option<usize> {
 
 static INSTALL: Once = Once::new();
 static PAGE: AtomicUsize = AtomicUsize::new(4096);
-/// What handled SIGBUS before; leaked on purpose, the handler may run at any time.
+/// The previous handler of SIGBUS; leaked on purpose, because our handler may run at any time.
 static PREVIOUS: std::sync::atomic::AtomicPtr<libc::sigaction> =
     std::sync::atomic::AtomicPtr::new(std::ptr::null_mut());
 
 fn install_handler() {
     INSTALL.call_once(|| {
         PAGE.store(rustix::param::page_size(), Ordering::Relaxed);
-        // SAFETY: both structures are plain data for which zeros are valid; the handler has the signature that
-        // SA_SIGINFO asks for and does only what is allowed in a signal handler: atomics, mmap and sigaction.
+        // SAFETY: both structures are plain data for which zeros are valid. The handler has the signature that
+        // SA_SIGINFO requires and only does what is allowed in a signal handler: atomics, mmap and sigaction.
         unsafe {
             let previous = Box::leak(Box::new(std::mem::zeroed::<libc::sigaction>()));
             let mut action = std::mem::zeroed::<libc::sigaction>();
@@ -175,8 +176,8 @@ extern "C" fn on_bus_error(_signal: libc::c_int, info: *mut libc::siginfo_t, _co
         }
     }
     let previous = PREVIOUS.load(Ordering::Acquire);
-    // SAFETY: `previous` is what sigaction stored there before this handler was installed. With it back in place the
-    // access is repeated and faults as it would have without us.
+    // SAFETY: `previous` was stored by sigaction before this handler was installed. Once it is restored, the access is
+    // repeated and faults as it would have without us.
     unsafe { libc::sigaction(libc::SIGBUS, previous, std::ptr::null_mut()) };
 }
 
@@ -184,8 +185,8 @@ fn put_zero_page(address: usize) -> bool {
     let page = PAGE.load(Ordering::Relaxed);
     let start = address & !(page - 1);
     let flags = libc::MAP_PRIVATE | libc::MAP_ANONYMOUS | libc::MAP_FIXED;
-    // SAFETY: `start` lies in a window of this process, which stays mapped while its slot is taken; replacing one of
-    // its pages by zeros is what its readers are prepared for.
+    // SAFETY: `start` lies in a window of this process, which stays mapped while its slot is taken. Readers of a window
+    // are prepared for pages replaced by zeros.
     let result = unsafe { libc::mmap(start as *mut libc::c_void, page, libc::PROT_READ, flags, -1, 0) };
     result != libc::MAP_FAILED
 }

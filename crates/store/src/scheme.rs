@@ -1,4 +1,4 @@
-//! The key of a sampling scheme: what a store's contents depend on, hashed.
+//! The key of a sampling scheme: a hash of everything that a store's contents depend on.
 //!
 //! See "Key" in `store-format.md`.
 
@@ -17,7 +17,7 @@ pub enum Scalar {
 }
 
 impl Scalar {
-    /// Returns the bytes of a value.
+    /// Returns the size of a value in bytes.
     pub const fn size(self) -> usize {
         match self {
             Self::F64 => 8,
@@ -33,7 +33,7 @@ impl Scalar {
         }
     }
 
-    /// Returns the number that stands for it in a header.
+    /// Returns the code of the type in a header.
     pub(crate) const fn code(self) -> u32 {
         match self {
             Self::F64 => 1,
@@ -89,7 +89,7 @@ impl fmt::Display for SchemeKey {
     }
 }
 
-/// The error of parsing a [`SchemeKey`] from a text that isn't 64 lower-case hexadecimal digits.
+/// Error of parsing a [`SchemeKey`] from a text that isn't 64 lower-case hexadecimal digits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("expected 64 hexadecimal digits")]
 pub struct NotAKey;

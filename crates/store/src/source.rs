@@ -1,4 +1,4 @@
-//! An open file that is read and mapped, and whether it is still what it was when it was opened.
+//! An open file for reading and mapping, and the check that it hasn't changed since it was opened.
 
 use std::fs::{File, Metadata, OpenOptions};
 use std::io;
@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use crate::error::StoreError;
 
-/// An open regular file and its state when it was opened.
+/// An open regular file, and its state at the time of opening.
 #[derive(Debug)]
 pub(crate) struct Source {
     path: PathBuf,
@@ -15,8 +15,8 @@ pub(crate) struct Source {
     stamp: Stamp,
 }
 
-/// Size and modification time: what shows that a file was written to or truncated. (Not the change time, which a hard
-/// link or a new owner changes as well.)
+/// Size and modification time, which reveal that a file was written to or truncated. (The change time isn't used,
+/// because a hard link or a new owner changes it as well.)
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Stamp {
     len: u64,
@@ -31,7 +31,7 @@ impl Stamp {
 }
 
 impl Source {
-    /// Opens a regular file; never waits for the other end of a FIFO, never follows a symbolic link.
+    /// Opens a regular file. Never waits for the other end of a FIFO, never follows a symbolic link.
     pub(crate) fn open(path: &Path) -> Result<Self, StoreError> {
         let flags = libc::O_NOFOLLOW | libc::O_NONBLOCK | libc::O_CLOEXEC;
         let not_a_file = |found| StoreError::NotAFile { path: path.to_path_buf(), found };
@@ -61,12 +61,12 @@ impl Source {
         &self.file
     }
 
-    /// Length of the file when it was opened, in bytes.
+    /// Returns the length of the file when it was opened, in bytes.
     pub(crate) fn len(&self) -> u64 {
         self.stamp.len
     }
 
-    /// Fills `buffer` with the bytes from `offset` on.
+    /// Fills `buffer` with the bytes that begin at `offset`.
     pub(crate) fn read_at(&self, offset: u64, buffer: &mut [u8]) -> Result<(), StoreError> {
         self.file.read_exact_at(buffer, offset).map_err(|error| match error.kind() {
             io::ErrorKind::UnexpectedEof => StoreError::ChangedWhileRead { path: self.path.clone() },
@@ -74,7 +74,7 @@ impl Source {
         })
     }
 
-    /// Fails when the file isn't what it was when it was opened.
+    /// Fails if the file has changed since it was opened.
     pub(crate) fn check(&self) -> Result<(), StoreError> {
         match self.file.metadata() {
             Ok(metadata) if Stamp::of(&metadata) == self.stamp => Ok(()),

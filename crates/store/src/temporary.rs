@@ -1,6 +1,6 @@
-//! Temporary files of a scheme's folder: creating one, and finding those that killed builds left behind.
+//! Temporary files in a scheme's folder: creating one, and finding those that killed builds left behind.
 //!
-//! A builder holds a lock on every temporary file that it writes. A file whose lock is free belongs to nobody.
+//! A builder holds a lock on every temporary file that it writes. A file whose lock is free is abandoned.
 
 use std::fs::{File, Permissions, TryLockError};
 use std::io;
@@ -12,12 +12,12 @@ use tempfile::NamedTempFile;
 
 use crate::error::StoreError;
 
-/// What temporary names begin with: those of basis files and those of factors.
+/// Prefixes of temporary names: those of basis files and of factors.
 const PREFIXES: [&str; 2] = [".A_", ".factor_"];
 const SUFFIX: &str = ".tmp";
 
-/// Creates a temporary file and locks it, so that other processes see that it is in use. Where locks don't work, its
-/// age has to do.
+/// Creates a temporary file and locks it, so that other processes see that it is in use. If locks don't work, other
+/// processes judge by its age.
 pub(crate) fn create(folder: &Path, prefix: &str) -> io::Result<NamedTempFile> {
     debug_assert!(PREFIXES.iter().any(|known| prefix.starts_with(known)), "{prefix}");
     loop {
@@ -27,7 +27,7 @@ pub(crate) fn create(folder: &Path, prefix: &str) -> io::Result<NamedTempFile> {
             .permissions(Permissions::from_mode(0o666)) // less the umask: a store is there to be shared
             .tempfile_in(folder)?;
         match temporary.as_file().try_lock() {
-            // Between its creation and the lock somebody took it for a leftover and removed it, or is about to.
+            // Another process removed it as a leftover between its creation and the lock, or is about to.
             Ok(()) if temporary.as_file().metadata()?.nlink() == 0 => {}
             Err(TryLockError::WouldBlock) => {}
             Ok(()) | Err(TryLockError::Error(_)) => return Ok(temporary),
@@ -35,14 +35,14 @@ pub(crate) fn create(folder: &Path, prefix: &str) -> io::Result<NamedTempFile> {
     }
 }
 
-/// Lists the temporary files of a folder that no process is writing any more.
+/// Lists the temporary files of a folder that no process is writing any longer.
 pub(crate) fn abandoned(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
     let mut found = Vec::new();
     for_each_abandoned(folder, &mut |path| found.push(path.to_path_buf()))?;
     Ok(found)
 }
 
-/// Removes them, and returns which. One that can't be removed is left for the next builder.
+/// Removes the abandoned files and returns their paths. Files that can't be removed are left for the next builder.
 pub(crate) fn remove_abandoned(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
     let mut removed = Vec::new();
     for_each_abandoned(folder, &mut |path| {
@@ -53,7 +53,8 @@ pub(crate) fn remove_abandoned(folder: &Path) -> Result<Vec<PathBuf>, StoreError
     Ok(removed)
 }
 
-/// Calls `visit` with each while its lock is held, so that a builder that has only just created a file notices.
+/// Calls `visit` with each abandoned file while its lock is held, so that a builder that has just created the file
+/// notices.
 fn for_each_abandoned(folder: &Path, visit: &mut dyn FnMut(&Path)) -> Result<(), StoreError> {
     for item in std::fs::read_dir(folder).map_err(StoreError::io(folder, "cannot list"))? {
         let item = item.map_err(StoreError::io(folder, "cannot list"))?;
@@ -63,7 +64,7 @@ fn for_each_abandoned(folder: &Path, visit: &mut dyn FnMut(&Path)) -> Result<(),
         if !regular || !PREFIXES.iter().any(|prefix| name.starts_with(prefix)) || !name.ends_with(SUFFIX) {
             continue;
         }
-        // It may have been finished or removed since it was listed.
+        // The file may have been finished or removed since it was listed.
         let Ok(file) = File::open(item.path()) else { continue };
         let free = match file.try_lock() {
             Ok(()) => true,
@@ -77,9 +78,9 @@ fn for_each_abandoned(folder: &Path, visit: &mut dyn FnMut(&Path)) -> Result<(),
     Ok(())
 }
 
-/// Whether nobody has written to a file for so long that nobody will.
+/// Returns whether a file was last written to so long ago that it must be abandoned.
 fn is_old(item: &std::fs::DirEntry) -> bool {
-    /// Where locks don't work, nobody works on one file for this long.
+    /// If locks don't work, a file this old without a write counts as abandoned.
     const OLD: Duration = Duration::from_secs(24 * 3600);
     let modified = item.metadata().and_then(|metadata| metadata.modified());
     modified.is_ok_and(|time| time.elapsed().is_ok_and(|age| age > OLD))

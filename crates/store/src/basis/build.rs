@@ -1,10 +1,10 @@
 //! Building the basis of a scheme: every missing `A_l` up to a degree.
 //!
-//! Threads take runs of rows (chunks) and evaluate the recurrence degree after degree, so that memory doesn't grow with
-//! n: a thread holds one run's recurrence state and one chunk. Degrees are built in groups: a group's files are open
-//! together, and while one group is computed the files of the previous one are brought to disk and given their names.
-//! An interrupted build thus keeps all groups but the last two; the price is that each group passes once more over the
-//! degrees below it, at a quarter of the cost of computing them.
+//! Threads take runs of rows (chunks) and evaluate the recurrence degree by degree, so that memory doesn't grow with n:
+//! a thread holds the recurrence state of one run and one chunk. Degrees are built in groups. The files of a group are
+//! open together, and while one group is computed, the files of the previous one are brought to disk and given their
+//! names. An interrupted build thus keeps all groups except the last two. The price is that each group repeats the
+//! recurrence over the degrees below it, at a quarter of the cost of computing them.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -22,7 +22,7 @@ use crate::error::{StoreError, StoreWarning};
 use crate::scheme::{Scalar, SchemeKey};
 use crate::{folder, temporary};
 
-/// What a build did.
+/// Result of a build.
 #[derive(Debug)]
 pub struct BuildReport {
     /// The scheme.
@@ -31,34 +31,36 @@ pub struct BuildReport {
     pub folder: PathBuf,
     /// Degrees written by this build.
     pub built: usize,
-    /// Degrees that existed, or that another builder published meanwhile.
+    /// Degrees that existed already, or that another builder published meanwhile.
     pub present: usize,
     /// Bytes of the files written.
     pub bytes_written: u64,
-    /// Bytes of all files to the highest degree.
+    /// Bytes of all files up to the highest degree.
     pub bytes: u64,
     /// Rows of a chunk.
     pub chunk_rows: usize,
     /// Threads used.
     pub threads: usize,
-    /// Bytes of memory planned.
+    /// Planned memory in bytes.
     pub memory: usize,
     /// Damaged files that were replaced, by degree.
     pub warnings: Vec<StoreWarning>,
 }
 
-/// Builds what is missing of a scheme's basis in `store`: the harmonics at `directions` to `params.max_degree`.
+/// Builds the missing files of a scheme's basis in `store`: the harmonics at `directions` up to `params.max_degree`.
 ///
-/// It is safe to run several builds of a scheme at once, to interrupt them and to kill them: what is published stays
-/// and is skipped by the next build, and the bytes of a file depend on neither threads nor interruptions.
+/// It is safe to run several builds of a scheme at once, to interrupt them and to kill them: published files stay and
+/// are skipped by the next build. The bytes of a file depend neither on the number of threads nor on interruptions.
 ///
-/// The monitor gets one stage, `basis`, counted in bytes, and a note while another process builds the same scheme.
+/// The monitor gets one stage, `basis`, counted in bytes, and a note if the build waits for another process that builds
+/// the same scheme.
 ///
 /// # Errors
 ///
-/// Before anything is written: [`StoreError::ChunkRows`], [`StoreError::Layout`], [`StoreError::Harmonics`] for what
-/// the format or the harmonics don't support, [`StoreError::Space`] and [`StoreError::Budget`] for what doesn't fit.
-/// Later, with nothing half-written left: [`StoreError::Io`], [`StoreError::Interrupted`].
+/// Before anything is written: [`StoreError::ChunkRows`], [`StoreError::Layout`] and [`StoreError::Harmonics`] for
+/// parameters that the format or the harmonics don't support, [`StoreError::Space`] and [`StoreError::Budget`] if the
+/// disk or the memory budget is too small. Later, leaving no incomplete files: [`StoreError::Io`],
+/// [`StoreError::Interrupted`].
 pub fn build(
     store: &Path,
     directions: &Directions,
@@ -70,20 +72,20 @@ pub fn build(
     let key = SchemeKey::of(directions, params.scalar);
     let folder = folder::of_scheme(store, key);
     let plan = Plan::new(&folder, key, directions.len(), params)?;
-    // What killed builders left takes the room that this one may need.
+    // The leftovers of killed builds take up space that this build may need.
     if folder.is_dir() {
         temporary::remove_abandoned(&folder)?;
     }
-    // Checked before a folder is made: a refusal leaves nothing behind.
+    // Checked before the folder is created, so that a refused build leaves nothing behind.
     plan.threads(params)?;
     plan.check_space(store, params)?;
-    // A finished scheme is left alone, so that one on a read-only disk is no error.
+    // A finished scheme isn't touched, so that one on a read-only disk is no error.
     let (_lock, plan) = if plan.missing.is_empty() {
         (None, plan)
     } else {
         folder::create(store, &folder)?;
         let lock = folder::lock(&folder, monitor)?;
-        // Again, now that nobody else is building: the other one may have published what was missing.
+        // Plan again under the lock: the previous holder may have published missing files.
         let plan = Plan::new(&folder, key, directions.len(), params)?;
         temporary::remove_abandoned(&folder)?;
         (lock, plan)
@@ -123,17 +125,17 @@ pub fn build(
     })
 }
 
-/// Files that got their names.
+/// Totals of the published files.
 #[derive(Default)]
 struct Published {
     built: usize,
-    /// Files that another builder published first.
+    /// Number of files that another builder published first.
     by_others: usize,
-    /// Bytes of those built.
+    /// Bytes of the files built here.
     bytes: u64,
 }
 
-/// Computes group after group while the one before is brought to disk.
+/// Computes one group after another while the previous one is brought to disk.
 fn compute_and_publish(
     computation: &Computation<'_>,
     folder: &Path,
@@ -158,7 +160,7 @@ fn compute_and_publish(
         let mut result = Ok(());
         for group in groups(headers) {
             result = computation.run(folder, group).and_then(|writers| {
-                // The receiver is gone only when publishing has failed, which is reported below.
+                // The receiver is gone only if publishing has failed, which is reported below.
                 to_disk.send(writers).map_err(|_| Interrupted.into())
             });
             if result.is_err() {
@@ -172,7 +174,7 @@ fn compute_and_publish(
     })
 }
 
-/// What the threads share.
+/// State shared by the threads.
 struct Computation<'a> {
     directions: &'a Directions,
     recurrence: &'a Recurrence,
@@ -182,7 +184,7 @@ struct Computation<'a> {
 }
 
 impl Computation<'_> {
-    /// Computes a group of degrees; on an error the temporary files are gone.
+    /// Computes a group of degrees. On an error the temporary files are removed.
     fn run(&self, folder: &Path, group: &[Header]) -> Result<Vec<DegreeWriter>, StoreError> {
         let writers: Vec<_> =
             group.iter().map(|header| DegreeWriter::create(folder, header.clone())).collect::<Result<_, _>>()?;
@@ -211,7 +213,7 @@ impl Computation<'_> {
         }
     }
 
-    /// One thread: takes chunk after chunk, and evaluates all degrees of the group on it.
+    /// Runs one thread: takes one chunk after another and evaluates all degrees of the group on it.
     fn work(
         &self,
         group: &[Header],

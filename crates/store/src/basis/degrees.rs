@@ -58,7 +58,8 @@ impl Scheme {
         Ok(Self { key, files })
     }
 
-    /// Opens the basis at `directions` to `max_degree`: that of one scalar type or, for `None`, f64 before f32.
+    /// Opens the basis at `directions` up to `max_degree`, of one scalar type or, for `None`, f64 if it exists and f32
+    /// otherwise.
     ///
     /// # Errors
     ///
@@ -82,28 +83,28 @@ impl Scheme {
         }
     }
 
-    /// The scheme's key.
+    /// Returns the scheme's key.
     pub fn key(&self) -> SchemeKey {
         self.key
     }
 
-    /// Scalar type of the values.
+    /// Returns the scalar type of the values.
     pub fn scalar(&self) -> Scalar {
         self.files[0].header().scalar
     }
 
-    /// The files, by degree; never empty.
+    /// Returns the files, by degree; never empty.
     pub fn files(&self) -> &[DegreeFile] {
         &self.files
     }
 
-    /// The highest degree open.
+    /// Returns the highest open degree.
     pub fn max_degree(&self) -> usize {
         self.files.len() - 1
     }
 
     /// Checks every byte of the open files against their hashes, in a stage `verify` counted in bytes, on the rayon
-    /// pool of the caller. The error is that of the lowest degree that has one.
+    /// pool of the caller. If several files are damaged, the error of the lowest degree is returned.
     ///
     /// # Errors
     ///
@@ -116,7 +117,7 @@ impl Scheme {
     }
 }
 
-/// Checks that a file is the one that was asked for, and that it can be read together with that of degree 0.
+/// Checks that a file is the requested one, and that it can be read together with that of degree 0.
 fn check(
     file: &DegreeFile,
     key: SchemeKey,
@@ -142,7 +143,7 @@ fn check(
     Ok(())
 }
 
-/// A basis file of a scheme: its degree, and the file, opened and checked, or what is wrong with it.
+/// A basis file of a scheme: its degree, and either the opened and checked file or its error.
 pub type FoundDegree = (usize, Result<DegreeFile, StoreError>);
 
 /// Lists and opens the basis files of a scheme, by degree.
@@ -159,7 +160,7 @@ pub fn degrees(store: &Path, key: SchemeKey) -> Result<Vec<FoundDegree>, StoreEr
     Ok(degrees.into_iter().map(|degree| (degree, open_as(&folder.join(file_name(degree)), key, degree))).collect())
 }
 
-/// Opens a file and checks that it is what its folder and name say.
+/// Opens a file and checks that its header matches its folder and name.
 fn open_as(path: &Path, key: SchemeKey, degree: usize) -> Result<DegreeFile, StoreError> {
     let file = DegreeFile::open(path)?;
     if file.header().key != key || file.header().degree != degree {

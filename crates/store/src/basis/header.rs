@@ -1,6 +1,6 @@
 //! The header of a basis file: "Header" in `store-format.md`.
 //!
-//! A committed file is held against the offsets byte by byte in the tests.
+//! The tests compare a committed file with these offsets byte by byte.
 
 use std::ops::Range;
 use std::path::Path;
@@ -22,7 +22,7 @@ const CHUNK_ROWS_AT: usize = CODEC_AT + 4;
 const CHUNK_COUNT_AT: usize = CHUNK_ROWS_AT + 8;
 const RESERVED_AT: usize = CHUNK_COUNT_AT + 8;
 
-/// What one file holds: block `A_l` of a scheme, (rows, 2 l + 1).
+/// Contents of one file: block `A_l` of a scheme, (rows, 2 l + 1).
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Header {
     /// The sampling scheme.
@@ -33,41 +33,41 @@ pub struct Header {
     pub degree: usize,
     /// Scalar type of the values.
     pub scalar: Scalar,
-    /// Codec that the file was written with; a chunk that doesn't shrink is stored raw all the same.
+    /// Codec that the file was written with. A chunk that doesn't shrink is stored raw nevertheless.
     pub codec: Codec,
-    /// Rows of every chunk but the last.
+    /// Rows of every chunk except the last.
     pub chunk_rows: usize,
 }
 
 impl Header {
-    /// Whether the numbers keep to the limits of the format.
+    /// Returns whether the numbers are within the limits of the format.
     pub(crate) fn is_within_limits(&self) -> bool {
         let chunk_len = (self.chunk_rows * self.columns() * self.scalar.size()) as u64;
         self.rows as u64 <= MAX_ROWS && self.chunk_count() as u64 <= MAX_CHUNKS && chunk_len <= MAX_CHUNK_LEN
     }
 
-    /// Number of columns, `2 l + 1`.
+    /// Returns the number of columns, `2 l + 1`.
     pub fn columns(&self) -> usize {
         2 * self.degree + 1
     }
 
-    /// Number of chunks.
+    /// Returns the number of chunks.
     pub fn chunk_count(&self) -> usize {
         self.rows.div_ceil(self.chunk_rows)
     }
 
-    /// Rows of a chunk, as a range.
+    /// Returns the range of rows of a chunk.
     pub fn chunk_range(&self, chunk: usize) -> Range<usize> {
         let start = (chunk * self.chunk_rows).min(self.rows);
         start..(start + self.chunk_rows).min(self.rows)
     }
 
-    /// Bytes of a chunk once decoded.
+    /// Returns the size of a decoded chunk in bytes.
     pub fn raw_len(&self, chunk: usize) -> usize {
         self.chunk_range(chunk).len() * self.columns() * self.scalar.size()
     }
 
-    /// Offset of a chunk in a file whose chunks are all raw.
+    /// Returns the offset of a chunk in a file whose chunks are all raw.
     pub(crate) fn raw_offset(&self, chunk: usize) -> u64 {
         let full = (self.chunk_rows * self.columns() * self.scalar.size()) as u64;
         HEADER_LEN as u64 + chunk as u64 * full.next_multiple_of(ALIGNMENT)

@@ -1,12 +1,12 @@
-//! Basis files: one immutable file `A_<l>` a degree, which holds the block `A_l`, (n, 2 l + 1), in chunks of rows.
+//! Basis files: one immutable file `A_<l>` per degree, which holds the block `A_l`, (n, 2 l + 1), in chunks of rows.
 //!
 //! | module | what |
 //! |---|---|
-//! | `header` | what a file holds |
+//! | `header` | the contents of a file |
 //! | `reader` | an open file and windows on its chunks |
 //! | `writer` | a file being written |
 //! | `degrees` | the files of a scheme: listed, or opened together |
-//! | `plan` | what a build has to do, and what it takes |
+//! | `plan` | the missing degrees, and the memory and disk space that a build needs |
 //! | `build` | the build |
 
 mod build;

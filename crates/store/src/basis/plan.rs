@@ -1,4 +1,4 @@
-//! What a build has to do, and what it takes: which degrees are missing, their order, memory and disk.
+//! The plan of a build: the missing degrees, their order, and the memory and disk space they need.
 
 use std::path::{Path, PathBuf};
 
@@ -15,30 +15,30 @@ use crate::folder;
 use crate::format::{MAX_CHUNK_ROWS, ROW_MULTIPLE};
 use crate::scheme::{Scalar, SchemeKey};
 
-/// Default rows of a chunk. At degree 100 a chunk (0.8 MB) and the state of its recurrence (1.7 MB) fit a core's L2
-/// cache; not a multiple of 512, so that the columns don't all fall into the same cache sets.
+/// Default number of rows in a chunk. At degree 100 a chunk (0.8 MB) and the state of its recurrence (1.7 MB) fit a
+/// core's L2 cache. It is not a multiple of 512, so that the columns don't all fall into the same cache sets.
 pub const DEFAULT_CHUNK_ROWS: usize = 520;
 
 const GROUPS: u64 = 8;
 const SMALLEST_GROUP: u64 = 256 << 20;
 const MOST_FILES: usize = 256;
 
-/// What to build.
+/// Parameters of a build.
 #[derive(Debug, Clone)]
 pub struct BuildParams {
     /// Highest degree, L, inclusive; default 100.
     pub max_degree: usize,
     /// Scalar type of the files; default [`Scalar::F64`].
     pub scalar: Scalar,
-    /// Codec of the files that are written; files that exist keep theirs. Default [`Codec::Raw`].
+    /// Codec of the files that are written; existing files keep theirs. Default [`Codec::Raw`].
     pub codec: Codec,
-    /// Rows of a chunk, a multiple of 8 to 2^20; a scheme that exists keeps its own. Default [`DEFAULT_CHUNK_ROWS`].
+    /// Rows of a chunk, a multiple of 8 to 2^20; an existing scheme keeps its own. Default [`DEFAULT_CHUNK_ROWS`].
     pub chunk_rows: usize,
-    /// Most bytes of memory to take; default 512 MiB.
+    /// Memory budget in bytes; default 512 MiB.
     pub memory: usize,
-    /// Most threads to use of the rayon pool that the build is called in; 0, the default, for all of them.
+    /// Maximum number of threads to use of the caller's rayon pool; 0, the default, for all of them.
     pub threads: usize,
-    /// Build even what is larger than 64 GiB or than the free disk space; default false.
+    /// Build even if the files are larger than 64 GiB or than the free disk space; default false.
     pub allow_large: bool,
 }
 
@@ -66,10 +66,10 @@ impl BuildParams {
     }
 }
 
-/// Which degrees of a scheme exist, which don't, and what the missing ones take.
+/// The degrees of a scheme that are missing, and what building them needs.
 pub(super) struct Plan {
     pub(super) missing: Vec<usize>,
-    /// Files that are to be replaced, which count as missing, and what is wrong with them.
+    /// Damaged files and their errors. They are to be replaced, and their degrees count as missing.
     pub(super) damaged: Vec<(PathBuf, StoreError)>,
     pub(super) chunk_rows: usize,
     rows: usize,
@@ -78,7 +78,7 @@ pub(super) struct Plan {
 }
 
 impl Plan {
-    /// Opens every degree that is wanted, with all checks but those of the chunks.
+    /// Opens the file of every requested degree, with all checks except those of the chunks.
     pub(super) fn new(folder: &Path, key: SchemeKey, rows: usize, params: &BuildParams) -> Result<Self, StoreError> {
         let mut plan = Self { missing: Vec::new(), damaged: Vec::new(), chunk_rows: 0, rows, bytes: 0 };
         for degree in 0..=params.max_degree {
@@ -106,7 +106,7 @@ impl Plan {
         Ok(plan)
     }
 
-    /// Accepts a file that exists as one of this scheme's. The first one settles the chunks' rows.
+    /// Accepts an existing file as one of this scheme's. The first one determines the rows per chunk.
     fn accept(&mut self, file: &DegreeFile, key: SchemeKey, degree: usize, scalar: Scalar) -> Result<(), StoreError> {
         let header = file.header();
         let describe = |key: SchemeKey, scalar: Scalar, degree: usize, rows: usize| {
@@ -114,7 +114,7 @@ impl Plan {
         };
         let expected = describe(key, scalar, degree, self.rows);
         let found = describe(header.key, header.scalar, header.degree, header.rows);
-        // The key is longer than what is shown of it.
+        // The description shows only the first digits of the key.
         if header.key != key || found != expected {
             return Err(StoreError::corrupt(file.path(), "contents", expected, found));
         }
@@ -133,12 +133,12 @@ impl Plan {
         Header { key, rows, degree, scalar: params.scalar, codec: params.codec, chunk_rows }
     }
 
-    /// Headers of the missing files, by degree.
+    /// Returns the headers of the missing files, by degree.
     pub(super) fn headers(&self, key: SchemeKey, params: &BuildParams) -> Vec<Header> {
         self.missing.iter().map(|&degree| self.header(degree, key, params)).collect()
     }
 
-    /// The most threads, up to those asked for, that the memory budget has room for.
+    /// Returns the largest number of threads, up to the requested one, that fits the memory budget.
     pub(super) fn threads(&self, params: &BuildParams) -> Result<usize, StoreError> {
         let needed = self.memory(params, 1);
         if params.memory < needed {
@@ -149,10 +149,10 @@ impl Plan {
         Ok((1..=most).rev().find(fits).unwrap_or(1))
     }
 
-    /// Bytes of memory that a build takes: the coefficients of the recurrence, and for each thread the state of its
-    /// recurrence and a chunk.
+    /// Returns the memory that a build needs in bytes: the coefficients of the recurrence and, for each thread, the
+    /// state of its recurrence and a chunk.
     pub(super) fn memory(&self, params: &BuildParams, threads: usize) -> usize {
-        /// The program itself, its stacks and allocator, measured on an empty build.
+        /// The program itself with its stacks and allocator, measured on an empty build.
         const BASE: usize = 8 << 20;
         let rows = self.chunk_rows.min(self.rows);
         let chunk = rows * (2 * params.max_degree + 1) * 8;
@@ -162,7 +162,7 @@ impl Plan {
         BASE + Recurrence::bytes(params.max_degree) + threads * thread
     }
 
-    /// Fails when the missing files don't fit the disk, or are large and that isn't allowed.
+    /// Fails if the missing files don't fit the disk, or if they are large and large files aren't allowed.
     pub(super) fn check_space(&self, store: &Path, params: &BuildParams) -> Result<(), StoreError> {
         if params.allow_large || self.missing.is_empty() {
             return Ok(());
@@ -171,13 +171,13 @@ impl Plan {
     }
 }
 
-/// Bytes of a file before compression, less the padding.
+/// Returns the size of a file in bytes before compression, without the padding.
 fn file_bytes(header: &Header) -> u64 {
     let values = header.rows * header.columns() * header.scalar.size();
     (values + header.chunk_count() * ENTRY_LEN + HEADER_LEN + FOOTER_LEN) as u64
 }
 
-/// Cuts the missing degrees into runs whose files are written together.
+/// Splits the missing degrees into groups whose files are written together.
 pub(super) fn groups(headers: &[Header]) -> Vec<&[Header]> {
     let total: u64 = headers.iter().map(file_bytes).sum();
     let target = (total / GROUPS).max(SMALLEST_GROUP);

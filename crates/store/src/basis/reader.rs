@@ -1,4 +1,4 @@
-//! One `A_<l>`: opened and checked, then read chunk by chunk, from a map or by decoding.
+//! Reading one `A_<l>`: opened and checked, then read chunk by chunk, from a memory map or by decoding.
 
 use std::ops::Range;
 use std::path::Path;
@@ -20,7 +20,7 @@ pub struct DegreeFile {
 }
 
 impl DegreeFile {
-    /// Opens a file and checks all but its chunks.
+    /// Opens a file and checks everything except its chunks.
     ///
     /// # Errors
     ///
@@ -29,22 +29,22 @@ impl DegreeFile {
         Ok(Self { container: Container::open(path)? })
     }
 
-    /// What the file holds.
+    /// Returns the file's header.
     pub fn header(&self) -> &Header {
         self.container.contents()
     }
 
-    /// The file's path.
+    /// Returns the file's path.
     pub fn path(&self) -> &Path {
         self.container.source().path()
     }
 
-    /// The file's length in bytes.
+    /// Returns the file's length in bytes.
     pub fn file_len(&self) -> u64 {
         self.container.source().len()
     }
 
-    /// Whether every chunk is raw f64, so that it can be used in place.
+    /// Returns whether every chunk is raw f64, and so can be used in place.
     pub fn is_direct(&self) -> bool {
         let entries = self.container.entries();
         self.header().scalar == Scalar::F64 && entries.iter().all(|entry| entry.codec == Codec::Raw)
@@ -63,7 +63,7 @@ impl DegreeFile {
         Ok(ChunkWindow { file: self, mapped: self.container.map(chunks)? })
     }
 
-    /// Bytes of a chunk as stored.
+    /// Returns the stored size of a chunk in bytes.
     ///
     /// # Panics
     ///
@@ -84,7 +84,7 @@ impl DegreeFile {
         Ok(())
     }
 
-    /// The same within a stage of the caller's.
+    /// Checks the same as [`verify`](Self::verify), within a stage of the caller.
     pub(crate) fn verify_within(&self, monitor: &dyn Monitor) -> Result<(), StoreError> {
         self.container.verify(monitor)
     }
@@ -98,15 +98,15 @@ pub struct ChunkWindow<'f> {
 }
 
 impl ChunkWindow<'_> {
-    /// The chunks that the window holds.
+    /// Returns the chunks that the window holds.
     pub fn chunks(&self) -> Range<usize> {
         self.mapped.parts()
     }
 
-    /// Returns the values of a chunk, (rows, 2 l + 1) column-major: in place where they are raw f64, otherwise decoded
-    /// into `scratch`. The first time in a process the chunk's checksum is verified.
+    /// Returns the values of a chunk, (rows, 2 l + 1) column-major: in place if they are raw f64, otherwise decoded
+    /// into `scratch`. The first read of a chunk in a process verifies its checksum.
     ///
-    /// What is computed from them is valid only once [`check`](Self::check) has passed.
+    /// Results computed from the values are valid only once [`check`](Self::check) has passed.
     ///
     /// # Errors
     ///
@@ -125,7 +125,7 @@ impl ChunkWindow<'_> {
         }
     }
 
-    /// Returns the values of a chunk where it is raw f64, as [`values`](Self::values) does; else `None`.
+    /// Returns the values of a chunk if it is raw f64, as [`values`](Self::values) does; otherwise `None`.
     ///
     /// # Errors
     ///
@@ -143,7 +143,7 @@ impl ChunkWindow<'_> {
         Ok(Some(bytemuck::cast_slice(container.stored(&self.mapped, chunk)?)))
     }
 
-    /// Decodes a chunk of any kind into `out`, which gets its exact size.
+    /// Decodes a chunk of any kind into `out`, which is resized to fit exactly.
     ///
     /// # Errors
     ///
@@ -161,7 +161,7 @@ impl ChunkWindow<'_> {
             Codec::Raw => widen(stored, scalar, out),
             Codec::Zstd => {
                 let Ok(raw) = decode(stored, entry.raw_len as usize, scalar.size()) else {
-                    // Its checksum was right once: see whether the bytes went missing since.
+                    // The checksum was right once; find out whether the bytes have gone missing since.
                     self.check()?;
                     return Err(container.contents().damaged(self.file.path(), chunk, "its zstd frame"));
                 };
@@ -171,7 +171,7 @@ impl ChunkWindow<'_> {
         Ok(())
     }
 
-    /// Maps a chunk's pages in one go, before it is used. Advice only.
+    /// Maps a chunk's pages at once, before it is used. Advice only.
     ///
     /// # Panics
     ///
@@ -180,12 +180,12 @@ impl ChunkWindow<'_> {
         self.file.container.populate(&self.mapped, chunk);
     }
 
-    /// Starts reading the whole window from disk. Advice only.
+    /// Starts reading the entire window from disk. Advice only.
     pub fn will_need(&self) {
         self.file.container.will_need(&self.mapped);
     }
 
-    /// Fails when the file was truncated, changed or unreadable since it was opened.
+    /// Fails if the file has been truncated, changed or unreadable since it was opened.
     ///
     /// # Errors
     ///

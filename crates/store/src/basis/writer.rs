@@ -1,4 +1,4 @@
-//! One `A_<l>` being written: chunks in any order and from several threads.
+//! Writing one `A_<l>`: chunks in any order and from several threads.
 
 use std::path::Path;
 use std::sync::{Condvar, Mutex, PoisonError};
@@ -17,7 +17,7 @@ pub(crate) fn file_name(degree: usize) -> String {
     format!("A_{degree}")
 }
 
-/// A basis file being written. Threads may put different chunks at the same time.
+/// A basis file being written. Threads may write different chunks at the same time.
 pub(crate) struct DegreeWriter {
     header: Header,
     file: ContainerWriter,
@@ -25,8 +25,8 @@ pub(crate) struct DegreeWriter {
     turn: Condvar,
 }
 
-/// For compressed chunks: which one is to take the next place, and where that is. The order of chunks on disk doesn't
-/// depend on the threads, so a file's bytes don't either.
+/// For compressed chunks: the next chunk to be placed, and its offset. The order of chunks on disk doesn't depend on
+/// the threads, so a file's bytes don't either.
 struct NextPlace {
     chunk: usize,
     offset: u64,
@@ -40,7 +40,7 @@ impl DegreeWriter {
         Ok(Self { header, file, next, turn: Condvar::new() })
     }
 
-    /// Writes a chunk given as raw bytes, compressed when there is an encoder. Stops waiting when the monitor is
+    /// Writes a chunk given as raw bytes, compressed if there is an encoder. Stops waiting when the monitor is
     /// cancelled.
     pub(crate) fn put(
         &self,
@@ -60,8 +60,8 @@ impl DegreeWriter {
         self.file.write_part(chunk, offset, stored, raw.len(), codec)
     }
 
-    /// Waits for the chunks before this one to have taken their places. Threads take chunks in increasing order, so one
-    /// of them is always at work on the chunk that the others wait for.
+    /// Waits until the chunks before this one have been placed. Threads take chunks in increasing order, so one of them
+    /// is always working on the chunk that the others wait for.
     fn take_place(&self, chunk: usize, len: usize, monitor: &dyn Monitor) -> Result<u64, StoreError> {
         let mut next = self.next.lock().unwrap_or_else(PoisonError::into_inner);
         while next.chunk != chunk {
@@ -76,7 +76,7 @@ impl DegreeWriter {
         Ok(offset)
     }
 
-    /// Publishes the file, as [`ContainerWriter::publish`] does. The folder has to be synced after it.
+    /// Publishes the file, as [`ContainerWriter::publish`] does. The folder has to be synced afterwards.
     pub(crate) fn publish(self) -> Result<Option<u64>, StoreError> {
         self.file.publish(&self.header)
     }

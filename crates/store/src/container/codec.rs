@@ -1,11 +1,11 @@
 //! Chunk codecs: raw, and zstd over shuffled bytes.
 //!
-//! Shuffling puts the first bytes of all values together, then the second ones, and so on: signs and exponents, which
-//! repeat, become adjacent. See "Codecs" in `store-format.md`.
+//! Shuffling puts the first bytes of all values together, then the second bytes, and so on. Signs and exponents, which
+//! repeat, thus become adjacent. See "Codecs" in `store-format.md`.
 
 use std::io::{self, BufRead, BufReader, Read};
 
-/// How the bytes of a chunk are stored.
+/// Storage of a chunk's bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Codec {
     /// Unchanged; read from a memory map without a copy.
@@ -14,7 +14,8 @@ pub enum Codec {
     Zstd,
 }
 
-/// zstd's level. Harmonics hardly compress: higher levels gain under one per cent and take twice the time.
+/// Compression level of zstd. Harmonics hardly compress: higher levels gain less than one per cent and take twice the
+/// time.
 const LEVEL: i32 = 1;
 
 impl Codec {
@@ -58,7 +59,7 @@ impl Encoder {
         self.zstd.compress(&self.shuffled)
     }
 
-    /// Returns the bytes of memory that an encoder and its result may take for chunks of `raw_len`.
+    /// Returns the maximum memory of an encoder and its result, in bytes, for chunks of `raw_len`.
     pub(crate) fn bytes(raw_len: usize) -> usize {
         // The compressor's own tables at this level are under 2 MiB.
         raw_len + zstd::zstd_safe::compress_bound(raw_len) + (2 << 20)
@@ -68,7 +69,7 @@ impl Encoder {
 /// Decodes one zstd frame into exactly `raw_len` bytes; anything else is an error.
 pub(crate) fn decode(stored: &[u8], raw_len: usize, scalar_size: usize) -> io::Result<Vec<u8>> {
     declares(stored, raw_len as u64)?;
-    // More frames, and frames to be skipped, are allowed to zstd but not here.
+    // zstd accepts several frames and skippable frames; this format doesn't.
     if zstd::zstd_safe::find_frame_compressed_size(stored) != Ok(stored.len()) {
         return Err(invalid("more or less than one frame".to_owned()));
     }
@@ -80,7 +81,7 @@ pub(crate) fn decode(stored: &[u8], raw_len: usize, scalar_size: usize) -> io::R
     Ok(unshuffle(&shuffled, scalar_size))
 }
 
-/// Checks, without holding it in memory, that a stream is one zstd frame of `raw_len` bytes.
+/// Checks that a stream is one zstd frame of `raw_len` bytes, without holding it in memory.
 pub(crate) fn check_frame(stored: impl Read, raw_len: u64) -> io::Result<()> {
     let mut stored = BufReader::new(stored);
     declares(stored.fill_buf()?, raw_len)?;
@@ -93,7 +94,7 @@ pub(crate) fn check_frame(stored: impl Read, raw_len: u64) -> io::Result<()> {
     Ok(())
 }
 
-/// Fails unless these bytes begin a frame of today's format that says it holds `raw_len` bytes.
+/// Fails unless these bytes begin a frame of the current zstd format that declares `raw_len` bytes.
 fn declares(stored: &[u8], raw_len: u64) -> io::Result<()> {
     const MAGIC: [u8; 4] = 0xfd2f_b528_u32.to_le_bytes();
     let found = zstd::zstd_safe::get_frame_content_size(stored);

@@ -1,11 +1,11 @@
-//! The header's frame: what the first 4,096 bytes of every kind of file have in common.
+//! The header's frame: the fields common to the first 4,096 bytes of every kind of file.
 //!
 //! ```text
 //! 0        8         12           16                          4064        4096
 //! | magic  | version | header_len | fields | reserved (zeros) | header_hash |
 //! ```
 //!
-//! The fields are those of the kind: "Header" and "Header of a factor" in `store-format.md`.
+//! Each kind of file defines its own fields: see "Header" and "Header of a factor" in `store-format.md`.
 
 use std::path::Path;
 
@@ -21,51 +21,51 @@ pub(crate) const ALIGNMENT: u64 = 64;
 const MAGIC_AT: usize = 0;
 const VERSION_AT: usize = MAGIC_AT + 8;
 const HEADER_LEN_AT: usize = VERSION_AT + 4;
-/// Where the fields of a kind begin.
+/// Offset of the first field of a kind.
 pub(crate) const FIELDS_AT: usize = HEADER_LEN_AT + 4;
 const HASH_AT: usize = HEADER_LEN - 32;
 
 /// The bytes of a header.
 pub(crate) type HeaderBytes = [u8; HEADER_LEN];
 
-/// What distinguishes a kind of file from the others.
+/// Constants that distinguish a kind of file from the others.
 #[derive(Debug)]
 pub(crate) struct Kind {
     pub(crate) magic: [u8; 8],
     /// The version written, and the only one read.
     pub(crate) version: u32,
-    /// Where its fields end; from there to the hash are zeros.
+    /// End of the kind's fields; the bytes from there to the hash are zeros.
     pub(crate) reserved_at: usize,
     /// Key-derivation context of the root hash.
     pub(crate) root_context: &'static str,
-    /// What a part of the file is called in errors.
+    /// Name for a part of the file in errors.
     pub(crate) part: &'static str,
 }
 
-/// The contents of a file as its header describes them: fields of the kind, and the parts that follow from them.
+/// The contents of a file as described by its header: the fields of its kind, and the parts that follow from them.
 pub(crate) trait Contents: Sized {
     const KIND: Kind;
 
     /// Writes the fields, between [`FIELDS_AT`] and the reserved bytes.
     fn encode_fields(&self, header: &mut HeaderBytes);
 
-    /// Reads the fields; every number is checked before it is used.
+    /// Reads the fields; every number is checked before use.
     fn decode_fields(header: &HeaderBytes, path: &Path) -> Result<Self, StoreError>;
 
-    /// Number of parts. At most 2^22, and `parts * raw_len` is below 2^60, so that no sum of offsets overflows.
+    /// Returns the number of parts, at most 2^22; `parts * raw_len` is below 2^60, so that no sum of offsets overflows.
     fn parts(&self) -> usize;
 
-    /// Bytes of a part once decoded.
+    /// Returns the size of a decoded part in bytes.
     fn raw_len(&self, part: usize) -> usize;
 
-    /// The codec that parts may have besides raw.
+    /// Returns the codec that parts may have besides raw.
     fn codec(&self) -> Codec;
 
-    /// The error for a part whose check `what` failed.
+    /// Returns the error for a part that failed the check `what`.
     fn damaged(&self, path: &Path, part: usize, what: &'static str) -> StoreError;
 }
 
-/// Returns the header of these contents.
+/// Encodes the header of these contents.
 pub(crate) fn encode<C: Contents>(contents: &C) -> Box<HeaderBytes> {
     let mut header = Box::new([0; HEADER_LEN]);
     put(&mut header[..], MAGIC_AT, &C::KIND.magic);

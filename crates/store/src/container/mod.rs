@@ -4,17 +4,17 @@
 //! header | part 0 | part 1 | ... | table | footer
 //! ```
 //!
-//! A part is a chunk of a basis file or a tile of a factor. What the header's fields mean and how long the parts are is
-//! the business of the kind of file, which implements [`frame::Contents`]; everything else is here, once.
+//! A part is a chunk of a basis file or a tile of a factor. Each kind of file defines the meaning of its header fields
+//! and the lengths of its parts by implementing [`frame::Contents`]. Everything else is implemented once, here.
 //!
 //! | module | what |
 //! |---|---|
 //! | [`codec`] | raw, and zstd over shuffled bytes |
-//! | [`frame`] | the header's frame, and the trait of a kind of file |
+//! | [`frame`] | the header's frame, and the trait that each kind of file implements |
 //! | [`table`] | the table of parts and the footer |
 //! | [`reader`] | an open file: checked when opened, parts checked when first read |
-//! | [`verify`] | every byte of a file against its hashes |
-//! | [`writer`] | a file from its temporary name to its final one |
+//! | [`verify`] | checking every byte of a file against its hashes |
+//! | [`writer`] | writing a file, from its temporary name to its final one |
 
 pub(crate) mod codec;
 pub(crate) mod frame;

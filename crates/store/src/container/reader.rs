@@ -17,11 +17,11 @@ pub(crate) struct Container<C> {
     contents: C,
     entries: Vec<Entry>,
     table_offset: u64,
-    /// Parts whose checksum has been found right by this process.
+    /// For each part, whether this process has verified its checksum.
     checked: Vec<AtomicBool>,
 }
 
-/// Parts of a file, mapped.
+/// Mapped parts of a file.
 #[derive(Debug)]
 pub(crate) struct MappedParts {
     window: Window,
@@ -31,7 +31,8 @@ pub(crate) struct MappedParts {
 }
 
 impl<C: Contents> Container<C> {
-    /// Opens a file and checks all but its parts, in the order of "What a reader checks" in `store-format.md`.
+    /// Opens a file and checks everything except its parts, in the order of "What a reader checks" in
+    /// `store-format.md`.
     pub(crate) fn open(path: &Path) -> Result<Self, StoreError> {
         let source = Source::open(path)?;
         let least = HEADER_LEN + ENTRY_LEN + FOOTER_LEN;
@@ -59,25 +60,25 @@ impl<C: Contents> Container<C> {
         &self.entries
     }
 
-    /// Offset of the table, where the padding after the last part ends.
+    /// Returns the offset of the table, which is the end of the padding after the last part.
     pub(crate) fn table_offset(&self) -> u64 {
         self.table_offset
     }
 
-    /// Maps a run of parts; panics if it is empty or goes past the last part.
+    /// Maps a run of parts. Panics if it is empty or goes past the last part.
     pub(crate) fn map(&self, parts: Range<usize>) -> Result<MappedParts, StoreError> {
         let (first, last) = (&self.entries[parts.start], &self.entries[parts.end - 1]);
         let window = Window::new(&self.source, first.offset, (last.end() - first.offset) as usize)?;
         Ok(MappedParts { window, parts, first: first.offset })
     }
 
-    /// Returns the stored bytes of a mapped part. The first time in a process its CRC is verified, which also brings
-    /// the part into the cache of the one who asked.
+    /// Returns the stored bytes of a mapped part. The first call for a part in a process verifies its CRC, which also
+    /// brings the part into the caller's cache.
     pub(crate) fn stored<'m>(&self, mapped: &'m MappedParts, part: usize) -> Result<&'m [u8], StoreError> {
         let stored = &mapped.window.bytes()[self.place(mapped, part)];
         if !self.checked[part].load(Ordering::Relaxed) {
             if crc32c::crc32c(stored) != self.entries[part].crc {
-                // A page that went missing shows as a wrong checksum too; say what really happened.
+                // A missing page also causes a wrong checksum; report the real cause.
                 self.check(mapped)?;
                 return Err(self.contents.damaged(self.source.path(), part, "its CRC-32C"));
             }
@@ -91,23 +92,23 @@ impl<C: Contents> Container<C> {
         mapped.window.will_need(0, mapped.window.bytes().len());
     }
 
-    /// Maps the pages of a part in one go, before it is used. Advice only.
+    /// Maps the pages of a part at once, before it is used. Advice only.
     pub(crate) fn populate(&self, mapped: &MappedParts, part: usize) {
         let Range { start, end } = self.place(mapped, part);
         mapped.window.populate(start, end - start);
     }
 
-    /// Maps the pages of all mapped parts in one go. Advice only.
+    /// Maps the pages of all mapped parts at once. Advice only.
     pub(crate) fn populate_all(&self, mapped: &MappedParts) {
         mapped.window.populate(0, mapped.window.bytes().len());
     }
 
-    /// Fails when a page was missing, or the file has changed since it was opened.
+    /// Fails if a page was missing, or if the file has changed since it was opened.
     pub(crate) fn check(&self, mapped: &MappedParts) -> Result<(), StoreError> {
         mapped.window.check(&self.source)
     }
 
-    /// Where a part lies in the window.
+    /// Returns the location of a part in the window.
     fn place(&self, mapped: &MappedParts, part: usize) -> Range<usize> {
         assert!(mapped.parts.contains(&part), "{} {part} of a window on {:?}", C::KIND.part, mapped.parts);
         let entry = &self.entries[part];
@@ -116,14 +117,14 @@ impl<C: Contents> Container<C> {
 }
 
 impl MappedParts {
-    /// The parts that are mapped.
+    /// Returns the range of mapped parts.
     pub(crate) fn parts(&self) -> Range<usize> {
         self.parts.clone()
     }
 }
 
-/// Reads the footer and the table of a file whose header has been decoded, and checks all but the table's entries.
-/// Returns the table and its offset.
+/// Reads the footer and the table of a file whose header has been decoded, and checks everything except the table's
+/// entries. Returns the table and its offset.
 fn read_table<C: Contents>(source: &Source, header: &HeaderBytes, parts: u64) -> Result<(Vec<u8>, u64), StoreError> {
     let (path, file_len) = (source.path(), source.len());
     let mut footer = [0; FOOTER_LEN];
@@ -132,7 +133,7 @@ fn read_table<C: Contents>(source: &Source, header: &HeaderBytes, parts: u64) ->
     if footer.entries != parts {
         return Err(StoreError::corrupt(path, "entries of the table", parts, footer.entries));
     }
-    // The table must be what lies between the parts and the footer, so its size is bounded by the file's.
+    // The table must fill the gap between the parts and the footer exactly, which bounds its size by that of the file.
     let table_len = footer.entries.saturating_mul(ENTRY_LEN as u64);
     let end = footer.table_offset.checked_add(table_len).and_then(|end| end.checked_add(FOOTER_LEN as u64));
     if footer.table_offset < HEADER_LEN as u64 || end != Some(file_len) {

@@ -9,7 +9,7 @@ use crate::container::codec::Codec;
 use crate::container::frame::{ALIGNMENT, Contents, HEADER_LEN};
 use crate::error::StoreError;
 
-/// Where a part is and what it must hash to.
+/// Location and hashes of a part.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Entry {
     pub(crate) offset: u64,
@@ -31,7 +31,7 @@ const CODEC_AT: usize = CRC_AT + 4;
 const PART_HASH_AT: usize = CODEC_AT + 4;
 
 impl Entry {
-    /// Describes stored bytes at an offset.
+    /// Describes bytes stored at an offset.
     pub(crate) fn of(offset: u64, stored: &[u8], raw_len: usize, codec: Codec) -> Self {
         Self {
             offset,
@@ -43,12 +43,12 @@ impl Entry {
         }
     }
 
-    /// Offset of the byte after the stored ones.
+    /// Returns the offset of the first byte after the stored ones.
     pub(crate) fn end(&self) -> u64 {
         self.offset + self.stored_len
     }
 
-    /// Where the next part, or the table, begins.
+    /// Returns the offset of the next part, or of the table after the last one.
     pub(crate) fn next_offset(&self) -> u64 {
         self.end().next_multiple_of(ALIGNMENT)
     }
@@ -83,8 +83,8 @@ pub(crate) fn encode_table(entries: &[Entry]) -> Vec<u8> {
     entries.iter().flat_map(Entry::encode).collect()
 }
 
-/// Reads the table and checks that its parts follow each other from the header to the table, each of the length that
-/// the header implies.
+/// Reads the table. Checks that the parts follow each other from the header to the table, and that each has the length
+/// that the header implies.
 pub(crate) fn decode_table<C: Contents>(
     bytes: &[u8],
     contents: &C,
@@ -129,11 +129,11 @@ pub(crate) fn decode_table<C: Contents>(
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Footer {
     pub(crate) table_offset: u64,
-    /// Entries of the table.
+    /// Number of entries in the table.
     pub(crate) entries: u64,
-    /// Length of the whole file.
+    /// Length of the file.
     pub(crate) file_len: u64,
-    /// BLAKE3 of header and table; as the table holds the hashes of the parts, it covers the whole contents.
+    /// BLAKE3 of header and table. As the table holds the hashes of the parts, the root covers the entire contents.
     pub(crate) root: [u8; 32],
 }
 
@@ -159,7 +159,7 @@ impl Footer {
         bytes
     }
 
-    /// Reads a footer. `file_len` is the length that the file has.
+    /// Reads a footer. `file_len` is the actual length of the file.
     pub(crate) fn decode(bytes: &[u8; FOOTER_LEN], file_len: u64, path: &Path) -> Result<Self, StoreError> {
         if bytes[..8] != FOOTER_MAGIC {
             let found = bytes[..8].escape_ascii();
@@ -184,7 +184,7 @@ impl Footer {
     }
 }
 
-/// Returns the root hash of a file with these header and table bytes; the context is that of its kind.
+/// Returns the root hash of a file with these header and table bytes; `context` is that of the file's kind.
 pub(crate) fn root(context: &str, header: &[u8], table: &[u8]) -> [u8; 32] {
     let mut hasher = blake3::Hasher::new_derive_key(context);
     hasher.update(header);

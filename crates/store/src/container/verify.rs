@@ -1,5 +1,5 @@
-//! Verification: every byte of a file against its hashes, in pieces, so that what a hostile file claims to hold costs
-//! time and not memory.
+//! Verification of every byte of a file against its hashes. It works in pieces, so that a false claim of a hostile file
+//! about its size costs time but no memory.
 
 use std::fs::File;
 use std::io;
@@ -14,12 +14,12 @@ use crate::container::reader::Container;
 use crate::error::StoreError;
 use crate::source::Source;
 
-/// Most bytes read at a time.
+/// Maximum number of bytes read at a time.
 const PIECE: u64 = 1 << 20;
 
 impl<C: Contents> Container<C> {
-    /// Checks every BLAKE3 hash, every CRC, every padding byte and every zstd frame. With what is checked on opening
-    /// this covers every bit of the file. Steps the monitor's stage by the length of the file in all, in bytes.
+    /// Checks every BLAKE3 hash, every CRC, every padding byte and every zstd frame. Together with the checks on
+    /// opening this covers every bit of the file. Advances the monitor's stage by the length of the file in bytes.
     pub(crate) fn verify(&self, monitor: &dyn Monitor) -> Result<(), StoreError> {
         let (source, entries) = (self.source(), self.entries());
         let mut buffer = Vec::new();

@@ -1,7 +1,8 @@
-//! A file from its temporary name to its final one: parts in any order, then header, table and footer, then the name.
+//! Writing a file: parts in any order, then header, table and footer, and then the change from the temporary name to
+//! the final one.
 //!
-//! A file is valid when its footer is sound and its name is final. Everything before that lives under a temporary name
-//! that no reader looks at and that is removed on any error; see "Writing" in `store-format.md`.
+//! A file is valid when its footer is sound and its name is final. Until then it has a temporary name, which readers
+//! ignore, and it is removed on any error; see "Writing" in `store-format.md`.
 
 use std::fs::File;
 use std::io;
@@ -27,7 +28,7 @@ pub(crate) struct ContainerWriter {
 }
 
 impl ContainerWriter {
-    /// Starts the file `folder/name` of so many parts. The temporary name begins with `.` and `prefix`.
+    /// Starts the file `folder/name` with `parts` parts. The temporary name begins with `.` and `prefix`.
     pub(crate) fn create(folder: &Path, name: &str, prefix: &str, parts: usize) -> Result<Self, StoreError> {
         let temporary = temporary::create(folder, &format!(".{prefix}."))
             .map_err(StoreError::io(folder, "cannot create a file in the store"))?;
@@ -44,7 +45,7 @@ impl ContainerWriter {
         self.temporary.as_file()
     }
 
-    /// Writes the stored bytes of a part; the gap up to the next part stays a hole, which reads as zeros.
+    /// Writes the stored bytes of a part. The gap up to the next part stays a hole, which reads as zeros.
     pub(crate) fn write_part(
         &self,
         part: usize,
@@ -60,7 +61,7 @@ impl ContainerWriter {
     }
 
     /// Writes header, table and footer, waits for the disk, and gives the file its name. Returns its length, or `None`
-    /// when there is a sound file of that name by now, which then stays.
+    /// if a sound file of that name exists by now; that file then stays.
     ///
     /// Panics if a part wasn't written.
     pub(crate) fn publish<C: Contents>(self, contents: &C) -> Result<Option<u64>, StoreError> {

@@ -1,4 +1,4 @@
-//! The factors in a scheme's folder: listed, opened, or started.
+//! Finding the factors in a scheme's folder: listing them, opening one, or starting a new one.
 
 use std::path::Path;
 
@@ -14,7 +14,7 @@ use crate::factor::writer::FactorWriter;
 use crate::scheme::{Scalar, SchemeKey};
 use crate::{folder, temporary};
 
-/// A factor of a scheme: its file name, and the file, opened and checked, or what is wrong with it.
+/// A factor of a scheme: its file name, and either the opened and checked file or its error.
 pub type FoundFactor = (String, Result<FactorFile, StoreError>);
 
 /// Lists and opens the factors of a scheme, by degree.
@@ -51,7 +51,7 @@ fn degree_of(name: &str) -> Option<usize> {
     (named && number.to_string() == degree).then_some(number)
 }
 
-/// Opens the factor of exactly this, of one scalar type or, for `None`, f64 before f32.
+/// Opens the factor that matches `spec`, of one scalar type or, for `None`, f64 if it exists and f32 otherwise.
 ///
 /// # Errors
 ///
@@ -88,24 +88,24 @@ pub fn open_factor(store: &Path, spec: &FactorSpec, scalar: Option<Scalar>) -> R
     Err(StoreError::FactorMissing { store: store.to_path_buf(), key: spec.key, wanted, available })
 }
 
-/// What [`start_factor`] found.
+/// Result of [`start_factor`].
 #[derive(Debug)]
 pub enum StartedFactor {
-    /// The factor is there already.
+    /// The factor exists already.
     Present(FactorFile),
-    /// It isn't, and is to be written.
+    /// The factor doesn't exist and is to be written.
     New {
-        /// Takes the tiles.
+        /// Receives the tiles.
         writer: Box<FactorWriter>,
-        /// The damaged file that was there and has been removed, if there was one.
+        /// Names the damaged file that has been removed, if one existed.
         warnings: Vec<StoreWarning>,
     },
 }
 
-/// Starts a factor in `store`, unless it is there. A damaged one is removed first.
+/// Starts a factor in `store`, unless it exists. A damaged one is removed first.
 ///
-/// With `read_back`, tiles of f32 are kept in double precision as well until the end, for [`FactorWriter::get`]. The
-/// monitor gets a note while another process builds the same scheme.
+/// With `read_back`, f32 tiles are also kept in double precision until the factor is published, for
+/// [`FactorWriter::get`]. The monitor gets a note if the call waits for another process that builds the same scheme.
 ///
 /// # Errors
 ///
@@ -121,7 +121,7 @@ pub fn start_factor(
 ) -> Result<StartedFactor, StoreError> {
     let folder = folder::of_scheme(store, spec.key);
     let path = folder.join(spec.file_name(scalar));
-    // Left alone when it is there, so that a store on a read-only disk is no error.
+    // An existing factor isn't touched, so that a store on a read-only disk is no error.
     if let Existing::Sound(file) = Existing::find(&path, spec)? {
         return Ok(StartedFactor::Present(file));
     }
@@ -140,7 +140,7 @@ pub fn start_factor(
     Ok(StartedFactor::New { writer: Box::new(writer), warnings })
 }
 
-/// What is at the path of a factor.
+/// State of the file at a factor's path.
 enum Existing {
     Sound(FactorFile),
     Damaged(StoreError),
@@ -162,17 +162,17 @@ impl Existing {
     }
 }
 
-/// Bytes of a factor's file.
+/// Returns the maximum size of a factor's file in bytes.
 fn file_bytes(grid: TileGrid, scalar: Scalar) -> u64 {
-    // The gaps between the tiles, fewer than 64 bytes each, are counted as full.
+    // Gaps between the tiles are less than 64 bytes each; 64 are assumed.
     let values: u64 = grid.tiles().map(|(row, column)| grid.len(row, column) as u64).sum();
     values * scalar.size() as u64
         + grid.count() as u64 * (ENTRY_LEN as u64 + ALIGNMENT)
         + (HEADER_LEN + FOOTER_LEN) as u64
 }
 
-/// Checks, before any work, that a factor fits the disk. Returns the bytes of disk that it takes while it is computed;
-/// `read_back` as for [`start_factor`].
+/// Checks, before any work, that a factor fits the disk. Returns the disk space in bytes that it takes while it is
+/// computed; `read_back` as for [`start_factor`].
 ///
 /// # Errors
 ///

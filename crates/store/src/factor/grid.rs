@@ -5,10 +5,10 @@ use std::ops::Range;
 use crate::error::StoreError;
 use crate::format::{MAX_TILE, MAX_TILES};
 
-/// A (K, K) lower triangle cut into tiles of `tile` rows and columns; the last row and column of tiles take what is
-/// left.
+/// A (K, K) lower triangle divided into tiles of `tile` rows and columns. The last row and column of tiles are smaller
+/// if `tile` doesn't divide K.
 ///
-/// Tiles are numbered tile column after tile column, each from the diagonal down.
+/// Tiles are numbered by tile column, and within each from the diagonal down.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TileGrid {
     size: usize,
@@ -16,11 +16,11 @@ pub struct TileGrid {
 }
 
 impl TileGrid {
-    /// Cuts a triangle of `size` rows and columns into tiles of `tile`, a multiple of 8 from 8 to 1,024.
+    /// Divides a triangle of `size` rows and columns into tiles of `tile`, a multiple of 8 from 8 to 1,024.
     ///
     /// # Errors
     ///
-    /// [`StoreError::FactorLayout`] when the format has no room for it.
+    /// [`StoreError::FactorLayout`] if the tiles exceed the limits of the format.
     pub fn new(size: usize, tile: usize) -> Result<Self, StoreError> {
         Self::checked(size, tile).ok_or(StoreError::FactorLayout { size, tile })
     }
@@ -33,53 +33,53 @@ impl TileGrid {
         (fits && grid.count() as u64 <= MAX_TILES).then_some(grid)
     }
 
-    /// Rows and columns of the triangle, K.
+    /// Returns the number of rows and columns of the triangle, K.
     pub fn size(&self) -> usize {
         self.size
     }
 
-    /// Rows and columns of a full tile.
+    /// Returns the number of rows and columns of a full tile.
     pub fn tile(&self) -> usize {
         self.tile
     }
 
-    /// Number of tile columns, and of tile rows.
+    /// Returns the number of tile columns, which is also that of tile rows.
     pub fn columns(&self) -> usize {
         self.size.div_ceil(self.tile)
     }
 
-    /// Number of tiles.
+    /// Returns the number of tiles.
     pub fn count(&self) -> usize {
         self.columns() * (self.columns() + 1) / 2
     }
 
-    /// Rows of the triangle in a tile row; columns in a tile column.
+    /// Returns the triangle's rows in a tile row, which are also the columns in the tile column of the same number.
     pub fn range(&self, at: usize) -> Range<usize> {
         (at * self.tile).min(self.size)..((at + 1) * self.tile).min(self.size)
     }
 
-    /// Number of a tile, by tile row and tile column.
+    /// Returns the number of a tile, by tile row and tile column.
     ///
     /// # Panics
     ///
-    /// If it lies above the diagonal or outside.
+    /// If the tile lies above the diagonal or outside the grid.
     pub fn index(&self, row: usize, column: usize) -> usize {
         let n = self.columns();
         assert!(column <= row && row < n, "tile ({row}, {column}) of {n} rows");
         self.first_of(column) + row - column
     }
 
-    /// Number of the diagonal tile of a tile column.
+    /// Returns the number of the diagonal tile of a tile column.
     fn first_of(&self, column: usize) -> usize {
         // The columns before this one have n, n - 1, .. tiles.
         column * self.columns() - column * column.saturating_sub(1) / 2
     }
 
-    /// Tile row and tile column of a tile by its number, the inverse of [`index`](Self::index).
+    /// Returns tile row and tile column of a tile by its number, the inverse of [`index`](Self::index).
     ///
     /// # Panics
     ///
-    /// If there is no such tile.
+    /// If no tile has this number.
     pub fn place(&self, index: usize) -> (usize, usize) {
         assert!(index < self.count(), "tile {index} of {}", self.count());
         let (mut column, mut end) = (0, self.columns());
@@ -90,12 +90,12 @@ impl TileGrid {
         (column + index - self.first_of(column), column)
     }
 
-    /// Values of a tile.
+    /// Returns the number of values in a tile.
     pub fn len(&self, row: usize, column: usize) -> usize {
         self.range(row).len() * self.range(column).len()
     }
 
-    /// Row and column of every tile, in the order of their numbers.
+    /// Returns the row and column of every tile, in the order of their numbers.
     pub fn tiles(&self) -> impl Iterator<Item = (usize, usize)> + use<> {
         let n = self.columns();
         (0..n).flat_map(move |column| (column..n).map(move |row| (row, column)))

@@ -1,6 +1,6 @@
 //! The header of a factor: "Header of a factor" in `store-format.md`.
 //!
-//! A committed file is held against the offsets byte by byte in the tests.
+//! The tests compare a committed file with these offsets byte by byte.
 
 use std::path::Path;
 
@@ -29,7 +29,7 @@ const NORM_AT: usize = SMOOTHNESS_AT + 8;
 const RCOND_AT: usize = NORM_AT + 8;
 const RESERVED_AT: usize = RCOND_AT + 8;
 
-/// How well G determines its solutions.
+/// Condition of G, which tells how well G determines its solutions.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Condition {
     /// 1-norm of G.
@@ -38,21 +38,21 @@ pub struct Condition {
     pub reciprocal: f64,
 }
 
-/// What a factor's file holds.
+/// Contents of a factor's file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FactorHeader {
-    /// What it is the factor of.
+    /// The normal equations that were factored.
     pub spec: FactorSpec,
     /// Scalar type of the values.
     pub scalar: Scalar,
-    /// Its tiles.
+    /// Layout of the tiles.
     pub grid: TileGrid,
     /// The condition of G.
     pub condition: Condition,
 }
 
 impl FactorHeader {
-    /// Bytes of a tile.
+    /// Returns the size of a tile in bytes.
     pub fn tile_len(&self, row: usize, column: usize) -> usize {
         self.grid.len(row, column) * self.scalar.size()
     }

@@ -2,20 +2,20 @@
 //!
 //! G = A^T diag(w) A + lambda diag((l (l + 1))^2), (K, K) with K = (L + 1)^2 columns in the order l^2 + l + m, is
 //! symmetric and, on a sampling that determines the coefficients, positive definite: G = C C^T with C lower triangular.
-//! C costs K^3 / 3 flops once; with it every further surface on the scheme costs 2 K^2 flops a channel. See "A factor"
-//! in `store-format.md`.
+//! Computing C costs K^3 / 3 flops, once. With it, every further surface on the scheme costs 2 K^2 flops per channel.
+//! See "A factor" in `store-format.md`.
 //!
-//! The file is a container like a basis file. Its parts are the tiles of C's lower triangle, tile column after tile
-//! column, so that both triangular solves read it from end to end.
+//! The file is a container like a basis file. Its parts are the tiles of C's lower triangle by tile column, so that
+//! both triangular solves read the file from end to end.
 //!
 //! | module | what |
 //! |---|---|
-//! | `spec` | what a factor is of: scheme, degree, weights, smoothness; its name |
+//! | `spec` | identity of a factor: scheme, degree, weights, smoothness; its name |
 //! | `grid` | the tiles of a triangle |
-//! | `header` | what a file holds |
+//! | `header` | the contents of a file |
 //! | `reader` | an open factor and windows on its tile columns |
 //! | `writer` | a factor being written |
-//! | `find` | the factors of a scheme: listed, opened, started |
+//! | `find` | the factors of a scheme: listing, opening and starting them |
 
 mod find;
 mod grid;

@@ -1,4 +1,4 @@
-//! An open factor: checked, then read through windows on its tile columns.
+//! Reading a factor: checked, then read through windows on its tile columns.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -19,7 +19,7 @@ pub struct FactorFile {
 }
 
 impl FactorFile {
-    /// Opens a file and checks all but its tiles.
+    /// Opens a file and checks everything except its tiles.
     ///
     /// # Errors
     ///
@@ -28,17 +28,17 @@ impl FactorFile {
         Ok(Self { container: Arc::new(Container::open(path)?) })
     }
 
-    /// What the file holds.
+    /// Returns the file's header.
     pub fn header(&self) -> &FactorHeader {
         self.container.contents()
     }
 
-    /// The file's path.
+    /// Returns the file's path.
     pub fn path(&self) -> &Path {
         self.container.source().path()
     }
 
-    /// The file's length in bytes.
+    /// Returns the file's length in bytes.
     pub fn file_len(&self) -> u64 {
         self.container.source().len()
     }
@@ -47,7 +47,7 @@ impl FactorFile {
     ///
     /// # Errors
     ///
-    /// [`StoreError::FactorDiffers`], which names what differs.
+    /// [`StoreError::FactorDiffers`], which names the property that differs.
     pub fn expect(&self, spec: &FactorSpec) -> Result<(), StoreError> {
         let found = &self.header().spec;
         let differs = |what, expected: &dyn ToString, found: &dyn ToString| {
@@ -80,7 +80,7 @@ impl FactorFile {
     ///
     /// # Panics
     ///
-    /// If there is no such column.
+    /// If the column doesn't exist.
     pub fn window(&self, column: usize) -> Result<TileWindow, StoreError> {
         let grid = self.header().grid;
         let (first, last) = (grid.index(column, column), grid.index(grid.columns() - 1, column));
@@ -100,13 +100,13 @@ impl FactorFile {
         Ok(())
     }
 
-    /// The same within a stage of the caller's.
+    /// Checks the same as [`verify`](Self::verify), within a stage of the caller.
     pub(crate) fn verify_within(&self, monitor: &dyn Monitor) -> Result<(), StoreError> {
         self.container.verify(monitor)
     }
 }
 
-/// The values of a tile, column-major without gaps.
+/// Values of a tile, column-major without gaps.
 #[derive(Debug, Clone, Copy)]
 pub enum TileValues<'a> {
     /// Double precision.
@@ -115,7 +115,7 @@ pub enum TileValues<'a> {
     F32(&'a [f32]),
 }
 
-/// The tiles of one tile column, mapped.
+/// Mapped tiles of one tile column.
 #[derive(Debug)]
 pub struct TileWindow {
     container: Arc<Container<FactorHeader>>,
@@ -124,15 +124,15 @@ pub struct TileWindow {
 }
 
 impl TileWindow {
-    /// The tile column.
+    /// Returns the tile column.
     pub fn column(&self) -> usize {
         self.column
     }
 
-    /// Returns the values of tile (row, column) in place. The first time in a process the tile's checksum is verified,
+    /// Returns the values of tile (row, column) in place. The first read of a tile in a process verifies its checksum,
     /// which also brings it into the cache of the calling thread's core.
     ///
-    /// What is computed from them is valid only once [`check`](Self::check) has passed.
+    /// Results computed from the values are valid only once [`check`](Self::check) has passed.
     ///
     /// # Errors
     ///
@@ -140,7 +140,7 @@ impl TileWindow {
     ///
     /// # Panics
     ///
-    /// If the tile lies above the diagonal or outside.
+    /// If the tile lies above the diagonal or outside the grid.
     pub fn values(&self, row: usize) -> Result<TileValues<'_>, StoreError> {
         let header = self.container.contents();
         let bytes = self.container.stored(&self.mapped, header.grid.index(row, self.column))?;
@@ -151,17 +151,17 @@ impl TileWindow {
         })
     }
 
-    /// Starts reading the whole window from disk. Advice only.
+    /// Starts reading the entire window from disk. Advice only.
     pub fn will_need(&self) {
         self.container.will_need(&self.mapped);
     }
 
-    /// Maps the window's pages in one go, which costs less than a fault for each. Advice only.
+    /// Maps the window's pages at once, which costs less than a fault for each. Advice only.
     pub fn populate(&self) {
         self.container.populate_all(&self.mapped);
     }
 
-    /// Fails when the file was truncated, changed or unreadable since it was opened.
+    /// Fails if the file has been truncated, changed or unreadable since it was opened.
     ///
     /// # Errors
     ///

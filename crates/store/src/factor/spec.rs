@@ -1,4 +1,4 @@
-//! What a factor is of: scheme, degree, weights and smoothness; and its file name.
+//! The identity of a factor (scheme, degree, weights and smoothness) and its file name.
 
 use std::fmt;
 
@@ -7,12 +7,12 @@ use crate::scheme::{Scalar, SchemeKey};
 const WEIGHTS_CONTEXT: &str = "spharm-rs 2026-11 factor weights v1";
 const NAME_CONTEXT: &str = "spharm-rs 2026-11 factor name v1";
 
-/// Hash of the weights, one for each direction; zeros where all weights are 1.
+/// Hash of the weights, one for each direction; zeros if all weights are 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct WeightsHash(pub [u8; 32]);
 
 impl WeightsHash {
-    /// The hash of weights that are all 1.
+    /// Hash of weights that are all 1.
     pub const ONES: Self = Self([0; 32]);
 
     /// Computes the hash of weights, (n); `None` stands for ones.
@@ -39,10 +39,10 @@ impl fmt::Display for WeightsHash {
     }
 }
 
-/// What a factor is of: everything that its values depend on except the scalar type.
+/// Identity of a factor: everything that its values depend on, except the scalar type.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FactorSpec {
-    /// The sampling scheme, in whose folder the file is.
+    /// The sampling scheme, whose folder holds the file.
     pub key: SchemeKey,
     /// Number of directions, n.
     pub rows: usize,
@@ -50,7 +50,7 @@ pub struct FactorSpec {
     pub max_degree: usize,
     /// The weights of the directions.
     pub weights: WeightsHash,
-    /// lambda of the penalty lambda sum (l (l + 1))^2 c^2; 0 for none.
+    /// Factor lambda of the penalty lambda sum (l (l + 1))^2 c^2; 0 for none.
     pub smoothness: f64,
 }
 
@@ -60,7 +60,7 @@ impl FactorSpec {
         spharm_harmonics::basis_size(self.max_degree)
     }
 
-    /// Returns the name of its file, such as `factor_100_f64_1f0e5a77`.
+    /// Returns the file name of the factor, such as `factor_100_f64_1f0e5a77`.
     pub fn file_name(&self, scalar: Scalar) -> String {
         let mut hasher = blake3::Hasher::new_derive_key(NAME_CONTEXT);
         hasher.update(&self.weights.0);

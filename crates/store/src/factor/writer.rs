@@ -1,6 +1,6 @@
-//! A factor being written: tiles in any order and from several threads, read back while the rest is computed.
+//! Writing a factor: tiles in any order and from several threads, read back while the rest is computed.
 //!
-//! The header comes last, since the condition estimate in it needs the whole factor.
+//! The header is written last, because its condition estimate needs the complete factor.
 
 use std::fs::File;
 use std::num::NonZeroU64;
@@ -17,22 +17,22 @@ use crate::factor::spec::FactorSpec;
 use crate::folder;
 use crate::scheme::Scalar;
 
-/// A factor being written. Threads may put different tiles at the same time.
+/// A factor being written. Threads may write different tiles at the same time.
 #[derive(Debug)]
 pub struct FactorWriter {
     header: FactorHeader,
     file: ContainerWriter,
-    /// Double precision of what is stored in single, for reading tiles back; without a name, so that nothing is left of
-    /// it whatever happens.
+    /// Double-precision copy of tiles that are stored in single precision, for reading them back. The file has no name,
+    /// so that nothing is left of it in any case.
     scratch: Option<File>,
-    /// Where tiles begin in the file, in bytes.
+    /// Offset of each tile in the file, in bytes.
     offsets: Vec<u64>,
-    /// Spares other builders the same work.
+    /// Keeps other builders from doing the same work.
     _lock: Option<File>,
 }
 
 impl FactorWriter {
-    /// Starts the file in a scheme's folder. With `read_back`, tiles of f32 are kept in double precision as well.
+    /// Starts the file in a scheme's folder. With `read_back`, f32 tiles are also kept in double precision.
     pub(crate) fn create(
         folder: &Path,
         spec: &FactorSpec,
@@ -55,12 +55,12 @@ impl FactorWriter {
         Ok(Self { header, file, scratch, offsets, _lock: lock })
     }
 
-    /// Its tiles.
+    /// Returns the layout of the tiles.
     pub fn grid(&self) -> TileGrid {
         self.header.grid
     }
 
-    /// Writes a tile, column-major without gaps; those on the diagonal have zeros above it.
+    /// Writes a tile, column-major without gaps. Diagonal tiles have zeros above the diagonal.
     ///
     /// # Errors
     ///
@@ -68,7 +68,7 @@ impl FactorWriter {
     ///
     /// # Panics
     ///
-    /// If `values` don't have the tile's length, or the tile lies above the diagonal or outside.
+    /// If `values` don't have the tile's length, or if the tile lies above the diagonal or outside the grid.
     pub fn put(&self, row: usize, column: usize, values: &[f64]) -> Result<(), StoreError> {
         assert_eq!(values.len(), self.header.grid.len(row, column), "values of tile ({row}, {column})");
         let at = self.header.grid.index(row, column);
@@ -87,12 +87,13 @@ impl FactorWriter {
         self.file.write_part(at, self.offsets[at], bytes, bytes.len(), Codec::Raw)
     }
 
-    /// Twice the place in the file of f32, which leaves room enough.
+    /// Returns the offset of a tile in the scratch file: twice its offset in the f32 file, which leaves enough room for
+    /// f64.
     fn scratch_offset(&self, at: usize) -> u64 {
         2 * (self.offsets[at] - HEADER_LEN as u64)
     }
 
-    /// Reads back, in double precision, a tile that was put.
+    /// Reads back, in double precision, a tile that has been written.
     ///
     /// # Errors
     ///
@@ -100,7 +101,7 @@ impl FactorWriter {
     ///
     /// # Panics
     ///
-    /// If `values` don't have the tile's length, or tiles of f32 are not kept for reading back.
+    /// If `values` don't have the tile's length, or if f32 tiles aren't kept for reading back.
     pub fn get(&self, row: usize, column: usize, values: &mut [f64]) -> Result<(), StoreError> {
         assert_eq!(values.len(), self.header.grid.len(row, column), "values of tile ({row}, {column})");
         let at = self.header.grid.index(row, column);
@@ -117,7 +118,7 @@ impl FactorWriter {
     ///
     /// # Panics
     ///
-    /// If the tile (row, column) lies above the diagonal or outside.
+    /// If the tile (row, column) lies above the diagonal or outside the grid.
     pub fn will_need(&self, row: usize, column: usize) {
         let last = self.header.grid.columns() - 1;
         let (first, last) = (self.header.grid.index(row, column), self.header.grid.index(last, column));
@@ -132,7 +133,7 @@ impl FactorWriter {
     }
 
     /// Writes header, table and footer, waits for the disk, and gives the file its name. Returns its length in bytes,
-    /// or `None` when another builder has published the same factor first, which then stays.
+    /// or `None` if another builder has published the same factor first; that file then stays.
     ///
     /// # Errors
     ///
@@ -140,13 +141,13 @@ impl FactorWriter {
     ///
     /// # Panics
     ///
-    /// If a tile wasn't put.
+    /// If a tile hasn't been written.
     pub fn publish(mut self, condition: Condition) -> Result<Option<u64>, StoreError> {
         self.header.condition = condition;
         let path = self.file.path().to_path_buf();
         let published = self.file.publish(&self.header)?;
-        // Also where another builder was faster, which may not have come to this yet: who returns says that it is
-        // there.
+        // Needed even if another builder published first, because it may not have synced the folder yet: returning
+        // promises that the factor is on disk.
         folder::sync(path.parent().unwrap_or(Path::new(".")))?;
         Ok(published)
     }

@@ -1,4 +1,4 @@
-//! What is built is what is read, whatever the codec and the scalar type, and the monitor is asked.
+//! Values read equal the values built, for every codec and scalar type, and builds obey the monitor.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
@@ -48,7 +48,7 @@ fn double_precision_is_opened_before_single() {
     std::fs::remove_dir_all(folder.path().join(double.to_string())).expect("a removal");
     assert_eq!(open(None).expect("a scheme").key(), single);
     std::fs::remove_dir_all(folder.path().join(single.to_string())).expect("a removal");
-    // What is missing is named by the key of double precision.
+    // The missing basis is named by its key in double precision.
     assert!(matches!(open(None), Err(StoreError::NoSuchScheme { key, .. }) if key == double));
 }
 
@@ -65,7 +65,7 @@ fn a_damaged_file_is_replaced_with_a_warning() {
     assert!(std::fs::read(&path).expect("a file") == sound);
 }
 
-/// Adds up the stage.
+/// Totals of the stages.
 #[derive(Default)]
 struct Count {
     total: AtomicU64,

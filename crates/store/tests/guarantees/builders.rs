@@ -1,4 +1,5 @@
-//! What a build does and says: what it takes is planned, it waits for others, and it clears up what killed ones left.
+//! Behaviour of a build: it plans its memory and disk space, waits for others, and removes the leftovers of killed
+//! builds.
 
 use std::fs::File;
 use std::path::Path;
@@ -12,7 +13,7 @@ use spharm_store::{BuildParams, Codec, Scalar, StoreError, TileGrid, build};
 
 use crate::{MAX_DEGREE, directions, params, path_of, spec, store};
 
-/// Keeps notes and progress, and cancels with the first note that has a word.
+/// Records notes and progress, and cancels at the first note that contains a given word.
 #[derive(Default)]
 struct Listening {
     cancel_with: Option<&'static str>,
@@ -53,7 +54,7 @@ fn a_report_counts_what_was_built_and_what_was_there() {
     let folder = tempfile::tempdir().expect("a folder");
     let built = |max_degree| {
         let listening = Listening::default();
-        // The store keeps its 8 rows a chunk.
+        // The store keeps its 8 rows per chunk.
         let chunk_rows = if max_degree == 2 { 8 } else { 16 };
         let params = BuildParams { max_degree, chunk_rows, ..params() };
         let report = build(folder.path(), &directions(), &params, &listening).expect("a build");
@@ -62,7 +63,7 @@ fn a_report_counts_what_was_built_and_what_was_there() {
         assert_eq!(report.bytes, lens.iter().sum::<u64>());
         assert_eq!(report.bytes_written, lens[lens.len() - report.built..].iter().sum::<u64>());
         let (total, steps) = (listening.total.into_inner(), listening.steps.into_inner());
-        // Of the files' bytes, their values are counted, and all but the padding is announced.
+        // The steps count the bytes of the values; the announced total includes everything except the padding.
         let values: u64 = (0..=max_degree as u64).rev().take(report.built).map(|l| 18 * (2 * l + 1) * 8).sum();
         assert_eq!(steps, values);
         let padding = 3 * 64 * report.built as u64;
@@ -100,7 +101,7 @@ fn what_the_format_or_the_budget_has_no_room_for_is_refused_before_anything_is_m
     let report = build(folder.path(), &directions(), &BuildParams { memory: needed, ..params() }, &Silent);
     let report = report.expect("what the refusal named");
     assert_eq!((report.threads, report.memory), (1, needed));
-    // The last chunk length that the format allows: 2^20 rows of 511 doubles.
+    // The largest chunk that the format allows: 2^20 rows of 511 doubles.
     let most = BuildParams { chunk_rows: 1 << 20, max_degree: 255, memory: usize::MAX, ..params() };
     let other = tempfile::tempdir().expect("a folder");
     assert!(
@@ -141,7 +142,7 @@ fn a_build_waits_for_another_and_says_so_once() {
     };
     let listening = Listening { cancel_with: Some("another build"), ..Listening::default() };
     assert!(matches!(start(&listening), Err(StoreError::Interrupted(_))));
-    // What is there needs no lock.
+    // A finished basis needs no lock.
     build(folder.path(), &directions(), &params(), &Silent).expect("a build of nothing");
     let listening = Listening::default();
     std::thread::scope(|scope| {
@@ -149,7 +150,7 @@ fn a_build_waits_for_another_and_says_so_once() {
         while listening.notes.lock().expect("a lock").is_empty() {
             std::thread::yield_now();
         }
-        // Two rounds of waiting and more.
+        // At least two rounds of waiting.
         std::thread::sleep(std::time::Duration::from_millis(250));
         assert!(!build.is_finished());
         other.unlock().expect("an unlocking");
@@ -193,7 +194,7 @@ fn what_killed_builds_left_is_listed_and_removed_and_nothing_else() {
     assert_eq!(sorted(remove_leftovers(folder.path(), key).expect("a folder")), left);
     assert!(left.iter().all(|path| !path.exists()) && kept.iter().all(|path| path.exists()));
     assert!(at(".A_2.folder.tmp").is_dir());
-    // A build does the same, also one that finds everything there; so does a factor that is started.
+    // A build does the same, even one that has nothing to build; so does starting a factor.
     std::fs::write(&left[0], "half of a file").expect("a file");
     build(folder.path(), &directions(), &params(), &Silent).expect("a build");
     assert!(!left[0].exists() && kept[0].exists());

@@ -1,5 +1,5 @@
-//! Every check of header, table, footer and parts is made, in files of both kinds. For each there is a file that is
-//! wrong in that one place, with every other hash made to fit, so that leaving a check out fails a test.
+//! Every check of header, table, footer and parts is made, in files of both kinds. For each check a file is wrong in
+//! exactly one place, with every other hash made to fit, so that omitting the check fails a test.
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -11,7 +11,7 @@ use tempfile::TempDir;
 use crate::forge::{BASIS_ROOT, FACTOR_ROOT, Forged, put64};
 use crate::{params, path_of, store, write_factor};
 
-/// What a file is opened as.
+/// The kind that a file is opened as.
 #[derive(Clone, Copy)]
 enum As {
     Basis,
@@ -42,7 +42,7 @@ impl As {
     }
 }
 
-/// A sound file of each kind, of three parts.
+/// Returns a sound file of each kind, of three parts.
 fn files() -> (TempDir, [(As, PathBuf, Forged); 2]) {
     let (folder, key) = store(&params());
     let basis = path_of(folder.path(), key, "A_1");
@@ -51,14 +51,14 @@ fn files() -> (TempDir, [(As, PathBuf, Forged); 2]) {
     (folder, [(As::Basis, basis, read_basis), (As::Factor, factor, read_factor)])
 }
 
-/// A change, what it leaves unsealed, and what the error calls it.
+/// A change, the sealing after it, and the text that the error must contain.
 struct Lie {
     what: &'static str,
     change: fn(&mut Forged),
     seal: fn(&mut Forged),
 }
 
-/// A change and what the error calls it.
+/// A change, and the text that the error must contain.
 type Change = (&'static str, fn(&mut Forged));
 
 fn all(forged: &mut Forged) {
@@ -74,7 +74,7 @@ const LIES: &[Lie] = &[
     Lie { what: "version 2", change: |f| f.header[8] = 2, seal: all },
     Lie { what: "header length", change: |f| f.header[13] ^= 1, seal: all },
     Lie { what: "reserved bytes", change: |f| f.header[4000] = 1, seal: all },
-    // Hashes that don't fit, of the header, the table and the footer; reserved bytes so that nothing else is wrong.
+    // Wrong hashes of the header, the table and the footer. No other check on opening covers the changed bytes.
     Lie {
         what: "header: expected bytes that match its hash",
         change: |f| f.header[16] ^= 1,
@@ -132,7 +132,7 @@ fn a_part_with_a_wrong_crc_is_not_read() {
     let (_folder, files) = files();
     for (kind, path, original) in &files {
         kind.read_first(path).expect("a sound file");
-        // A changed value, and a changed checksum of values as they were.
+        // A changed value, and a changed checksum of unchanged values.
         let mut changed_value = original.clone();
         changed_value.body[3] ^= 1;
         let mut changed_crc = original.clone();
@@ -155,7 +155,7 @@ fn verification_checks_crc_hash_and_padding_each_for_itself() {
             ("CRC-32C", |f| f.table[24] ^= 1),
             ("BLAKE3", |f| f.table[32] ^= 1),
             ("padding", |f| {
-                // After the last part: before the table, on no multiple of 64.
+                // Padding after the last part, before the table: not at a multiple of 64.
                 let last = f.body.len() - 1;
                 f.body[last] = 1;
             }),
@@ -172,7 +172,7 @@ fn verification_checks_crc_hash_and_padding_each_for_itself() {
     }
 }
 
-/// Stored bytes that are no frame of zstd's, with checksum and hash made to fit.
+/// The stored bytes are no zstd frame, but match their checksum and hash.
 #[test]
 fn a_compressed_part_that_does_not_decode_is_neither_read_nor_verified() {
     let (folder, key) = store(&BuildParams { codec: Codec::Zstd, ..params() });

@@ -1,4 +1,4 @@
-//! A factor holds the tiles that were put, is started once, and is opened only as what it is.
+//! A factor holds the tiles that were written, is started once, and is opened only under its own identity.
 
 use spharm_monitor::Silent;
 use spharm_store::factor::{Condition, StartedFactor, TileValues, factors, open_factor, start_factor};
@@ -30,8 +30,8 @@ fn a_factor_holds_the_tiles_that_were_put() {
     }
 }
 
-/// The values that were put come back in double precision, also where single precision is stored, and in the end
-/// nothing but the factor is there. Of two that were written at once the first stays.
+/// Tiles are read back in double precision, even if they are stored in single precision, and in the end only the factor
+/// is left. Of two factors written at once the first stays.
 #[test]
 fn tiles_are_read_back_while_the_rest_is_written() {
     let key = SchemeKey::of(&directions(), Scalar::F64);

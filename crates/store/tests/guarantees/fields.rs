@@ -1,19 +1,19 @@
-//! Every field of a header is checked before it is used. For each there is a header that lies in it, with every hash
-//! made to fit; what follows from a lie is found wrong at the first thing that doesn't agree with it.
+//! Every field of a header is checked before it is used. For each field a header has a false value, with every hash
+//! made to fit. A false value that follows from others is rejected at the first field that contradicts it.
 
 use spharm_store::{DegreeFile, FactorFile, Scalar, StoreError};
 
 use crate::forge::{BASIS_ROOT, FACTOR_ROOT, Forged, put64};
 use crate::{params, path_of, store, write_factor};
 
-/// A change of the header, and what the error calls it.
+/// A change of the header, and the text that the error must contain.
 type Lie = (&'static str, fn(&mut [u8]));
 
 fn put32(bytes: &mut [u8], at: usize, value: u32) {
     bytes[at..at + 4].copy_from_slice(&value.to_le_bytes());
 }
 
-/// Chunks of 2^20 rows of a degree.
+/// Sets chunks of 2^20 rows, and a degree.
 fn wide(header: &mut [u8], scalar: u32, degree: u32) {
     put64(header, 72, 1 << 20);
     put32(header, 56, degree);
@@ -21,7 +21,7 @@ fn wide(header: &mut [u8], scalar: u32, degree: u32) {
     put32(header, 64, scalar);
 }
 
-/// About 18 rows of degree 1 in chunks of 8.
+/// Changes to a basis file with 18 rows of degree 1 in chunks of 8.
 const BASIS: &[Lie] = &[
     ("rows", |h| put64(h, 48, 0)),
     ("rows", |h| put64(h, 48, (1 << 40) + 1)),
@@ -46,7 +46,8 @@ const BASIS: &[Lie] = &[
         put32(h, 56, 2000);
         put32(h, 60, 4001);
     }),
-    // One column more than 2^32 bytes, of each scalar type, and one less, which agrees with no number of chunks.
+    // The lowest degree whose chunks exceed 2^32 bytes, for each scalar type, and the degree below, which contradicts
+    // the number of chunks.
     ("chunk size: expected at most 4294967296 bytes, found 4303355904 bytes", |h| wide(h, 1, 256)),
     ("chunk size", |h| wide(h, 2, 512)),
     ("number of chunks", |h| wide(h, 1, 255)),
@@ -63,7 +64,7 @@ const BASIS: &[Lie] = &[
 
 const NAN: u64 = f64::NAN.to_bits();
 
-/// About 9 columns in tiles of 8.
+/// Changes to a factor with 9 columns in tiles of 8.
 const FACTOR: &[Lie] = &[
     ("rows", |h| put64(h, 48, 0)),
     ("rows", |h| put64(h, 48, (1 << 40) + 1)),
@@ -121,7 +122,7 @@ fn a_factor_whose_header_lies_is_not_opened() {
     });
 }
 
-/// Files of one kind aren't opened as the other, nor with the other's root.
+/// Files of one kind aren't opened as the other, even with the root hash of the other kind.
 #[test]
 fn kinds_are_told_apart() {
     let (folder, key) = store(&params());

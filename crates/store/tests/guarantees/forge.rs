@@ -1,16 +1,16 @@
-//! Makes files that lie: any bytes changed, and every other hash made to fit again.
+//! Forges files: changes any of their bytes, and makes the other hashes fit again.
 
 use std::path::Path;
 
 pub(crate) const BASIS_ROOT: &str = "spharm-rs 2026-11 basis file root v1";
 pub(crate) const FACTOR_ROOT: &str = "spharm-rs 2026-11 factor file root v1";
 
-/// A file in its parts; offsets as in `store-format.md`.
+/// A file split into its parts; offsets as in `store-format.md`.
 #[derive(Clone)]
 pub(crate) struct Forged {
     root_context: &'static str,
     pub(crate) header: Vec<u8>,
-    /// Chunks or tiles, and padding.
+    /// Chunks or tiles, with padding.
     pub(crate) body: Vec<u8>,
     pub(crate) table: Vec<u8>,
     pub(crate) footer: Vec<u8>,
@@ -49,12 +49,12 @@ impl Forged {
         self.footer[96..].copy_from_slice(hash.as_bytes());
     }
 
-    /// Writes the file as it is.
+    /// Writes the file without any sealing.
     pub(crate) fn write(&self, path: &Path) {
         std::fs::write(path, [&self.header[..], &self.body, &self.table, &self.footer].concat()).expect("a file");
     }
 
-    /// Makes all hashes but those of the parts fit, and writes the file.
+    /// Makes all hashes fit, except those of the parts, and writes the file.
     pub(crate) fn write_sealed(&mut self, path: &Path) {
         self.seal_header();
         self.seal_root();

@@ -1,5 +1,5 @@
-//! What the store guarantees, in files small enough to be tested with every change of the crate. `tests/store` at the
-//! root has the rest: the committed store, the programs, killed and racing builders, full disks.
+//! Guarantees of the store, in files small enough to be tested with every change of the crate. `tests/store` at the
+//! root covers the rest: the committed store, the programs, killed and racing builders, full disks.
 
 mod basis;
 mod builders;
@@ -18,7 +18,7 @@ use spharm_store::factor::{Condition, StartedFactor, start_factor};
 use spharm_store::{BuildParams, FactorFile, FactorSpec, Scalar, SchemeKey, TileGrid, WeightsHash, build};
 use tempfile::TempDir;
 
-/// Number of directions: with chunks of 8 rows two full chunks and one of 2 rows.
+/// Number of directions: with chunks of 8 rows, two full chunks and one of 2 rows.
 const ROWS: usize = 18;
 const MAX_DEGREE: usize = 2;
 
@@ -47,7 +47,7 @@ fn spec(key: SchemeKey) -> FactorSpec {
     FactorSpec { key, rows: ROWS, max_degree: MAX_DEGREE, weights: WeightsHash::ONES, smoothness: 0.0 }
 }
 
-/// The value at a row and column of the factor that [`write_factor`] writes.
+/// Returns the value at a row and column of the factor that [`write_factor`] writes.
 fn factor_value(row: usize, column: usize) -> f64 {
     if row < column { 0.0 } else { 1.0 + row as f64 - 0.25 * column as f64 }
 }
