@@ -1,7 +1,7 @@
-//! What to do about an error of the library, in terms of the flags of this program.
+//! Advice on errors of the library, in terms of this program's flags.
 //!
-//! The library says what is wrong and carries it in the fields of its errors. Which flag mends it is known here alone;
-//! it is appended to the error's line.
+//! The library's errors state the problem and carry it in their fields. Only this module knows which flag remedies it;
+//! the advice is appended to the error's line.
 
 mod fit;
 
@@ -16,7 +16,7 @@ use spharm_surface::SurfaceError;
 
 pub use fit::of_oscillation;
 
-/// What the user can do, of the first error in the chain for which there is something.
+/// Returns the advice on the first error in the chain that has any.
 pub fn advice(error: &(dyn std::error::Error + 'static)) -> Option<String> {
     std::iter::successors(Some(error), |&error| error.source()).find_map(|cause| {
         let surface = cause.downcast_ref().and_then(of_surface);
@@ -53,7 +53,7 @@ fn of_surface(error: &SurfaceError) -> Option<String> {
         SurfaceError::VolumeInput { .. } => {
             Some("fit and parametrize make the surface of one of its labels, with --label N and no --sphere".to_owned())
         }
-        // Of surfaces that are compared vertex by vertex.
+        // Errors of surfaces that are compared vertex by vertex.
         SurfaceError::TopologyDiffers { .. }
         | SurfaceError::LengthMismatch { what: "triangles of the reconstruction", .. } => {
             Some("--surface-distance compares surfaces with different triangles".to_owned())

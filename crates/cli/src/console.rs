@@ -1,8 +1,8 @@
 //! Notes, warnings and progress, all on stderr.
 //!
-//! Where stderr is a terminal, progress is a bar. Elsewhere (a log of a cluster job) it is a line now and then, the
-//! first after two seconds. `-q` leaves warnings only. With [`json_lines`] every line is a JSON object with an `event`,
-//! for programs that read the log.
+//! If stderr is a terminal, progress is shown as a bar. Otherwise (such as in the log of a cluster job) it is shown as
+//! an occasional line, the first after two seconds. `-q` leaves only warnings. With [`json_lines`] every line is a JSON
+//! object with an `event`, for programs that read the log.
 
 use std::fmt::Display;
 use std::io::{IsTerminal, Write};
@@ -19,12 +19,12 @@ pub use spharm_monitor::Unit;
 use crate::printable::{json as json_text, one_line};
 use crate::size::Size;
 
-/// A forecast of the time left is shown from this time on and from this share of the work on: earlier it would be a
+/// A forecast of the time left is shown only after this time and from this share of the work on: earlier it would be a
 /// guess.
 const FORECAST_AFTER: Duration = Duration::from_secs(5);
 const FORECAST_FROM_PERCENT: u64 = 5;
 
-/// Prints notes, warnings and progress to stderr, as much of it as the flags ask for.
+/// Prints notes, warnings and progress to stderr, as verbosely as the flags ask for.
 #[derive(Debug, Clone, Copy)]
 pub struct Console {
     verbose: bool,
@@ -34,7 +34,7 @@ pub struct Console {
 
 static JSON_LINES: AtomicBool = AtomicBool::new(false);
 
-/// From now on lines of this process on stderr are JSON objects.
+/// Makes all further stderr lines of this process JSON objects.
 pub fn json_lines() {
     JSON_LINES.store(true, Ordering::Relaxed);
 }
@@ -43,7 +43,7 @@ fn is_json() -> bool {
     JSON_LINES.load(Ordering::Relaxed)
 }
 
-/// What a line is.
+/// Kind of a line.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Kind {
     Note,
@@ -52,8 +52,8 @@ pub(crate) enum Kind {
     Progress,
 }
 
-/// Prints a line to stderr, after an empty one where the text begins with a line break. A reader that has gone away is
-/// no reason to stop the work.
+/// Prints a line to stderr, after an empty one if the text begins with a line break. Errors are ignored, since a reader
+/// that has gone away is no reason to stop the work.
 pub(crate) fn say(kind: Kind, text: impl Display) {
     let (event, prefix) = match kind {
         Kind::Note => ("note", ""),
@@ -71,7 +71,7 @@ pub(crate) fn say(kind: Kind, text: impl Display) {
 }
 
 fn print(value: &Value) {
-    // In one call, so that lines of several threads stay whole.
+    // In a single call, so that lines of several threads don't interleave.
     let _ = std::io::stderr().lock().write_all(format!("{}\n", json_text(&value.to_string())).as_bytes());
 }
 
@@ -100,7 +100,7 @@ impl Console {
         say(Kind::Warning, text);
     }
 
-    /// Prints an event for programs that read the log, where [`json_lines`] asks for them; `value` is an object with an
+    /// Prints an event for programs that read the log, if [`json_lines`] is in effect; `value` is an object with an
     /// `event`.
     pub fn event(&self, value: impl FnOnce() -> Value) {
         if is_json() {
@@ -108,7 +108,7 @@ impl Console {
         }
     }
 
-    /// Starts to show progress towards `total`; zero when the total isn't known.
+    /// Starts to show progress towards `total`, which is zero if it isn't known.
     pub fn progress(&self, label: &str, total: u64, unit: Unit) -> Progress {
         if self.quiet {
             return Progress { bar: None, lines: None };
@@ -127,21 +127,21 @@ impl Console {
         };
         let style = ProgressStyle::with_template(&template).unwrap_or_else(|_| ProgressStyle::default_bar());
         let style = style.with_key("forecast", |state: &ProgressState, out: &mut dyn std::fmt::Write| {
-            // The bar's own buffer takes whatever is written.
+            // Writing to the bar's own buffer can't fail.
             let _ = write!(out, "{}", Forecast::of(state.pos(), state.len().unwrap_or(0), state.elapsed()));
         });
         let bar = ProgressBar::with_draw_target(Some(total), ProgressDrawTarget::stderr_with_hz(10));
         bar.set_style(style.progress_chars("=> "));
         bar.set_prefix(one_line(label).into_owned());
         if total == 0 {
-            // Nothing else would show that it is at work.
+            // Without a total, only the tick shows that the work goes on.
             bar.enable_steady_tick(Duration::from_millis(200));
         }
         Progress { bar: Some(bar), lines: None }
     }
 }
 
-/// Progress that is being shown. It disappears from a terminal when it is dropped.
+/// Progress on display. It disappears from a terminal when it is dropped.
 #[derive(Debug)]
 pub struct Progress {
     bar: Option<ProgressBar>,
@@ -149,7 +149,7 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Adds to what is done.
+    /// Advances the progress by `step`.
     pub fn add(&self, step: u64) {
         if let Some(bar) = &self.bar {
             bar.inc(step);
@@ -159,7 +159,7 @@ impl Progress {
         }
     }
 
-    /// Sets the text beside the progress: what is being done now.
+    /// Sets the text beside the progress: the current activity.
     pub fn say(&self, text: impl Display) {
         if let Some(bar) = &self.bar {
             bar.set_message(one_line(&text.to_string()).into_owned());
@@ -169,7 +169,7 @@ impl Progress {
         }
     }
 
-    /// Prints lines of another kind without tearing the bar.
+    /// Prints lines of another kind without disturbing the bar.
     pub(crate) fn beside(&self, print: impl FnOnce()) {
         match &self.bar {
             Some(bar) => bar.suspend(print),
@@ -240,7 +240,7 @@ fn percent(done: u64, total: u64) -> f64 {
     100.0 * done as f64 / total as f64
 }
 
-/// The time that is left, as far as it can be foreseen: `, 12 s left`, or nothing.
+/// Forecast of the time left, printed as `, 12 s left`, or as nothing if it can't be foreseen.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Forecast(Option<f64>);
 

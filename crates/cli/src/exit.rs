@@ -21,13 +21,13 @@ use crate::usage::Usage;
 /// EX_TEMPFAIL of sysexits.h: the same command may succeed later.
 const INTERRUPTED: u8 = 75;
 const FAILURE: u8 = 1;
-/// As clap has it.
+/// The value that clap uses.
 const USAGE: u8 = 2;
 
 static CANCEL: LazyLock<Arc<AtomicBool>> = LazyLock::new(listen);
 
 /// Returns the flag that is set when the process has been asked to stop (SIGINT, SIGTERM, SIGHUP). Signals are handled
-/// from the first call on; a second one ends the process at once.
+/// from the first call on; a second signal ends the process at once.
 pub fn cancel() -> &'static AtomicBool {
     &CANCEL
 }
@@ -36,19 +36,19 @@ fn listen() -> Arc<AtomicBool> {
     let cancel = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM, SIGHUP] {
         if !is_ignored(signal) {
-            // In this order the first signal finds the flag unset. Registering fails only for signals that can't be
+            // In this order the first signal finds the flag unset. Registration fails only for signals that can't be
             // caught.
             let _ = flag::register_conditional_shutdown(signal, i32::from(INTERRUPTED), Arc::clone(&cancel));
             let _ = flag::register(signal, Arc::clone(&cancel));
         }
     }
-    // A write beyond a limit on the size of files (`ulimit -f`) then fails with EFBIG in place of ending the process.
+    // A write beyond the limit on file sizes (`ulimit -f`) then fails with EFBIG instead of ending the process.
     let _ = flag::register(libc::SIGXFSZ, Arc::default());
     cancel
 }
 
-/// Whether this process was started with a signal ignored, as `nohup` does and shells do for jobs in the background. It
-/// stays ignored.
+/// Returns whether a signal was ignored when this process started, as under `nohup` and for background jobs of shells.
+/// It stays ignored.
 fn is_ignored(signal: i32) -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
@@ -56,14 +56,14 @@ fn is_ignored(signal: i32) -> bool {
     mask >> (signal - 1) & 1 == 1
 }
 
-/// Returns the command of a verb of `program`, for the usage that an error shows.
+/// Returns the command of a verb of `program`, which provides the usage shown with an error.
 pub fn command_of(mut program: Command, verb: &str) -> Command {
     program.build();
     program.find_subcommand(verb).cloned().unwrap_or(program)
 }
 
-/// Runs a verb and returns the exit code. An error is printed as one line to stderr, and so is a panic; a [`Usage`]
-/// error as clap prints its own, with the usage of `command`.
+/// Runs a verb and returns the exit code. An error or a panic is printed to stderr as one line; a [`Usage`] error is
+/// printed in clap's format, with the usage of `command`.
 pub fn run(work: impl FnOnce() -> anyhow::Result<()>, command: impl FnOnce() -> Command) -> u8 {
     cancel();
     let Err(error) = caught(work) else { return 0 };
@@ -77,10 +77,10 @@ pub fn run(work: impl FnOnce() -> anyhow::Result<()>, command: impl FnOnce() -> 
     if is_interrupted(&error) { INTERRUPTED } else { FAILURE }
 }
 
-/// Prints what clap has to say of the arguments, be it an error or the help that was asked for, and returns the exit
-/// code; `tame` for arguments that a terminal would obey, which clap would quote as they are.
+/// Prints clap's message about the arguments, an error or the requested help, and returns the exit code. `tame` escapes
+/// control characters in arguments, which clap would quote verbatim.
 pub fn wrong_usage(error: &clap::Error, tame: bool) -> u8 {
-    // Where stderr is gone, there is nobody to tell.
+    // A failure to print is ignored: stderr is closed, and there is nothing to report to.
     let _ = if error.use_stderr() && tame {
         let text = error.render().to_string();
         std::io::stderr().lock().write_all(printable::lines(&text).as_bytes())
@@ -90,11 +90,11 @@ pub fn wrong_usage(error: &clap::Error, tame: bool) -> u8 {
     if error.use_stderr() { USAGE } else { 0 }
 }
 
-/// What the first panic said.
+/// Message of the first panic.
 static PANIC: Mutex<Option<String>> = Mutex::new(None);
 
-/// Runs work, and makes an error of a panic: of a defect, or of a failure that the standard library doesn't hand on,
-/// such as that of closing a folder. With `RUST_BACKTRACE` it is printed as usual, too.
+/// Runs work and turns a panic into an error. A panic is a defect, or a failure that the standard library doesn't
+/// return as an error, such as that of closing a folder. With `RUST_BACKTRACE` the panic is also printed as usual.
 fn caught(work: impl FnOnce() -> anyhow::Result<()>) -> anyhow::Result<()> {
     PANIC.lock().unwrap_or_else(PoisonError::into_inner).take();
     let usual = std::panic::take_hook();
@@ -107,12 +107,12 @@ fn caught(work: impl FnOnce() -> anyhow::Result<()>) -> anyhow::Result<()> {
             let file = Path::new(at.file()).file_name().unwrap_or_default();
             format!(" ({}:{})", file.display(), at.line())
         });
-        // One that follows from another says less.
+        // A later panic is a consequence of the first and less informative.
         PANIC.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(format!("{text}{at}"));
     }));
-    // What was being changed isn't used again: the process ends.
+    // Unwind safety: the process ends, so that data left half-changed isn't used again.
     let done = std::panic::catch_unwind(AssertUnwindSafe(work));
-    // Whoever carries the program in a process of its own goes on with the standard library's.
+    // Restores the standard library's hook, for programs that embed this one in their own process.
     drop(std::panic::take_hook());
     done.unwrap_or_else(|_| {
         let text = PANIC.lock().unwrap_or_else(PoisonError::into_inner).take().unwrap_or_default();
@@ -120,13 +120,13 @@ fn caught(work: impl FnOnce() -> anyhow::Result<()>) -> anyhow::Result<()> {
     })
 }
 
-/// Returns an error in one line, as the program shows it: the chain's messages, with what to do.
+/// Returns an error in one line, as the program shows it: the messages of the chain, then the advice.
 pub fn line_with_advice(error: &(dyn Error + 'static)) -> String {
     let advice = advice(error).map_or(String::new(), |advice| format!("; {advice}"));
     printable::one_line(&format!("{}{advice}", chained(error))).into_owned()
 }
 
-/// Joins the error chain, skipping repeated messages, and names of files that the next message begins with.
+/// Joins the messages of the error chain. Skips repeated messages, and file names with which the next message begins.
 fn chained(error: &(dyn Error + 'static)) -> String {
     let mut parts: Vec<String> = Vec::new();
     let causes = std::iter::successors(Some(error), |&error| error.source());
@@ -142,14 +142,14 @@ fn chained(error: &(dyn Error + 'static)) -> String {
     parts.join(": ")
 }
 
-/// Returns whether work was asked to stop, and did.
+/// Returns whether the work was interrupted on request.
 pub fn is_interrupted(error: &anyhow::Error) -> bool {
     error
         .chain()
         .any(|cause| cause.is::<Interrupted>() || matches!(cause.downcast_ref(), Some(SolverError::Interrupted(_))))
 }
 
-/// Whether the reader of stdout has gone away, which isn't a failure of this program.
+/// Returns whether the reader of stdout has gone away, which isn't a failure of this program.
 fn is_closed_pipe(error: &anyhow::Error) -> bool {
     error.root_cause().downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe)
         && error.downcast_ref::<crate::output::ToStdout>().is_some()

@@ -1,12 +1,12 @@
-//! Words that the help of all verbs shares.
+//! Texts shared by the help of all verbs.
 
-/// Heading of what a verb reads.
+/// Heading of the inputs.
 pub const INPUT: &str = "Input";
-/// Heading of what it writes.
+/// Heading of the outputs.
 pub const OUTPUT: &str = "Output";
-/// Heading of what it computes.
+/// Heading of the computation's settings.
 pub const METHOD: &str = "Method";
-/// Heading of how equations are solved.
+/// Heading of the equation solver's settings.
 pub const SOLVER: &str = "Solver";
 /// Heading of memory and threads.
 pub const RESOURCES: &str = "Resources";
@@ -22,7 +22,7 @@ pub const SIGNALS: &str = "Values on vertices: GIfTI (.func.gii, .shape.gii), Fr
 pub const VOLUMES: &str = "Label volumes: NIfTI-1 and -2 (.nii, .nii.gz), FreeSurfer (.mgh, .mgz), NRRD (.nrrd, .nhdr), TIFF and \
                            OME-TIFF stacks (.tif, .tiff), arrays (.npy, first axis x, with --voxel-size).";
 
-/// The end of a verb's long help: examples, then notes such as the formats.
+/// Returns the end of a verb's long help: examples, then notes such as the formats.
 pub fn examples(examples: &[&str], notes: &[&str]) -> String {
     let examples: String = examples.iter().map(|line| format!("\n  {line}")).collect();
     let notes: String = notes.iter().map(|note| format!("\n\n{note}")).collect();

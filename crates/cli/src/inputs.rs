@@ -13,12 +13,12 @@ use crate::console::Console;
 ///
 /// # Errors
 ///
-/// Those of [`spharm_surface::read_sphere`]; when `strict`, also that its centre isn't the origin.
+/// Those of [`spharm_surface::read_sphere`]; if `strict`, also for a centre that isn't the origin.
 pub fn read_sphere(path: &Path, strict: bool, console: &Console) -> Result<Sphere> {
     let sphere = spharm_surface::read_sphere(path)?;
     for warning in &sphere.warnings {
         let text = format!("{}: {warning}", path.display());
-        // That a sphere is open is said of the surface on it.
+        // An open sphere is reported with the surface on it.
         if strict && matches!(warning, SphereWarning::RadiusSpread { .. }) {
             bail!("{text}");
         }
@@ -31,7 +31,7 @@ pub fn read_sphere(path: &Path, strict: bool, console: &Console) -> Result<Spher
 ///
 /// # Errors
 ///
-/// Those of [`spharm_surface::read_target`]; when `strict`, also the first warning.
+/// Those of [`spharm_surface::read_target`]; if `strict`, also the first warning.
 pub fn read_target(path: &Path, sphere: &Sphere, strict: bool, console: &Console) -> Result<Target> {
     let target = spharm_surface::read_target(path, sphere)?;
     for warning in &target.warnings {
@@ -44,15 +44,15 @@ pub fn read_target(path: &Path, sphere: &Sphere, strict: bool, console: &Console
     Ok(target)
 }
 
-/// Most bytes of a list of paths: a million long ones.
+/// Maximum size of a list of paths in bytes: a million long paths.
 const LONGEST_LIST: u64 = 1 << 28;
 
-/// Paths as given, with each `@list.txt` replaced by the paths that the file names, one a line; blank lines and lines
-/// that begin with `#` are skipped, and relative paths are relative to the list's folder.
+/// Returns the paths with each `@list.txt` replaced by the paths that the file lists, one per line. Blank lines and
+/// lines that begin with `#` are skipped; relative paths are relative to the list's folder.
 ///
 /// # Errors
 ///
-/// When a list can't be read or names nothing.
+/// If a list can't be read or is empty.
 pub fn expand_lists(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
     let mut expanded = Vec::new();
     for path in paths {
@@ -76,10 +76,10 @@ pub fn expand_lists(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
     Ok(expanded)
 }
 
-/// Most bytes of a record, a report or a table that the program itself has written.
+/// Maximum size in bytes of a record, a report or a table that the program itself has written.
 pub const MOST_OWN: u64 = 64 << 20;
 
-/// Reads a text of at most `most` bytes, see [`spharm_files::read_text`]; `what` names it in messages.
+/// Reads a text of at most `most` bytes, see [`spharm_files::read_text`]; `what` describes it in messages.
 ///
 /// # Errors
 ///
@@ -88,13 +88,13 @@ pub fn read_text(path: &Path, what: &str, most: u64) -> Result<String> {
     spharm_files::read_text(path, most).with_context(|| format!("{}: cannot read the {what}", path.display()))
 }
 
-/// Name of an input without folder and format, for people: `lh.pial.surf.gii` becomes `lh.pial`.
+/// Returns the name of an input without folder and format, for display: `lh.pial.surf.gii` becomes `lh.pial`.
 #[must_use]
 pub fn stem(path: &Path) -> String {
     file_stem(path).to_string_lossy().into_owned()
 }
 
-/// As [`stem`], exactly, for the names of other files.
+/// Returns the same as [`stem`] but with the exact bytes, for use in file names.
 #[must_use]
 pub fn file_stem(path: &Path) -> OsString {
     let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
@@ -104,9 +104,9 @@ pub fn file_stem(path: &Path) -> OsString {
     let endings = proper
         .chain(&[".nii", ".moments", ".nrrd", ".nhdr", ".ome.tif", ".ome.tiff", ".tif", ".tiff", ".npy"])
         .filter(|ending| unpacked.ends_with(**ending) && unpacked.len() > ending.len());
-    // `.surf.gii` is an ending, and so is `.gii`.
+    // Both `.surf.gii` and `.gii` are endings; the longest match is removed.
     let length = endings.map(|ending| unpacked.len() - ending.len()).min().unwrap_or(name.len());
-    // Endings are ASCII: a part of the name is left out for each of their dots.
+    // Endings are ASCII: each of their dots removes one part of the name.
     let dots = name.get(length..).unwrap_or_default().matches('.').count();
     let mut exact = PathBuf::from(path.file_name().unwrap_or_default());
     (0..dots).for_each(|_| exact = PathBuf::from(exact.file_stem().unwrap_or_default()));

@@ -1,7 +1,7 @@
-//! The command line around the library: what the verbs of `spharm` share.
+//! The command line around the library: the code shared by the verbs of `spharm`.
 //!
-//! Everything that reads flags, prints, handles signals or ends the process is here or in the verbs; the library does
-//! none of it.
+//! All code that reads flags, prints, handles signals or ends the process is here or in the verbs; the library does
+//! none of this.
 //!
 //! | module | contents |
 //! |---|---|
@@ -9,20 +9,20 @@
 //! | [`threads`] | the number of threads, and the pool |
 //! | [`console`] | notes, warnings and progress on stderr |
 //! | [`exit`] | exit codes and signals |
-//! | [`advice`] | the flag that helps against an error of the library |
+//! | [`advice`] | the flag that remedies an error of the library |
 //! | [`help`] | headings, formats and examples of the help texts |
 //! | [`inputs`] | spheres, surfaces and signals from files, with their warnings |
 //! | [`monitor`] | the progress of the library on the console |
 //! | [`surfaces`] | files, and labels of volumes |
 //! | [`names`] | names of outputs, from each input's path alone |
-//! | [`printable`] | text from outside on its way to a terminal |
-//! | [`roles`] | which arguments name inputs and which outputs |
+//! | [`printable`] | escaping text from outside before it is printed |
+//! | [`roles`] | roles of arguments: inputs and outputs |
 //! | [`values`] | numbers in arguments |
 //! | [`usage`] | arguments that exclude each other |
 //! | [`paths`] | lists and folders of inputs, names of models |
 //! | [`output`] | checks of output files; results to stdout, reports to files |
 //! | [`machine`] | peak memory, versions |
-//! | [`memory`] | `--memory`: plans held against what may be used |
+//! | [`memory`] | `--memory`: comparison of memory plans with the budget |
 
 pub mod advice;
 pub mod console;

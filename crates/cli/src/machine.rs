@@ -7,23 +7,23 @@ pub use spharm::Versions;
 pub use spharm::machine::available_memory;
 use spharm::machine::process_status;
 
-/// Memory of this process in bytes; `None` where the system doesn't report it.
+/// Memory of this process in bytes; `None` if the system doesn't report it.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct Memory {
-    /// Largest resident size so far, mapped files included.
+    /// Largest resident size so far, including mapped files.
     pub peak_resident: Option<u64>,
-    /// Anonymous memory at the moment: without mapped files, which the system can drop at any time.
+    /// Current anonymous memory: without mapped files, which the system can drop at any time.
     pub anonymous: Option<u64>,
 }
 
-/// Returns the memory of this process, from `/proc`.
+/// Returns the memory use of this process, from `/proc`.
 pub fn memory() -> Memory {
     Memory { peak_resident: process_status("VmHWM:"), anonymous: process_status("RssAnon:") }
 }
 
-/// Raises the limit on open files as far as the system allows: a store has one file per degree.
+/// Raises the limit on open files to the system's maximum: a store has one file per degree.
 pub fn raise_file_limit() {
     let limit = getrlimit(Resource::Nofile);
-    // If that fails, the limit stays, and opening a file reports it when it is reached.
+    // If this fails, the limit stays, and opening a file reports an error when it is reached.
     let _ = rustix::process::setrlimit(Resource::Nofile, rustix::process::Rlimit { current: limit.maximum, ..limit });
 }

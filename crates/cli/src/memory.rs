@@ -1,7 +1,7 @@
-//! `--memory`, and the plan of every verb: what it needs is held against what it may have before it is taken.
+//! `--memory`, and the memory check of every verb: its plan is compared with the budget before anything is allocated.
 //!
-//! What a computation takes is a function beside its code, in the library's crates (`docs/memory.md` lists them); here
-//! is what it is compared with, and the words.
+//! The memory of a computation is a function beside its code, in the library's crates (`docs/memory.md` lists them).
+//! This module compares it with the budget and words the message.
 
 use std::fmt;
 use std::path::Path;
@@ -14,30 +14,30 @@ use spharm_surface::io::bytes_to_read;
 use crate::help::RESOURCES;
 use crate::size::Size;
 
-/// What the program takes whatever it does: its code, its allocator, and the buffers of files.
+/// Memory of the program itself in bytes: its code, its allocator, and the buffers of files.
 pub const PROGRAM: u64 = 20 << 20;
 
-/// The stack of a thread, which limits of the process count whole.
+/// The stack of a thread in bytes; limits on the process count it in full.
 const STACK: u64 = 2 << 20;
 
 /// `--memory`.
 #[derive(Debug, Clone, Copy, Default, Args)]
 pub struct Memory {
-    /// Memory that may be used [default: what is free]
+    /// Memory that may be used [default: all free memory]
     ///
-    /// What doesn't fit is refused before any work. Free is the least of what the machine has, the limits of control
-    /// groups and those of ulimit.
+    /// Work that doesn't fit is refused before it starts. Free memory is the minimum of the machine's free memory, the
+    /// limits of control groups and those of ulimit.
     #[arg(long, value_name = "SIZE", help_heading = RESOURCES)]
     pub memory: Option<Size>,
 }
 
 impl Memory {
-    /// Returns the arguments that hand it on to another verb; none where none was given.
+    /// Returns the arguments that pass the budget on to another verb; none if it wasn't given.
     pub fn arguments(self) -> impl Iterator<Item = String> {
         self.memory.into_iter().flat_map(|Size(bytes)| ["--memory".to_owned(), bytes.to_string()])
     }
 
-    /// Returns what may be used by that many threads.
+    /// Returns the memory that `threads` threads may use.
     pub fn budget(self, threads: usize) -> Budget {
         match self.memory {
             Some(Size(bytes)) => Budget { bytes: bytes as u64, given: true },
@@ -46,26 +46,26 @@ impl Memory {
     }
 }
 
-/// What is left of what is free once the threads have started.
+/// Returns the part of the free memory that is left once the threads have started.
 fn beside_stacks(free: u64, threads: usize) -> u64 {
     free.saturating_sub(STACK.saturating_mul(threads as u64))
 }
 
-/// What a verb may use.
+/// Memory that a verb may use.
 #[derive(Debug, Clone, Copy)]
 pub struct Budget {
     bytes: u64,
     given: bool,
 }
 
-/// A plan that doesn't fit, in one line.
+/// A plan that doesn't fit, described in one line.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub struct TooLarge {
     what: String,
     needed: u64,
     bytes: u64,
     given: bool,
-    /// The nearest setting that fits, and what it needs.
+    /// The nearest setting that fits, and the bytes it needs.
     nearest: Option<(String, u64)>,
 }
 
@@ -86,7 +86,7 @@ impl fmt::Display for TooLarge {
 }
 
 impl Budget {
-    /// Returns the bytes that the work may take, beside the program itself.
+    /// Returns the bytes available to the work, in addition to the program itself.
     pub fn work(self) -> u64 {
         self.bytes.saturating_sub(PROGRAM)
     }
@@ -96,7 +96,7 @@ impl Budget {
         needed <= self.work()
     }
 
-    /// Checks that `needed` bytes fit, for `what`: a verb and its inputs.
+    /// Checks that `needed` bytes fit. `what` names the verb and its inputs.
     ///
     /// # Errors
     ///
@@ -105,8 +105,8 @@ impl Budget {
         self.check_or(what, needed, std::iter::empty())
     }
 
-    /// As [`check`](Self::check); an error names the first of `others` that fits: settings, and the bytes that they
-    /// need.
+    /// Checks the same as [`check`](Self::check). An error names the first of `others` that fits; these are alternative
+    /// settings with the bytes they need.
     ///
     /// # Errors
     ///
@@ -126,7 +126,7 @@ impl Budget {
         Err(TooLarge { what: what.to_string(), needed, bytes: self.bytes, given: self.given, nearest }.into())
     }
 
-    /// Checks, before they are read, that files fit that are held together.
+    /// Checks that files which are held in memory together fit, before they are read.
     ///
     /// # Errors
     ///
@@ -144,7 +144,7 @@ impl Budget {
     }
 }
 
-/// Numbers from `most` down, in steps that people choose: 1, 2, 5, 10, 20, ...
+/// Returns the round numbers 1, 2, 5, 10, 20, ... up to `most`, in decreasing order.
 pub fn round_numbers_below(most: u64) -> impl Iterator<Item = u64> {
     let powers = std::iter::successors(Some(1_u64), |power| power.checked_mul(10));
     let mut numbers: Vec<u64> = powers.flat_map(|p| [Some(p), p.checked_mul(2), p.checked_mul(5)]).flatten().collect();

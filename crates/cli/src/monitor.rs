@@ -1,4 +1,4 @@
-//! A computation's progress on the console, and the signals that stop it.
+//! Display of a computation's progress on the console, and the signals that stop it.
 
 use std::fmt;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -13,17 +13,17 @@ use crate::console::{Console, Progress};
 pub struct ConsoleMonitor {
     console: Console,
     cancel: &'static AtomicBool,
-    /// Of the stage that is under way.
+    /// Progress of the current stage.
     progress: Mutex<Option<Progress>>,
 }
 
 impl ConsoleMonitor {
-    /// A monitor that shows progress on `console`. From now on signals are heard.
+    /// Creates a monitor that shows progress on `console`. From now on signals are handled.
     pub fn new(console: Console) -> Self {
         Self { console, cancel: crate::exit::cancel(), progress: Mutex::new(None) }
     }
 
-    /// The console, for what isn't progress.
+    /// Returns the console, for output other than progress.
     pub fn console(&self) -> &Console {
         &self.console
     }
@@ -36,7 +36,7 @@ impl ConsoleMonitor {
 impl Monitor for ConsoleMonitor {
     fn begin(&self, stage: Stage, total: u64) {
         let mut progress = self.progress();
-        // The last bar has to go from the screen before the next comes.
+        // The previous bar must disappear from the screen before the next one is drawn.
         *progress = None;
         self.console.detail(stage.name);
         *progress = Some(self.console.progress(stage.name, total, stage.unit));

@@ -1,7 +1,8 @@
-//! Names of outputs, from each input's path alone.
+//! Names of outputs, derived from each input's path alone.
 //!
-//! A name must not depend on what else a call has: a cluster job with one subject and a call with all of them have to
-//! write the same files. So it is made from a template, and inputs that it gives the same name are refused.
+//! A name must not depend on the other inputs of a call: a cluster job with one subject and a call with all of them
+//! have to write the same files. The name is therefore made from a template, and inputs to which it gives the same name
+//! are refused.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -11,12 +12,12 @@ use anyhow::{Result, bail};
 
 use crate::inputs::file_stem;
 
-/// Most folders above a file that a template may name.
+/// Maximum number of folders above a file that a template may name.
 const DEEPEST: usize = 9;
 
-/// A name with placeholders: `{stem}` is the input's name without folder and format, `{parent}` the folder that it is
-/// in, `{parent2}` the folder above that, and so on, links resolved. `{label}` is a volume's label; a template without
-/// it gets `.{label}` at its end for volumes.
+/// A name with placeholders. `{stem}` is the input's name without folder and format, `{parent}` the folder that
+/// contains it, `{parent2}` the folder above that, and so on, with links resolved. `{label}` is a volume's label; a
+/// template without it gets `.{label}` appended for volumes.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NameTemplate(Vec<Part>);
 
@@ -25,7 +26,7 @@ enum Part {
     Text(String),
     Stem,
     Label,
-    /// The folder so many levels up, from 1.
+    /// The folder this number of levels up, from 1.
     Parent(usize),
 }
 
@@ -79,14 +80,14 @@ impl std::fmt::Display for NameTemplate {
 }
 
 impl NameTemplate {
-    /// Returns the name of an input, and of its label if it is a volume, for people; a folder that it doesn't have is
+    /// Returns the name of an input, and of its label if it is a volume, for display. A folder that it doesn't have is
     /// left empty.
     #[must_use]
     pub fn name(&self, input: &Path, label: Option<i64>) -> String {
         self.file_name(input, label).to_string_lossy().into_owned()
     }
 
-    /// As [`name`](Self::name), exactly, for the names of files.
+    /// Returns the same as [`name`](Self::name) but with the exact bytes, for use in file names.
     #[must_use]
     pub fn file_name(&self, input: &Path, label: Option<i64>) -> OsString {
         let input = in_its_folder(input);
@@ -102,12 +103,12 @@ impl NameTemplate {
         self.0.iter().map(part).chain(end).collect()
     }
 
-    /// Returns a file for each input and label: the folder, the name, and `ending`.
+    /// Returns a file for each input and label: folder, name and `ending`.
     ///
     /// # Errors
     ///
-    /// When two inputs would share a file; says which template tells them apart. When the template has `{label}` alone
-    /// and an input has none.
+    /// If two inputs would share a file; the message names a template that distinguishes them. If `{label}` is the
+    /// template's only placeholder and an input has no label.
     pub fn outputs(&self, inputs: &[(PathBuf, Option<i64>)], folder: &Path, ending: &str) -> Result<Vec<PathBuf>> {
         let of_input = self.0.iter().any(|part| matches!(part, Part::Stem | Part::Parent(_)));
         if let (false, Some((input, _))) = (of_input, inputs.iter().find(|(_, label)| label.is_none())) {
@@ -133,7 +134,7 @@ impl NameTemplate {
         Ok(outputs)
     }
 
-    /// Returns a template that gives each of these inputs a name of its own: a folder or two and the stem.
+    /// Returns a template that gives each of these inputs a distinct name, made of one or two folders and the stem.
     #[must_use]
     pub fn distinguishing(inputs: &[PathBuf]) -> Option<Self> {
         let one = (1..=DEEPEST).map(|level| vec![level]);
@@ -151,8 +152,8 @@ impl NameTemplate {
     }
 }
 
-/// Returns a file's path with the folders that it lies in, however the path leads there; the file's own name stays. Of
-/// folders that aren't there, the path as it is.
+/// Returns a file's path with its folder made absolute and free of links, but keeps the file's own name. If the folder
+/// doesn't exist, the path is only made absolute.
 fn in_its_folder(input: &Path) -> PathBuf {
     let absolute = std::path::absolute(input).unwrap_or_else(|_| input.to_owned());
     let folder = absolute.parent().and_then(|folder| folder.canonicalize().ok());
@@ -162,12 +163,13 @@ fn in_its_folder(input: &Path) -> PathBuf {
     }
 }
 
-/// Returns the model's file for each surface: `output` itself where that ends in `.npz` and there is one surface, else
-/// a file in that folder, or here.
+/// Returns the model's file for each surface: `output` itself if it ends in `.npz` and there is only one surface,
+/// otherwise a file in the folder `output`, or in the current folder.
 ///
 /// # Errors
 ///
-/// When `output` is a file for several surfaces or one that isn't a model's, or two surfaces would share a file.
+/// If `output` is a file but there are several surfaces, if it doesn't end like a model, or if two surfaces would share
+/// a file.
 pub fn model_files(
     output: Option<&Path>,
     template: &NameTemplate,

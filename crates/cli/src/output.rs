@@ -11,7 +11,7 @@ use spharm_surface::io::{Output, check_output, write_new};
 
 use crate::printable;
 
-/// The context of errors in writing to stdout.
+/// Context of errors in writing to stdout.
 #[derive(Debug, Clone, Copy)]
 pub struct ToStdout;
 
@@ -21,18 +21,18 @@ impl std::fmt::Display for ToStdout {
     }
 }
 
-/// Prints a text of lines, and a line break, to stdout. What a terminal would obey in it is escaped.
+/// Prints lines of text, and a line break, to stdout. Control characters that a terminal would act on are escaped.
 ///
 /// # Errors
 ///
-/// When stdout can't be written to; a closed pipe ends the program without a message.
+/// If stdout can't be written to; a closed pipe ends the program without a message.
 pub fn print(text: &str) -> Result<()> {
     let mut out = std::io::stdout().lock();
     let text = printable::lines(text);
     out.write_all(text.as_bytes()).and_then(|()| out.write_all(b"\n")).and_then(|()| out.flush()).context(ToStdout)
 }
 
-/// Prints one line to stdout, whatever is in it.
+/// Prints one line to stdout, whatever the text contains.
 ///
 /// # Errors
 ///
@@ -54,12 +54,12 @@ fn json_text(value: &impl Serialize) -> Result<String> {
     Ok(printable::json(&serde_json::to_string_pretty(value)?).into_owned())
 }
 
-/// Writes a value as a JSON file, into a folder that is made where it isn't there; `-` is standard output, and pipes
-/// and devices are written to as they are.
+/// Writes a value as a JSON file, into a folder that is created if it doesn't exist. `-` is standard output; pipes and
+/// devices are written to directly.
 ///
 /// # Errors
 ///
-/// When the file exists and isn't to be replaced, or can't be written.
+/// If the file exists and isn't to be replaced, or can't be written.
 pub fn write_json(path: &Path, force: bool, value: &impl Serialize) -> Result<()> {
     if is_stdout(path) {
         return print_json(value);
@@ -83,17 +83,17 @@ pub struct OutputFile<'a> {
 }
 
 impl<'a> OutputFile<'a> {
-    /// A file of any name, which `flag` gave.
+    /// Creates an output file of any name, given by `flag`.
     pub fn new(path: &'a Path, flag: &'static str) -> Self {
         Self { path, flag, holds: None }
     }
 
-    /// A file whose name has to end in one of `endings`, as its format is always the same.
+    /// Creates an output file whose name has to end in one of `endings`, because its format is fixed.
     pub fn with_ending(path: &'a Path, flag: &'static str, endings: &'static [&'static str]) -> Self {
         Self { path, flag, holds: Some(Output::Ending(endings)) }
     }
 
-    /// A surface, a sphere or a signal, in the format of its name.
+    /// Creates an output file for a surface, a sphere or a signal, in the format of its name.
     pub fn holding(path: &'a Path, flag: &'static str, holds: Output<'static>) -> Self {
         Self { path, flag, holds: Some(holds) }
     }
@@ -126,12 +126,12 @@ impl<'a> OutputFile<'a> {
     }
 }
 
-/// Refuses, before any work, what could not be written at its end: files that exist (without `force`), folders, endings
-/// of another format, two outputs of one name. The writers make sure of it again when the time comes.
+/// Refuses, before any work, outputs that could not be written at its end: existing files (without `force`), folders,
+/// endings of another format, and two outputs of one name. The writers check this again when they write.
 ///
 /// # Errors
 ///
-/// When an output can't be written; says which flag to change.
+/// If an output can't be written; the message names the flag to change.
 pub fn check_outputs<'a>(outputs: impl IntoIterator<Item = OutputFile<'a>>, force: bool) -> Result<()> {
     let mut seen: Vec<PathBuf> = Vec::new();
     for output in outputs {
@@ -148,13 +148,14 @@ pub fn check_outputs<'a>(outputs: impl IntoIterator<Item = OutputFile<'a>>, forc
     Ok(())
 }
 
-/// The file that a path means, however it is written: its folder without links and dots, as far as it is there.
+/// Returns the canonical path of a file, however the path is written: its folder without links and dots, as far as it
+/// exists.
 pub(crate) fn place(path: &Path) -> PathBuf {
     if let Ok(place) = path.canonicalize() {
         return place;
     }
     let folder = std::path::absolute(folder_of(path)).unwrap_or_default();
-    // Where `..` leads out of a folder that isn't there yet, the text is all there is.
+    // If `..` leads out of a folder that doesn't exist yet, it can only be resolved in the text.
     let mut tidy = PathBuf::new();
     for part in folder.components() {
         match part {
@@ -166,8 +167,8 @@ pub(crate) fn place(path: &Path) -> PathBuf {
     tidy.join(path.file_name().unwrap_or_default())
 }
 
-/// As [`check_outputs`], and refuses outputs that are inputs, however their paths are written; links of either sort
-/// count, and inputs that aren't there don't.
+/// Checks the same as [`check_outputs`], and refuses outputs that are inputs, however their paths are written. Hard and
+/// symbolic links count as the same file; inputs that don't exist are ignored.
 ///
 /// # Errors
 ///
@@ -182,22 +183,22 @@ pub fn check_files<'i, 'a>(
     check_not_inputs(inputs, outputs.iter().map(|output| output.path))
 }
 
-/// Whether two paths mean one file, however they are written.
+/// Returns whether two paths name the same file, however they are written.
 #[must_use]
 pub fn same_place(a: &Path, b: &Path) -> bool {
     a.file_name() == b.file_name() && place(a) == place(b)
 }
 
-/// Refuses outputs that are inputs, however their paths are written; links of either sort count.
+/// Refuses outputs that are inputs, however their paths are written. Hard and symbolic links count as the same file.
 ///
 /// # Errors
 ///
-/// When an output is an input: with `--force` it would be replaced by something else.
+/// If an output is an input: with `--force` it would be replaced by something else.
 pub fn check_not_inputs<'i, 'a>(
     inputs: impl IntoIterator<Item = &'i Path>,
     outputs: impl IntoIterator<Item = &'a Path>,
 ) -> Result<()> {
-    // An output that isn't there is no input, and most aren't.
+    // An output that doesn't exist can't be an input, and most don't exist.
     let mut outputs = outputs.into_iter().filter_map(|path| Some((path, file_id(path)?))).peekable();
     if outputs.peek().is_none() {
         return Ok(());
@@ -211,7 +212,7 @@ pub fn check_not_inputs<'i, 'a>(
     Ok(())
 }
 
-/// Device and inode of a regular file that is there.
+/// Device and inode of an existing regular file.
 #[cfg(unix)]
 pub(crate) type FileId = (u64, u64);
 
@@ -229,28 +230,29 @@ pub(crate) fn file_id(path: &Path) -> Option<FileId> {
     path.canonicalize().ok().filter(|path| path.is_file())
 }
 
-/// A report of this name goes to standard output.
+/// File name that stands for standard output.
 pub const STDOUT: &str = "-";
 
-/// The flag of reports.
+/// The flag that names a report.
 pub const REPORT: &str = "--report";
 
-/// Whether a report of this name goes to standard output, in place of the table.
+/// Returns whether a report of this name goes to standard output, in place of the table.
 #[must_use]
 pub fn is_stdout(path: &Path) -> bool {
     [STDOUT, "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"].iter().any(|name| path.as_os_str() == *name)
 }
 
-/// Whether there is a pipe or a device of this name, which is written to and never replaced: `/dev/null`, `/dev/fd/63`.
+/// Returns whether a pipe or a device has this name, such as `/dev/null` or `/dev/fd/63`. It is written to, never
+/// replaced.
 pub(crate) fn is_stream(path: &Path) -> bool {
     std::fs::metadata(path).is_ok_and(|found| !found.is_file() && !found.is_dir())
 }
 
-/// Makes the folder that a file is about to be written to, where it isn't there.
+/// Creates the folder of a file that is about to be written, if it doesn't exist.
 ///
 /// # Errors
 ///
-/// When it can't be made.
+/// If the folder can't be created.
 pub fn prepare(path: &Path) -> Result<()> {
     let folder = folder_of(path);
     std::fs::create_dir_all(&folder).with_context(|| format!("{}: cannot create the folder", folder.display()))
@@ -268,7 +270,7 @@ pub fn counted(count: usize, noun: &str) -> String {
     format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
 }
 
-/// Returns the first names, at most so many, and the number of the others: `a, b and 3 more`.
+/// Returns the first `most` names, and the number of the others: `a, b and 3 more`.
 pub fn first_of<'a>(names: impl IntoIterator<Item = &'a str>, most: usize) -> String {
     let mut names = names.into_iter();
     let shown: Vec<&str> = names.by_ref().take(most).collect();
@@ -278,7 +280,7 @@ pub fn first_of<'a>(names: impl IntoIterator<Item = &'a str>, most: usize) -> St
     }
 }
 
-/// Aligns the cells of rows in columns: the first to the left, the others to the right.
+/// Aligns the cells of rows in columns: the first column to the left, the others to the right.
 pub fn table(rows: &[Vec<String>]) -> String {
     let rows: Vec<Vec<_>> = rows.iter().map(|row| row.iter().map(|cell| printable::one_line(cell)).collect()).collect();
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);

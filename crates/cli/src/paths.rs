@@ -1,4 +1,4 @@
-//! Several inputs in one argument, lists and folders; names of what is made of them.
+//! Several inputs in one argument, lists and folders; names derived from models.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -10,12 +10,12 @@ use spharm_cohort::files::ModelFiles;
 
 use crate::inputs::{expand_lists, file_stem};
 
-/// Replaces each `@LIST` by the paths that the file names and each folder by the files in it whose names end in
+/// Replaces each `@LIST` by the paths that the file lists, and each folder by the files in it whose names end in
 /// `ending`, sorted by name.
 ///
 /// # Errors
 ///
-/// When a list or a folder can't be read, or has no such file.
+/// If a list or a folder can't be read, or has no such file.
 pub fn expand(paths: &[PathBuf], ending: &str) -> Result<Vec<PathBuf>> {
     let mut expanded = Vec::new();
     for path in expand_lists(paths)? {
@@ -37,25 +37,25 @@ pub fn expand(paths: &[PathBuf], ending: &str) -> Result<Vec<PathBuf>> {
     Ok(expanded)
 }
 
-/// Returns the name of a model without folder and endings, for people: `models/lh.pial.spharm.npz` is `lh.pial`.
+/// Returns the name of a model without folder and endings, for display: `models/lh.pial.spharm.npz` is `lh.pial`.
 #[must_use]
 pub fn model_name(model: &Path) -> String {
     model_file_name(model).to_string_lossy().into_owned()
 }
 
-/// As [`model_name`], exactly, for the names of other files.
+/// Returns the same as [`model_name`] but with the exact bytes, for use in file names.
 #[must_use]
 pub fn model_file_name(model: &Path) -> OsString {
     ModelFiles { model: file_stem(model).into() }.file_name()
 }
 
-/// Returns a path as reports have it: JSON holds text alone, so bytes that aren't UTF-8 become U+FFFD.
+/// Returns a path as text for reports. JSON holds only text, so bytes that aren't UTF-8 become U+FFFD.
 #[must_use]
 pub fn shown(path: impl AsRef<Path>) -> String {
     path.as_ref().display().to_string()
 }
 
-/// As [`shown`], for several paths.
+/// Returns several paths as [`shown`] does.
 pub fn all_shown<P: AsRef<Path>>(paths: impl IntoIterator<Item = P>) -> Vec<String> {
     paths.into_iter().map(shown).collect()
 }
@@ -69,11 +69,11 @@ pub fn serialize_shown<S: Serializer>(path: &Path, serializer: S) -> Result<S::O
     serializer.collect_str(&path.display())
 }
 
-/// Returns a path as text, for what holds text alone, such as the arguments of another verb.
+/// Returns a path as text, for uses that only hold text, such as the arguments of another verb.
 ///
 /// # Errors
 ///
-/// When it isn't UTF-8.
+/// If the path isn't UTF-8.
 pub fn utf8(path: &Path) -> Result<&str> {
     path.to_str().with_context(|| format!("{}: expected a path of UTF-8 text", path.display()))
 }

@@ -1,34 +1,34 @@
-//! Text from outside on its way to a terminal or a log.
+//! Escaping of text from outside before it is printed to a terminal or a log.
 //!
-//! Names of files, cells of tables and headers of formats come from others, and may hold what a terminal obeys: escape
-//! sequences, line breaks, and characters that turn the order of the text around. All that the program prints passes
-//! through here, so that one line stays one line.
+//! File names, table cells and format headers come from outside. They may contain characters that a terminal acts on:
+//! escape sequences, line breaks, and characters that reverse the direction of the text. Everything that the program
+//! prints passes through this module, so that one line stays one line.
 
 use std::borrow::Cow;
 
-/// Whether a terminal may do something else with a character than show it: control characters (of ASCII and of
-/// Latin-1), line and paragraph separators, and those that change the direction of the text.
+/// Returns whether a terminal may act on a character instead of showing it: control characters (of ASCII and of
+/// Latin-1), line and paragraph separators, and characters that change the direction of the text.
 fn is_obeyed(c: char) -> bool {
     c.is_control() || matches!(c, '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}' | '\u{200e}' | '\u{200f}')
 }
 
-/// Returns a text in one line: line breaks are blanks, and whatever else a terminal would obey is shown as `\u{1b}`.
+/// Returns a text in one line: line breaks become blanks, and other control characters are shown as in `\u{1b}`.
 #[must_use]
 pub fn one_line(text: &str) -> Cow<'_, str> {
     replaced(text, |c| if c == '\n' { " ".to_owned() } else { c.escape_default().collect() })
 }
 
-/// As [`one_line`], for a text of several lines and with tabs, which are kept.
+/// Returns a text of several lines with control characters escaped as in [`one_line`], except line breaks and tabs.
 #[must_use]
 pub fn lines(text: &str) -> Cow<'_, str> {
     replaced(text, |c| if matches!(c, '\n' | '\t') { c.to_string() } else { c.escape_default().collect() })
 }
 
-/// Returns JSON that means the same, in which whatever a terminal would obey is escaped, other than the line breaks
-/// between its tokens: JSON itself asks for that only up to U+001F.
+/// Returns equivalent JSON in which all control characters are escaped, except line breaks between tokens. JSON itself
+/// requires that only up to U+001F.
 #[must_use]
 pub fn json(text: &str) -> Cow<'_, str> {
-    // Line breaks within strings are escaped already. All the others are below U+10000.
+    // Line breaks within strings are escaped already. All other such characters are below U+10000.
     replaced(text, |c| if c == '\n' { c.to_string() } else { format!("\\u{:04x}", u32::from(c)) })
 }
 

@@ -1,8 +1,8 @@
-//! Which arguments name inputs and which outputs, checked for all verbs at once, before any work.
+//! Roles of the arguments, input or output, checked for all verbs at once, before any work.
 //!
-//! A result that takes the name of an input replaces it with `--force`, and so does a report that takes the name of a
-//! result. Here the paths are known that were given; what a verb derives from them it checks itself, by
-//! [`check_files`](crate::output::check_files).
+//! With `--force`, a result with the path of an input would replace it, and a report with the path of a result would
+//! replace that. This module checks the paths that are given as arguments. A verb checks the paths that it derives from
+//! them itself, with [`check_files`](crate::output::check_files).
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -13,20 +13,20 @@ use clap::{ArgMatches, Command};
 use crate::inputs::expand_lists;
 use crate::output::{FileId, file_id, is_stdout, is_stream, place};
 
-/// What becomes of the path in an argument.
+/// Use of the path in an argument.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
-    /// It is read; `@LIST` names a file of paths.
+    /// The path is read; `@LIST` names a file of paths.
     Input,
-    /// Results are written to it, a file or a folder.
+    /// Results are written to the path, a file or a folder.
     Output,
-    /// A file beside the results is written: a report, a table.
+    /// A file in addition to the results is written to the path: a report, a table.
     Report,
     /// Neither, or both: a store, a folder of data.
     Other,
 }
 
-/// A path that was given.
+/// A path given as an argument.
 #[derive(Debug, Clone)]
 pub struct Given {
     path: PathBuf,
@@ -34,8 +34,8 @@ pub struct Given {
     role: Role,
 }
 
-/// Returns the paths in a command's arguments. `role` tells what an argument is by the verb (`shape align`) and its
-/// name; none where it isn't a path.
+/// Returns the paths in a command's arguments. `role` returns the role of an argument from the verb (`shape align`) and
+/// the argument's name, or `None` if the argument isn't a path.
 pub fn given(command: &Command, matches: &ArgMatches, role: &dyn Fn(&str, &str) -> Option<Role>) -> Vec<Given> {
     let (mut command, mut matches, mut verb) = (command, matches, String::new());
     let mut found = Vec::new();
@@ -53,12 +53,12 @@ pub fn given(command: &Command, matches: &ArgMatches, role: &dyn Fn(&str, &str) 
     }
 }
 
-/// Refuses reports with the name of another output, and outputs that are inputs, by device and inode; whatever
-/// `--force` says.
+/// Refuses reports with the name of another output, and outputs that are inputs by device and inode, even with
+/// `--force`.
 ///
 /// # Errors
 ///
-/// At the first of them; says which flags.
+/// For the first conflict; the message names the flags.
 pub fn check(given: &[Given]) -> Result<()> {
     let written = given.iter().filter(|given| matches!(given.role, Role::Output | Role::Report));
     let written: Vec<&Given> = written.filter(|given| !is_stdout(&given.path) && !is_stream(&given.path)).collect();
@@ -77,7 +77,7 @@ pub fn check(given: &[Given]) -> Result<()> {
     }
     for input in given.iter().filter(|given| given.role == Role::Input) {
         let itself = input.path.to_str().and_then(|path| path.strip_prefix('@')).map(PathBuf::from);
-        // A list that can't be read is the verb's to refuse.
+        // A list that can't be read is refused by the verb.
         let named = expand_lists(std::slice::from_ref(&input.path)).unwrap_or_default();
         for path in itself.iter().chain(&named) {
             if let Some(output) = file_id(path).and_then(|id| there.get(&id)) {

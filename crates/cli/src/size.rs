@@ -7,7 +7,7 @@ use std::str::FromStr;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Size(pub usize);
 
-/// The text isn't a size.
+/// Error of parsing a text that isn't a size.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("expected a size such as 256MiB, 2GiB or 1000000, found {0:?}")]
 pub struct NotASize(String);
@@ -33,7 +33,7 @@ impl FromStr for Size {
             _ => return Err(wrong()),
         };
         let bytes = number.parse::<f64>().map_err(|_| wrong())? * factor as f64;
-        // 2^60 bytes are beyond any machine, and below that the conversion is exact enough.
+        // 2^60 bytes exceed any machine's memory, and below that the conversion is exact enough.
         if bytes >= 1.0 && bytes <= (1u64 << 60) as f64 { Ok(Self(bytes as usize)) } else { Err(wrong()) }
     }
 }

@@ -1,4 +1,4 @@
-//! Surfaces to work on: files, and labels of volumes.
+//! Surfaces to work on, from mesh files and from labels of volumes.
 
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -13,9 +13,9 @@ use crate::inputs::expand_lists;
 /// `--label`: labels of a volume.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Labels {
-    /// Every one.
+    /// All labels.
     All,
-    /// This one.
+    /// A single label.
     One(i64),
 }
 

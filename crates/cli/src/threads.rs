@@ -1,9 +1,9 @@
-//! The number of threads: the one that was asked for, else the CPUs that this process may use.
+//! The number of threads: the requested one, or else the number of CPUs that this process may use.
 
 use anyhow::{Context, Result};
 use clap::Args;
 
-/// The threads that OpenBLAS is built for (`.cargo/config.toml`).
+/// Maximum number of threads of our OpenBLAS build (`.cargo/config.toml`).
 const MOST: usize = 64;
 
 /// `--threads`.
@@ -19,7 +19,7 @@ pub struct Threads {
 impl Threads {
     /// Returns the number of threads.
     pub fn count(self) -> usize {
-        // Knows affinity masks and cgroup quotas.
+        // Takes affinity masks and cgroup quotas into account.
         let available = std::thread::available_parallelism().map_or(1, |n| n.get());
         let slurm = std::env::var("SLURM_CPUS_PER_TASK").ok().and_then(|text| text.parse::<usize>().ok());
         let available = available.min(MOST);
@@ -30,11 +30,11 @@ impl Threads {
         }
     }
 
-    /// Starts a pool of that many threads, in which the work is to be `install`ed.
+    /// Starts a pool of that many threads; the work is to be `install`ed in it.
     ///
     /// # Errors
     ///
-    /// When the system refuses the threads.
+    /// If the system refuses to start the threads.
     pub fn pool(self) -> Result<rayon::ThreadPool> {
         let builder = rayon::ThreadPoolBuilder::new().num_threads(self.count());
         builder.build().context("cannot start the threads; ask for fewer with --threads")

@@ -1,10 +1,10 @@
-//! Arguments that don't go together in ways that clap can't know.
+//! Errors of arguments that conflict in ways that clap can't check.
 
 use clap::error::ErrorKind;
 
 use crate::printable::one_line;
 
-/// An error in how a verb was called, shown as clap shows its own: with the usage, and exit code 2.
+/// An error in the call of a verb, shown in clap's format: with the usage, and exit code 2.
 #[derive(Debug, Clone, thiserror::Error)]
 #[error("{message}")]
 pub struct Usage {
@@ -13,22 +13,22 @@ pub struct Usage {
 }
 
 impl Usage {
-    /// Arguments that exclude each other.
+    /// Creates the error for arguments that exclude each other.
     pub fn conflict(message: impl Into<String>) -> Self {
         Self { kind: ErrorKind::ArgumentConflict, message: message.into() }
     }
 
-    /// An argument that another one needs.
+    /// Creates the error for a missing argument that another one requires.
     pub fn missing(message: impl Into<String>) -> Self {
         Self { kind: ErrorKind::MissingRequiredArgument, message: message.into() }
     }
 
-    /// An argument with a value that it can't have.
+    /// Creates the error for an argument with an invalid value.
     pub fn invalid(message: impl Into<String>) -> Self {
         Self { kind: ErrorKind::ValueValidation, message: message.into() }
     }
 
-    /// The error as clap would show it for `command`.
+    /// Returns the error as clap would show it for `command`.
     pub(crate) fn of(&self, mut command: clap::Command) -> clap::Error {
         command.error(self.kind, one_line(&self.message))
     }

@@ -13,7 +13,7 @@ pub enum Dtype {
 }
 
 impl Dtype {
-    /// The store's scalar type.
+    /// Returns the store's scalar type.
     pub fn scalar(self) -> Scalar {
         match self {
             Self::F64 => Scalar::F64,
@@ -22,11 +22,11 @@ impl Dtype {
     }
 }
 
-/// Parses a whole number from 1, or `inf`.
+/// Parses an integer of at least 1, or `inf`.
 ///
 /// # Errors
 ///
-/// A text that says what is expected.
+/// A message that states the expected value.
 pub fn at_least_one(text: &str) -> Result<usize, String> {
     match text {
         "inf" => Ok(usize::MAX),
@@ -38,7 +38,7 @@ pub fn at_least_one(text: &str) -> Result<usize, String> {
 ///
 /// # Errors
 ///
-/// A text that says what is expected.
+/// A message that states the expected value.
 pub fn fraction(text: &str) -> Result<f64, String> {
     let fraction = text.parse().ok().filter(|fraction: &f64| *fraction > 0.0 && *fraction < 1.0);
     fraction.ok_or_else(|| "expected a number between 0 and 1".to_owned())

@@ -1,8 +1,8 @@
 //! Progress and cancellation of long computations.
 //!
-//! Every function of this project that may take longer than a second takes a `&dyn Monitor`. It announces a stage,
-//! counts its steps, and asks between steps whether it is to stop. Programs show a bar, a binding calls back, and
-//! [`Silent`] does nothing.
+//! Every function of this project that may take longer than a second takes a `&dyn Monitor`. The function announces a
+//! stage, counts its steps, and checks between steps whether it should stop. Programs show a bar, a binding calls back,
+//! and [`Silent`] does nothing.
 //!
 //! ```
 //! use std::sync::atomic::{AtomicU64, Ordering};
@@ -36,7 +36,7 @@
 use std::fmt;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// What one step of a stage is.
+/// Unit of a stage's steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Unit {
@@ -44,92 +44,92 @@ pub enum Unit {
     Bytes,
     /// Floating-point operations.
     Flops,
-    /// Something else, named in the plural: "columns".
+    /// Something else, named in the plural, such as "columns".
     Count(&'static str),
 }
 
-/// A part of a computation whose progress is shown on its own.
+/// A part of a computation with its own progress.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Stage {
-    /// A word or two, in lower case: "fit".
+    /// Name: a word or two in lower case, such as "fit".
     pub name: &'static str,
-    /// What its steps are.
+    /// Unit of the steps.
     pub unit: Unit,
 }
 
 impl Stage {
-    /// A stage whose steps are things that can be counted.
+    /// Creates a stage whose steps are counted in `unit`, a plural noun.
     pub const fn counted(name: &'static str, unit: &'static str) -> Self {
         Self { name, unit: Unit::Count(unit) }
     }
 
-    /// A stage whose steps are bytes.
+    /// Creates a stage whose steps are bytes.
     pub const fn bytes(name: &'static str) -> Self {
         Self { name, unit: Unit::Bytes }
     }
 }
 
-/// How much a note matters.
+/// Importance of a note.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Level {
-    /// What is being done at the moment, shown beside the progress and replaced by the next one.
+    /// The current activity, shown beside the progress and replaced by the next status.
     Status,
-    /// For those who asked for more.
+    /// For users who asked for more output.
     Detail,
-    /// Worth knowing.
+    /// For all users.
     Info,
 }
 
-/// Receives the progress of a computation and may stop it. Called from several threads.
+/// Receives the progress of a computation and may stop it. Its methods are called from several threads.
 ///
 /// Warnings about a result are not sent here: they are part of the result.
 pub trait Monitor: Sync {
-    /// A stage of `total` steps begins; zero when their number is not known. A stage that was under way ends.
+    /// Begins a stage of `total` steps, or zero if their number is unknown. Ends the previous stage.
     fn begin(&self, stage: Stage, total: u64) {
         let _ = (stage, total);
     }
 
-    /// `steps` more steps of the stage are done.
+    /// Advances the stage by `steps` steps.
     fn step(&self, steps: u64) {
         let _ = steps;
     }
 
-    /// The stage is over.
+    /// Ends the stage.
     fn end(&self) {}
 
-    /// Text for a person.
+    /// Receives a text for the user.
     fn note(&self, level: Level, text: fmt::Arguments<'_>) {
         let _ = (level, text);
     }
 
-    /// Whether the computation is to stop as soon as it can.
+    /// Returns whether the computation should stop as soon as it can.
     fn cancelled(&self) -> bool {
         false
     }
 
-    /// `Err` when the computation is to stop.
+    /// Returns an error if the computation should stop.
     ///
     /// # Errors
     ///
-    /// [`Interrupted`] when [`Monitor::cancelled`].
+    /// [`Interrupted`] if [`Monitor::cancelled`].
     fn check(&self) -> Result<(), Interrupted> {
         if self.cancelled() { Err(Interrupted) } else { Ok(()) }
     }
 }
 
-/// The computation was asked to stop, and did.
+/// Error of a computation that was interrupted on request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("interrupted")]
 pub struct Interrupted;
 
-/// Shows nothing and never stops.
+/// A monitor that shows nothing and never stops the computation.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Silent;
 
 impl Monitor for Silent {}
 
-/// For work within a step of a stage: passes on the wish to stop, and shows nothing.
+/// A monitor for work within a single step of a stage: forwards cancellation and hides progress.
 pub struct OnlyCancel<'a>(pub &'a dyn Monitor);
 
 impl Monitor for OnlyCancel<'_> {
@@ -138,7 +138,7 @@ impl Monitor for OnlyCancel<'_> {
     }
 }
 
-/// Stops the computation once the flag is set, and shows nothing.
+/// A monitor that shows nothing and stops the computation once the flag is set.
 impl Monitor for AtomicBool {
     fn cancelled(&self) -> bool {
         self.load(Ordering::Relaxed)

@@ -1,23 +1,23 @@
-//! Where the surfaces and references that tests compare with are.
+//! Paths of the surfaces and references that tests compare with.
 //!
-//! References in `tests/data/reference` are in every clone. Public surfaces, and results of other packages for them,
-//! lie beside the checkout, in `../shared/data`, or in the folder that `SPHARM_SHARED_DATA` names. A test that needs
-//! one of them fails without it, unless `SPHARM_WITHOUT_SHARED_DATA` is set: so none passes because nothing was
-//! compared.
+//! References in `tests/data/reference` are part of every clone. Public surfaces, and results of other packages for
+//! them, are beside the checkout, in `../shared/data`, or in the folder that `SPHARM_SHARED_DATA` names. If such a file
+//! is missing, a test that needs it fails, unless `SPHARM_WITHOUT_SHARED_DATA` is set. Thus no test passes merely
+//! because nothing was compared.
 
 use std::env;
 use std::path::{Path, PathBuf};
 
-/// The variable that names the folder of the shared data.
+/// Environment variable with the folder of the shared data.
 const FOLDER: &str = "SPHARM_SHARED_DATA";
-/// The variable that leaves out comparisons with files that aren't there.
+/// Environment variable that skips comparisons with missing files.
 const WITHOUT: &str = "SPHARM_WITHOUT_SHARED_DATA";
 
-/// Returns a file or folder of the shared data; `None` where it isn't there and comparisons with it are to be left out.
+/// Returns a file or folder of the shared data, or `None` if it is missing and comparisons with it are to be skipped.
 ///
 /// # Panics
 ///
-/// Where it isn't there and `SPHARM_WITHOUT_SHARED_DATA` isn't set.
+/// If it is missing and `SPHARM_WITHOUT_SHARED_DATA` isn't set.
 #[must_use]
 pub fn shared(name: &str) -> Option<PathBuf> {
     let folder = env::var_os(FOLDER).map_or_else(|| checkout().join("../shared/data"), PathBuf::from);

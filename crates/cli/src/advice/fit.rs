@@ -9,7 +9,7 @@ use spharm_cohort::run::RunError;
 use crate::names::NameTemplate;
 use crate::size::Size;
 
-/// What to do about an error of a fit.
+/// Returns the advice on an error of a fit.
 pub(super) fn of_fit(error: &Error) -> Option<String> {
     match error {
         Error::HoldOut { fraction, .. } => Some(format!("--hold-out {fraction} is too small")),
@@ -25,7 +25,7 @@ pub(super) fn of_fit(error: &Error) -> Option<String> {
     }
 }
 
-/// What to do about an output that is in the way.
+/// Returns the advice on an existing output that is in the way.
 pub(super) fn of_refusal(refusal: &Refusal) -> String {
     match refusal {
         Refusal::OtherInput { recorded, input, .. } => {
@@ -44,7 +44,7 @@ pub(super) fn of_run(error: &RunError) -> Option<String> {
     matches!(error, RunError::AreaOfLabel { .. }).then(|| "leave --area out".to_owned())
 }
 
-/// Returns what to do about a model that oscillates between the vertices.
+/// Returns the advice on a model that oscillates between the vertices.
 pub fn of_oscillation(params: &FitParams) -> String {
     let smoother = match (params.method, params.smoothness) {
         (Method::Lsq, Smoothness::Auto) => "",
