@@ -1,7 +1,7 @@
-//! Outputs of a run that goes on where an earlier one was ended, which may have begun to write them.
+//! Outputs of a resumed run, some of which the interrupted run may have written already.
 //!
-//! What such a run makes is the same to the last bit. So a file that is there and has these bytes is its own and stays.
-//! Any other one is somebody else's, and isn't replaced without `--force`.
+//! A resumed run produces the same outputs to the last bit. So an existing file with the same bytes is the run's own
+//! and is kept. Any other file belongs to something else, and is only replaced with `--force`.
 
 use std::path::Path;
 
@@ -15,7 +15,7 @@ use spharm_cli::output::{counted, is_stdout, prepare};
 use spharm_cli::printable;
 use spharm_surface::io::write_new;
 
-/// Opens the file of an alignment, and says what is there of it.
+/// Opens the state file of an alignment, and reports how much of the work it holds.
 pub(super) fn journal(
     path: &Path,
     members: &[Coefficients],
@@ -31,26 +31,27 @@ pub(super) fn journal(
     Ok(journal)
 }
 
-/// How outputs are written.
+/// Rules for writing outputs that may exist.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Again {
-    /// There is a state of an earlier run.
+    /// Whether the state of an earlier run exists.
     resumed: bool,
     force: bool,
 }
 
 impl Again {
-    /// Of the file that keeps the state of an earlier run, if there is one, and whether outputs are replaced.
+    /// Creates the rules from the file with the state of an earlier run, if one is used, and the wish to replace
+    /// outputs.
     pub(super) fn new(state: Option<&Path>, force: bool) -> Self {
         Self { resumed: state.is_some_and(Path::exists), force }
     }
 
-    /// Whether outputs may be there before any work.
+    /// Returns whether outputs may exist before any work.
     pub(super) fn expected(self) -> bool {
         self.force || self.resumed
     }
 
-    /// Writes a model, unless it is there.
+    /// Writes a model, unless a resumed run finds the same file.
     pub(super) fn write(self, path: &Path, model: &Model) -> Result<()> {
         if self.resumed && !self.force && path.exists() {
             let mut bytes = Vec::new();
@@ -61,7 +62,7 @@ impl Again {
         Ok(model.write_with(path, self.force)?)
     }
 
-    /// Writes JSON, unless it is there.
+    /// Writes JSON, unless a resumed run finds the same file.
     pub(super) fn write_json(self, path: &Path, value: &Value) -> Result<()> {
         let text = format!("{}\n", printable::json(&serde_json::to_string_pretty(value)?));
         if self.resumed && !self.force && path.exists() {
@@ -71,7 +72,8 @@ impl Again {
         Ok(write_new(path, self.force, |out| out.write_all(text.as_bytes()))?)
     }
 
-    /// Whether the report replaces the one that is there: that of the same models, which has other seconds.
+    /// Returns whether the report may replace an existing one. It may if that is of the same models, since only the
+    /// seconds differ.
     pub(super) fn replaces_report(self, path: Option<&Path>, models: &Value) -> bool {
         let Some(path) = path.filter(|path| self.resumed && !is_stdout(path)) else { return self.force };
         let there =
@@ -80,7 +82,7 @@ impl Again {
     }
 }
 
-/// Refuses a file that has other bytes.
+/// Refuses a file whose bytes differ.
 fn same(path: &Path, bytes: &[u8]) -> Result<()> {
     if !spharm_files::read(path, bytes.len() as u64).is_ok_and(|found| found == bytes) {
         bail!(

@@ -1,4 +1,4 @@
-//! `shape align`: models brought to a target, or a group brought together.
+//! `shape align`: aligns models to a target, or the members of a group to each other.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -29,10 +29,10 @@ use super::plan::Plan;
 
 /// Align models of surfaces, or meshes: to one of them, or a group to its mean
 ///
-/// Finds the rotations of space and of the parameters that bring surfaces nearest to each other, by a search of all of
-/// them: the pose that a model comes in doesn't count. With --group the group is brought to its mean (generalised
-/// Procrustes analysis), which ends centred at the origin in the frame of its first-order ellipsoid. Mirror images
-/// aren't matched without --mirror. Meshes of any topology in place of models are aligned by nearest points, and
+/// Finds the rotations of space and of the parameters that bring surfaces closest to each other, by a search over all
+/// rotations, so the initial pose doesn't matter. With --group the group is aligned to its mean (generalised Procrustes
+/// analysis), which is finally centred at the origin in the frame of its first-order ellipsoid. Mirror images are
+/// matched only with --mirror. Meshes of any topology, given in place of models, are aligned by nearest points and
 /// written in their own formats.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
@@ -55,14 +55,14 @@ pub(super) struct Cli {
     models: Models,
     #[command(flatten)]
     target: Target,
-    /// How surfaces are brought together
+    /// How surfaces are aligned
     #[arg(long, value_enum, default_value_t = How::Joint, help_heading = METHOD)]
     method: How,
-    /// What decides how surfaces lie in space, where both rotations are searched
+    /// What determines the surfaces' pose in space, if both rotations are searched
     ///
-    /// surfaces: the surfaces alone, by nearest points, then the parameters under their pose. joint: the distance at
-    /// equal directions, over both rotations together. Where models were mapped apart the least distance at equal
-    /// directions may be at a wrong pose. [default: joint for models, surfaces for meshes]
+    /// surfaces: the surfaces alone, by nearest points; then the parameters under this pose. joint: the distance at
+    /// equal directions, over both rotations together. For models that were mapped separately, the least distance at
+    /// equal directions may be at a wrong pose. [default: joint for models, surfaces for meshes]
     #[arg(long, value_enum, help_heading = METHOD)]
     pose: Option<PoseBy>,
     /// Scale models to the target's size, or all to the group's
@@ -76,10 +76,10 @@ pub(super) struct Cli {
     /// All degrees are transformed.
     #[arg(long, value_name = "L", help_heading = METHOD)]
     degree: Option<usize>,
-    /// Local optima of the search that are refined [default: 6, 3 for a group]
+    /// Number of the search's local optima that are refined [default: 6, 3 for a group]
     #[arg(long, value_name = "N", help_heading = METHOD)]
     starts: Option<usize>,
-    /// Members that a group's alignment starts from [default: all of up to 20, else 5]
+    /// Number of members from which a group's alignment starts [default: all of up to 20, else 5]
     #[arg(long, value_name = "N", requires = "group", help_heading = METHOD)]
     templates: Option<usize>,
     /// Model to write; for several models a folder
@@ -91,16 +91,16 @@ pub(super) struct Cli {
     /// Transforms to write
     #[arg(long, value_name = "OUT.json", help_heading = OUTPUT)]
     transforms: Option<PathBuf>,
-    /// Where to write the warnings of poses, with members by their names, for a study's page
+    /// File for the warnings about poses, with members by name, for a study's page
     #[arg(long, value_name = "OUT.json", requires = "group", hide = true)]
     warnings: Option<PathBuf>,
-    /// Leave the warnings of poses unsaid: a study makes nothing else of this alignment
+    /// Don't print the warnings about poses: a study uses this alignment only for comparison
     #[arg(long, requires = "group", hide = true)]
     for_comparison: bool,
-    /// File that keeps what is found, for a run that is ended to go on with
+    /// File that stores progress, so that an interrupted run can be resumed
     ///
-    /// The same command goes on where the last one was, to the same bits, and removes the file in the end. Results that
-    /// the last one had begun to write are kept. The file is of these models and settings alone.
+    /// The same command resumes where the last run stopped, gives the same bits, and finally removes the file. Results
+    /// that the last run had already written are kept. The file is valid only for these models and settings.
     #[arg(long, value_name = "FILE", requires = "group", help_heading = OUTPUT)]
     resume: Option<PathBuf>,
     #[command(flatten)]
@@ -134,7 +134,7 @@ enum PoseBy {
 }
 
 impl Cli {
-    /// What is asked for of meshes, of which nothing but their pose is known.
+    /// Returns the request for meshes, which have no properties but a pose.
     fn of_meshes<'a>(&'a self, paths: &'a [PathBuf]) -> Result<align_meshes::Asked<'a>> {
         let of_models = [
             (self.method != How::Joint, "--method"),
@@ -161,16 +161,16 @@ impl Cli {
     }
 }
 
-/// What came of the models: their transforms, and distances from the target, or from the mean, before and after.
+/// Result of the alignment: transforms, and distances from the target or the mean, before and after.
 struct Found {
     transforms: Vec<Transform>,
     distances: Vec<[f64; 2]>,
     warnings: Vec<String>,
-    /// Those of a group's poses with members by their names alone.
+    /// Warnings about a group's poses, with members by name only.
     named_warnings: Vec<String>,
     summary: Value,
     mean: Option<Coefficients>,
-    /// Kept, and locked, until all is written.
+    /// Kept, and locked, until everything is written.
     journal: Option<Journal>,
 }
 
@@ -300,7 +300,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     }
     let force = again.replaces_report(cli.report.report.as_deref(), &report["models"]);
     finish("align", &report, &rows, &ReportArgs { force, ..cli.report.clone() })?;
-    // Until here another run would have needed it.
+    // Until this point another run would have needed the file.
     if let (Some(path), Some(journal)) = (&cli.resume, found.journal) {
         std::fs::remove_file(path).with_context(|| path.display().to_string())?;
         drop(journal);
@@ -324,7 +324,7 @@ fn to_target(
         spharm::Monitor::step(monitor, 1);
         Ok(found.with_context(|| format!("{} to {}", from.display(), path.display()))?.report)
     };
-    // All of them before the first error is looked for, so that it is always the same one.
+    // Collects all results before looking for an error, so that the same error is always reported.
     let reports: Vec<Result<AlignReport>> = models.par_iter().zip(paths).map(one).collect();
     spharm::Monitor::end(monitor);
     let reports = reports.into_iter().collect::<Result<Vec<_>>>()?;

@@ -1,4 +1,4 @@
-//! `shape align` of meshes: surfaces of any topology, by nearest points alone.
+//! `shape align` for meshes: aligns surfaces of any topology by nearest points alone.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -18,10 +18,10 @@ use spharm_surface::pose::{DOUBTFUL, Pose, PoseParams, PoseSurface, distance, gr
 use super::args::{ReportArgs, Resources};
 use super::outputs::{check_beside, finish, length};
 
-/// What is asked for.
+/// A request to align meshes.
 pub(super) struct Asked<'a> {
     pub(super) paths: &'a [PathBuf],
-    /// The one that others come to; without it they come to each other.
+    /// The mesh to which the others are aligned; without it they are aligned to each other.
     pub(super) target: Option<&'a Path>,
     pub(super) output: &'a Path,
     pub(super) transforms: Option<&'a Path>,
@@ -30,7 +30,7 @@ pub(super) struct Asked<'a> {
     pub(super) resources: &'a Resources,
 }
 
-/// A mesh's motion, and distances before and after.
+/// Motions of the meshes, and distances before and after.
 struct Found {
     motions: Vec<Similarity>,
     distances: Vec<[Option<f64>; 2]>,
@@ -38,11 +38,11 @@ struct Found {
     typical: Option<usize>,
 }
 
-/// Whether files are meshes, by their names, in place of models.
+/// Returns whether files are meshes rather than models, by their names.
 ///
 /// # Errors
 ///
-/// Where they are of both kinds.
+/// If the files include both kinds.
 pub(super) fn are_meshes<'a>(files: impl IntoIterator<Item = &'a Path>) -> Result<bool> {
     let is_model = |path: &Path| {
         let name = path.to_string_lossy().to_ascii_lowercase();
@@ -120,7 +120,8 @@ pub(super) fn run(asked: &Asked<'_>, monitor: &ConsoleMonitor) -> Result<()> {
     finish("align", &report, &rows, asked.report)
 }
 
-/// The file that was named for one mesh, else the meshes' own names in that folder.
+/// Returns the output of each mesh: the named file for a single mesh, otherwise the mesh's own name in the output
+/// folder.
 fn outputs(asked: &Asked<'_>) -> Result<Vec<PathBuf>> {
     let named = to_write_mesh(asked.output).is_ok() && !asked.output.is_dir();
     match (asked.paths, named) {
@@ -148,7 +149,7 @@ fn to_target(asked: &Asked<'_>, target: &Path, monitor: &ConsoleMonitor) -> Resu
         monitor.step(1);
         Ok((found, before))
     };
-    // All of them before the first error is looked for, so that it is always the same one.
+    // Collects all results before looking for an error, so that the same error is always reported.
     let found: Vec<Result<(Pose, f64)>> = asked.paths.par_iter().map(one).collect();
     monitor.end();
     let found = found.into_iter().collect::<Result<Vec<_>>>()?;

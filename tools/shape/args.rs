@@ -1,4 +1,4 @@
-//! Arguments that the subcommands of `shape` share, and reading the models that they name.
+//! Arguments shared by the subcommands of `shape`, and reading of the models that they name.
 
 use std::path::{Path, PathBuf};
 
@@ -22,24 +22,24 @@ use super::plan::Plan;
 pub(super) struct Models {
     /// Models, as `spharm fit` writes them
     ///
-    /// Files, folders, whose .npz files are taken, or @LIST with a path a line.
+    /// Files, folders (all their .npz files), or @LIST with one path per line.
     #[arg(value_name = "MODEL.spharm.npz", required = true, help_heading = INPUT)]
     pub(super) models: Vec<PathBuf>,
 }
 
 impl Models {
-    /// The files that are meant.
+    /// Returns the files of the models.
     pub(super) fn paths(&self) -> Result<Vec<PathBuf>> {
         files(&self.models)
     }
 
-    /// Whether they are one file, named as such.
+    /// Returns whether the argument is a single file, not a folder or list that contains one.
     pub(super) fn single(&self, paths: &[PathBuf]) -> bool {
         paths.len() == 1 && paths == self.models
     }
 }
 
-/// The files that models are named by, all of which are there.
+/// Returns the files of the given models; all of them exist.
 pub(super) fn files(models: &[PathBuf]) -> Result<Vec<PathBuf>> {
     let files = expand(models, ".npz")?;
     match files.iter().find(|file| !file.exists()) {
@@ -48,7 +48,7 @@ pub(super) fn files(models: &[PathBuf]) -> Result<Vec<PathBuf>> {
     }
 }
 
-/// Where a report on the work goes, and whether files are replaced.
+/// The output of the report, and whether existing files are replaced.
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = OUTPUT)]
 pub(super) struct ReportArgs {
@@ -58,7 +58,7 @@ pub(super) struct ReportArgs {
     /// Print the report as JSON in place of the table
     #[arg(long)]
     pub(super) json: bool,
-    /// Replace outputs that exist
+    /// Replace existing outputs
     #[arg(long)]
     pub(super) force: bool,
 }
@@ -79,7 +79,7 @@ impl Resources {
     }
 }
 
-/// Where models are evaluated; by default each on its own sphere.
+/// The points at which models are evaluated; by default each model's own sphere.
 #[derive(Debug, Args)]
 #[group(multiple = false)]
 pub(super) struct Sampling {
@@ -88,14 +88,15 @@ pub(super) struct Sampling {
     pub(super) sphere: Option<PathBuf>,
     /// Evaluate at the vertices of an icosphere
     ///
-    /// Of N subdivisions: 10 4^N + 2 vertices.
+    /// N subdivisions give 10 4^N + 2 vertices.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=10), help_heading = METHOD)]
     pub(super) icosphere: Option<u32>,
 }
 
 impl Sampling {
-    /// Returns the sphere that all models are evaluated on, unless each has its own. `needed` computes the bytes of
-    /// memory from its numbers of vertices and of triangles; a sphere that needs more than the budget is refused.
+    /// Returns the sphere on which all models are evaluated, or `None` if each is evaluated on its own. `needed`
+    /// computes the bytes of memory from the sphere's numbers of vertices and triangles; a sphere that exceeds the
+    /// budget is refused.
     pub(super) fn within(
         &self,
         plan: &Plan,
@@ -103,7 +104,7 @@ impl Sampling {
         console: &Console,
     ) -> Result<Option<Sphere>> {
         let Some(path) = &self.sphere else {
-            // Before it is made.
+            // Checked before the icosphere is created.
             plan.check_sampling(self.icosphere, plan.sampling(self.icosphere, None), needed)?;
             return Ok(self.icosphere.map(Sphere::icosphere));
         };
@@ -114,7 +115,7 @@ impl Sampling {
     }
 }
 
-/// The sphere that a model is evaluated on: the shared one, or its own.
+/// Returns the sphere that a model is evaluated on: the shared one, or its own.
 pub(super) fn sphere_of<'a>(shared: Option<&'a Sphere>, model: &'a Model, path: &Path) -> Result<&'a Sphere> {
     match shared {
         Some(sphere) => Ok(sphere),
@@ -122,7 +123,7 @@ pub(super) fn sphere_of<'a>(shared: Option<&'a Sphere>, model: &'a Model, path: 
     }
 }
 
-/// The coefficients of a model to a degree, to its own where none is given.
+/// Returns the coefficients of a model up to a degree, by default its own.
 pub(super) fn to_degree(model: &Model, path: &Path, degree: Option<usize>) -> Result<Coefficients> {
     let highest = model.coefficients.max_degree();
     match degree {
@@ -134,7 +135,7 @@ pub(super) fn to_degree(model: &Model, path: &Path, degree: Option<usize>) -> Re
     }
 }
 
-/// Reads many models and takes from each what is needed of it, on all threads, in their order.
+/// Reads many models on all threads, and returns the results of `take` in the order of the paths.
 pub(super) fn read_all<T: Send>(
     paths: &[PathBuf],
     monitor: &dyn Monitor,
@@ -147,7 +148,7 @@ pub(super) fn read_all<T: Send>(
         monitor.step(1);
         Ok(taken)
     };
-    // All of them before the first error is looked for, so that it is always the same one.
+    // Collects all results before looking for an error, so that the same error is always reported.
     let results: Vec<Result<T>> = paths.par_iter().map(one).collect();
     monitor.end();
     results.into_iter().collect()

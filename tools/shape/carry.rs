@@ -1,4 +1,4 @@
-//! `shape carry`: landmarks of one member of a group, carried to others.
+//! `shape carry`: carries landmarks of one member of a group to others.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -20,8 +20,8 @@ use super::outputs::finish;
 
 /// Carry landmarks from one member of a group to the same places of another, or of all
 ///
-/// Landmarks are in each member's own frame, that of the file that it was read from. Places without a counterpart on
-/// both members are guesses: they are named, and are `false` under `reached` in the report.
+/// Landmarks are in each member's own frame, that of the file it was read from. Places without a counterpart on both
+/// members are guesses: they are listed by name, and are `false` under `reached` in the report.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -37,16 +37,16 @@ pub(super) struct Cli {
     /// Landmarks to carry
     #[arg(value_name = "LANDMARKS", help_heading = INPUT)]
     landmarks: PathBuf,
-    /// Member that they are on
+    /// Member to which they belong
     #[arg(long, value_name = "NAME", help_heading = INPUT)]
     from: String,
     /// Member to carry them to; `all` for all others
     #[arg(long, value_name = "NAME", help_heading = INPUT)]
     to: String,
-    /// Landmarks to write; for all a folder
+    /// File of landmarks to write; with --to all, a folder
     #[arg(short, long, value_name = "OUT", help_heading = OUTPUT)]
     output: PathBuf,
-    /// Ending of the files in a folder
+    /// Ending of the files in the folder
     #[arg(long, value_name = "ENDING", default_value = "mrk.json", help_heading = OUTPUT)]
     format: String,
     #[command(flatten)]
@@ -84,7 +84,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let of_report = cli.report.report.iter().map(|path| OutputFile::new(path, "--report"));
     let written = outputs.iter().map(|path| OutputFile::new(path, "--output")).chain(of_report);
     check_files([cli.landmarks.as_path()], written, cli.report.force)?;
-    // One at a time beside the source: a group may be of any size.
+    // Only one member is held besides the source, since a group may be of any size.
     let first = files.members(&[source])?;
     let surface = Mesh::new(first.places[0].clone(), first.template.sphere.faces.clone());
     let own = first.similarities[0].inverse().apply_mesh(&surface);

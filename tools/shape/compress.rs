@@ -1,4 +1,4 @@
-//! `shape compress`: models as few bytes.
+//! `shape compress`: stores models in few bytes.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -21,14 +21,15 @@ use super::plan::Plan;
 
 /// Compress models, to a distance or to a size
 ///
-/// Coefficients are rounded to multiples of a step and coded; `spharm shape expand` makes models of the files again. A
-/// step is chosen by the root mean square distance between the model's surface and the compressed one's, both ways,
-/// where the bounding box's volume is 1; or by the bytes of the file; or given. For signals distance and step are
-/// fractions of each channel's standard deviation over the sphere.
+/// Coefficients are rounded to multiples of a step and encoded; `spharm shape expand` restores models from the files.
+/// The step is determined by the root mean square distance between the model's surface and the compressed one's, both
+/// ways, with the bounding box scaled to volume 1; or by the size of the file; or is given. For signals, distance and
+/// step are fractions of each channel's standard deviation over the sphere.
 ///
-/// What is lost: digits, as far as that distance; and the model's sphere, with the number, the order and the triangles
-/// of the vertices. The expanded model is evaluated on any sphere, `spharm reconstruct --icosphere N`, but not at the
-/// vertices that it was fitted to, unless their sphere is given. Where these have to be kept, compress the mesh itself.
+/// Two things are lost: digits, up to that distance; and the model's sphere, including the number, the order and the
+/// triangles of the vertices. The expanded model can be evaluated on any sphere, `spharm reconstruct --icosphere N`,
+/// but not at the vertices to which it was fitted, unless their sphere is given. If these have to be kept, compress the
+/// mesh itself.
 ///
 /// The beginning of a file is a coarser model: `spharm shape expand --prefix`.
 #[derive(Debug, Args)]
@@ -45,9 +46,9 @@ pub(super) struct Cli {
     models: Models,
     #[command(flatten)]
     target: TargetArgs,
-    /// Degrees at whose end files may be cut off [default: 1, 3, 7, 15, ...]
+    /// Degrees after which files may be truncated [default: 1, 3, 7, 15, ...]
     ///
-    /// By default as far as there are 256 bytes between them.
+    /// The default degrees have at least 256 bytes between them.
     #[arg(long, value_name = "L,L,...", value_delimiter = ',', help_heading = METHOD)]
     levels: Option<Vec<usize>>,
     /// Leave out provenance and scheme key, about 500 bytes
@@ -68,7 +69,7 @@ struct TargetArgs {
     /// Root mean square distance of the surfaces, bounding box scaled to volume 1
     #[arg(long, value_name = "D", help_heading = METHOD)]
     tolerance: Option<f64>,
-    /// Most bytes of each file
+    /// Maximum size of each file in bytes
     #[arg(long, value_name = "N", help_heading = METHOD)]
     bytes: Option<usize>,
     /// Step of the coefficients, bounding box scaled to volume 1

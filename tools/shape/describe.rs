@@ -1,4 +1,4 @@
-//! `shape describe`: descriptors that rotations don't change, as a table.
+//! `shape describe`: a table of rotation-invariant descriptors.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -17,11 +17,11 @@ use super::args::{Models, ReportArgs, Resources, read_all, to_degree};
 use super::outputs::{check, csv, finish, number, write_report, write_text};
 use super::plan::Plan;
 
-/// Describe models by numbers that rotations don't change
+/// Describe models by rotation-invariant numbers
 ///
-/// A row a model: its size (root mean square distance from its mean position), the power of each degree and the
+/// One row per model: its size (root mean square distance from its mean position), the power of each degree and the
 /// singular values of each degree's coefficients. Rotations, reflections and translations of the surface, and rotations
-/// of its sphere, change none of them; they depend on the parameterisation. Without --output the table is printed.
+/// of its sphere, don't change them; they do depend on the parameterisation. Without --output the table is printed.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -39,13 +39,13 @@ pub(super) struct Cli {
     /// Scale models to size 1
     #[arg(long, help_heading = METHOD)]
     unit_size: bool,
-    /// Write one kind alone
+    /// Write only one kind
     #[arg(long, value_enum, value_name = "KIND", help_heading = METHOD)]
     only: Option<Kind>,
     /// Table to write
     #[arg(short, long, value_name = "OUT.csv", help_heading = OUTPUT)]
     output: Option<PathBuf>,
-    /// Name models in the table as their files are called, such as a01, in place of by their paths
+    /// Name models in the table by file name, such as a01, instead of by path
     #[arg(long, requires = "output", help_heading = OUTPUT)]
     names: bool,
     #[command(flatten)]
@@ -60,7 +60,7 @@ enum Kind {
     SingularValues,
 }
 
-/// Descriptors of a model to a degree, to its own where none is given.
+/// Computes the descriptors of a model up to a degree, by default its own.
 pub(super) fn of(model: &Model, path: &Path, degree: Option<usize>) -> Result<Descriptors> {
     let coefficients = to_degree(model, path, degree)?;
     descriptors(&coefficients).with_context(|| path.display().to_string())
@@ -72,7 +72,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let paths = cli.models.paths()?;
     check(cli.output.iter().map(|path| OutputFile::with_ending(path, "--output", &[".csv"])), &cli.report)?;
     let plan = Plan::new("describe", &paths, cli.resources.both())?;
-    // Descriptors, and the table's cells as text.
+    // Memory of the descriptors, and of the table's cells as text.
     let numbers = (paths.len() * (1 + plan.group.channels) * (plan.group.max_degree + 1)) as u64;
     plan.check(plan.one().saturating_mul(plan.threads as u64) + 130 * numbers, [])?;
     let pool = cli.resources.threads.pool()?;

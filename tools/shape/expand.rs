@@ -1,4 +1,4 @@
-//! `shape expand`: compressed models back to models.
+//! `shape expand`: restores models from compressed ones.
 
 use std::path::{Path, PathBuf};
 
@@ -16,10 +16,10 @@ use spharm_cli::paths::{shown, with_ending};
 use super::args::ReportArgs;
 use super::outputs::{check, finish};
 
-/// No compressed model is larger: it has 96 MB of coefficients of degree 2,000 at most, times channels.
+/// Maximum size of a compressed model in bytes: it has at most 96 MB of coefficients of degree 2,000, times channels.
 const MOST_BYTES: u64 = 1 << 30;
 
-/// Make models of compressed ones
+/// Restore models from compressed ones
 ///
 /// The models have no sphere: evaluate them with `spharm reconstruct --icosphere N`, or on any sphere.
 #[derive(Debug, Args)]
@@ -34,13 +34,13 @@ const MOST_BYTES: u64 = 1 << 30;
 pub(super) struct Cli {
     /// Compressed models, as `spharm shape compress` writes them
     ///
-    /// Files, folders, whose .sphz files are taken, or @LIST with a path a line.
+    /// Files, folders (all their .sphz files), or @LIST with one path per line.
     #[arg(value_name = "FILE.sphz", required = true, help_heading = INPUT)]
     files: Vec<PathBuf>,
     /// Highest degree to expand [default: the model's]
     #[arg(long, value_name = "L", help_heading = METHOD)]
     max_degree: Option<usize>,
-    /// Take the beginning of a file: the coarser model that it holds
+    /// Accept the beginning of a file, which holds a coarser model
     #[arg(long, help_heading = METHOD)]
     prefix: bool,
     /// Model to write; for several files a folder
@@ -52,7 +52,8 @@ pub(super) struct Cli {
     memory: Memory,
 }
 
-/// Bytes of memory of a byte of a file: a coefficient takes a bit at least, and its model 16 bytes.
+/// Maximum memory per byte of a file, in bytes: a coefficient takes at least a bit in the file, and 16 bytes in the
+/// model.
 const EXPANSION: u64 = 160;
 
 /// Runs the subcommand.
@@ -62,7 +63,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     check(targets.iter().map(|path| OutputFile::with_ending(path, "--output", &[".npz"])), &cli.report)?;
     let budget = cli.memory.budget(1);
     for path in &paths {
-        // A stream of few bytes may hold many coefficients; `expand` bounds them by its bytes.
+        // A short stream may hold many coefficients; `expand` bounds their number by its bytes.
         let bytes = std::fs::metadata(path).map_or(0, |found| found.len());
         budget.check(format_args!("shape expand: {}", path.display()), bytes.saturating_mul(EXPANSION))?;
     }
@@ -97,13 +98,13 @@ fn one(cli: &Cli, path: &Path, target: &Path) -> Result<Value> {
     )
 }
 
-/// The bytes of a regular file.
+/// Reads the bytes of a regular file.
 fn read(path: &Path) -> Result<Vec<u8>> {
     spharm_files::read(path, MOST_BYTES)
         .with_context(|| format!("{}: cannot read the compressed model", path.display()))
 }
 
-/// The model of each file: the one that was named for a single file, else `NAME.spharm.npz` in that folder.
+/// Returns the output of each file: the named one for a single file, otherwise `NAME.spharm.npz` in the output folder.
 fn targets(cli: &Cli, paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
     let output = &cli.output;
     if paths.len() == 1 && paths == cli.files && !output.is_dir() {

@@ -1,4 +1,4 @@
-//! The frames that members came from: the transforms that `shape align` and `shape correspond` have written.
+//! The members' own frames: reads the transforms that `shape align` and `shape correspond` have written.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use spharm_cli::inputs::{MOST_OWN, read_text};
 use spharm_cli::paths::model_name;
 use spharm_surface::Similarity;
 
-/// A transform of `shape align`.
+/// A transform written by `shape align`.
 #[derive(Deserialize)]
 struct Aligned {
     output: String,
@@ -18,18 +18,18 @@ struct Aligned {
     translation: [f64; 3],
 }
 
-/// A member of `shape correspond`.
+/// A member written by `shape correspond`.
 #[derive(Deserialize)]
 struct Member {
     name: String,
     to_group: Similarity,
 }
 
-/// Reads the transforms of models with these names, in their order, from the members' own frames to the models'.
+/// Reads the transforms of the models with these names, in this order. They map the members' own frames to the models'.
 ///
 /// # Errors
 ///
-/// When the file can't be read, is neither's, or has no transform for a model.
+/// If the file can't be read, was written by neither subcommand, or has no transform for a model.
 pub(super) fn read(path: &Path, names: &[String]) -> Result<Vec<Similarity>> {
     let shown = path.display();
     let text = read_text(path, "transforms", MOST_OWN)?;

@@ -1,4 +1,4 @@
-//! Groups of models: reading them to one degree, and saying so where that leaves degrees out.
+//! Groups of models: reading them to a common degree, with a warning if that drops degrees.
 
 use std::path::{Path, PathBuf};
 
@@ -12,7 +12,7 @@ use spharm_cli::paths::model_name;
 
 use super::args::read_all;
 
-/// Warnings of models that are there twice.
+/// Returns warnings about models that occur more than once.
 pub(super) fn equal_models(
     members: &[Coefficients],
     paths: &[PathBuf],
@@ -26,14 +26,14 @@ pub(super) fn equal_models(
 
 /// A group of models of one degree.
 pub(super) struct Group {
-    /// Names of the members: their files' without endings.
+    /// Names of the members: their file names without endings.
     pub(super) names: Vec<String>,
     pub(super) members: Vec<Coefficients>,
     pub(super) degree: usize,
     pub(super) warnings: Vec<String>,
 }
 
-/// Reads a group of surfaces or of signals to `degree`, else to the lowest degree of its members.
+/// Reads a group of surfaces or of signals to `degree`, by default the lowest degree of its members.
 pub(super) fn read_group(
     paths: &[PathBuf],
     kind: Kind,
@@ -57,9 +57,9 @@ pub(super) fn read_group(
     let (members, keys): (Vec<_>, Vec<_>) = read_all(paths, monitor, read)?.into_iter().unzip();
     let CommonDegree { members, degree, warning } = to_common_degree(&members, degree)?;
     let mut warnings: Vec<String> = warning.iter().map(ToString::to_string).collect();
-    // Of signals nothing is known.
+    // Nothing is known about the poses of signals.
     let poses = if kind == Kind::Surface { PosesDiffer::of(&members) } else { None };
-    // Where poses differ places do too.
+    // If the poses differ, the places differ anyway.
     if kind == Kind::Surface && poses.is_none() && !one_key(keys.iter().map(Option::as_deref)) {
         warnings.extend(places_differ(&members, monitor)?.map(|places| places.to_string()));
     }
@@ -70,7 +70,7 @@ pub(super) fn read_group(
     Ok(Group { names, members, degree, warnings })
 }
 
-/// Distances of centred surfaces from their mean as they are given.
+/// Returns the distances of centred surfaces from their mean, without alignment.
 pub(super) fn distances_from_mean(members: &[Coefficients], degree: usize) -> Result<Vec<f64>> {
     let centred = members.iter().map(|member| {
         let mut values = member.up_to(degree).to_owned();

@@ -1,4 +1,4 @@
-//! Landmarks of models: finding their files, matching their names, and saying where they can't be right.
+//! Landmarks of models: finding their files, matching their names, and warning about implausible positions.
 
 use std::path::{Path, PathBuf};
 
@@ -15,21 +15,21 @@ use spharm_surface::io::landmarks::Landmarks;
 use spharm_surface::{Mesh, Similarity};
 use spharm_transform::synthesis;
 
-/// Endings of landmarks' files, those that are part of others last.
+/// Endings of landmark files. Endings that are part of others come last.
 const ENDINGS: [&str; 5] = [".mrk.json", ".fcsv", ".json", ".csv", ".tsv"];
-/// Part of a surface's extent that a landmark may lie off it without a word.
+/// Distance of a landmark from its surface above which a warning is given, as a fraction of the surface's extent.
 const OFF: f64 = 0.05;
 
-/// The same places of every model.
+/// Corresponding landmarks of all models.
 pub(super) struct Marks {
     pub(super) names: Vec<String>,
-    /// In the models' frames, (models) of (names).
+    /// Positions in the models' frames, (models) of (names).
     pub(super) points: Vec<Vec<Vec3>>,
     pub(super) warnings: Vec<String>,
 }
 
-/// Reads the landmarks of models, if any are named; where `transforms` lead from the landmarks' frames to the models',
-/// they are moved by these.
+/// Reads the landmarks of models, if any are given. `transforms`, if any, map the landmarks' frames to the models' and
+/// are applied to the landmarks.
 pub(super) fn of_models(
     named: &[PathBuf],
     models: &[PathBuf],
@@ -58,7 +58,7 @@ pub(super) fn of_models(
     Ok(Some(marks))
 }
 
-/// Reads the landmarks of surfaces, which files are named after; warnings aren't printed.
+/// Reads the landmarks of surfaces from files named after them. Warnings are returned, not printed.
 pub(super) fn of_surfaces(
     named: &[PathBuf],
     paths: &[PathBuf],
@@ -83,7 +83,8 @@ pub(super) fn of_surfaces(
     Ok(Marks { names: matched.names, points: matched.points, warnings })
 }
 
-/// Reads one subject's landmarks in the frame of its surface, and says which are far from it.
+/// Reads one subject's landmarks in the frame of its surface. Returns warnings about those that are far from the
+/// surface.
 pub(super) fn on_surface(file: &Path, surface: &Mesh) -> Result<(Landmarks, Vec<String>)> {
     let mut warnings = Vec::new();
     let (low, high) = bounds(surface.vertices.iter().copied());
@@ -101,7 +102,7 @@ pub(super) fn on_surface(file: &Path, surface: &Mesh) -> Result<(Landmarks, Vec<
     Ok((placed.landmarks, warnings))
 }
 
-/// A file for each model.
+/// Returns the landmark file of each model.
 fn files(named: &[PathBuf], models: &[PathBuf]) -> Result<Vec<PathBuf>> {
     if let [folder] = named
         && folder.is_dir()

@@ -12,7 +12,7 @@ use spharm_surface::{Mesh, Signal, Sphere};
 
 use super::outputs::{csv, number, write_text};
 
-/// A quantity and how it is found.
+/// Name of a quantity, and the function that computes it.
 type Map = (&'static str, fn(&LocalGeometry) -> f64);
 
 const MAPS: [Map; 5] = [
@@ -43,9 +43,9 @@ const COLUMNS: [&str; 16] = [
     "curvedness",
 ];
 
-/// The files of a model's maps.
+/// Files of a model's maps.
 pub(super) struct Maps {
-    /// Folder and name of the model.
+    /// Output folder joined with the model's name.
     stem: PathBuf,
     format: String,
     force: bool,
@@ -53,13 +53,14 @@ pub(super) struct Maps {
 }
 
 impl Maps {
-    /// The maps of a model in a folder; `options` are whether files are replaced, and whether values have 64 bits.
+    /// Creates the maps of a model in a folder. The options state whether files are replaced, and whether values have
+    /// 64 bits.
     pub(super) fn new(folder: &Path, model: &Path, format: &str, (force, double): (bool, bool)) -> Self {
         let format = format.trim_start_matches('.').to_owned();
         Self { stem: folder.join(model_file_name(model)), format, force, double }
     }
 
-    /// The files that are written.
+    /// Returns the files to write.
     pub(super) fn files(&self) -> Vec<PathBuf> {
         if self.format == "csv" {
             return vec![with_ending(&self.stem, "geometry.csv")];
@@ -71,7 +72,7 @@ impl Maps {
         with_ending(&self.stem, &format!("{name}.{}", self.format))
     }
 
-    /// Whether they are meshes with values and colours, in place of values alone.
+    /// Returns whether the maps are meshes with values and colours, rather than values alone.
     pub(super) fn painted(&self) -> bool {
         ["ply", "glb", "vtk"].iter().any(|ending| self.format.eq_ignore_ascii_case(ending))
     }
@@ -107,8 +108,8 @@ impl Maps {
     }
 }
 
-/// The values that have the first and the last colour: of all but the lowest and the highest fiftieth, so that a spike
-/// doesn't take all colours.
+/// Returns the values that get the first and the last colour. They are the limits of all values except the lowest and
+/// the highest fiftieth, so that a spike doesn't use up the range of colours.
 fn range(values: &[f64]) -> (f64, f64) {
     let mut sorted = values.to_vec();
     sorted.sort_unstable_by(f64::total_cmp);

@@ -1,4 +1,5 @@
-//! Masks of directions: files of values, labels, and groups, whose places without a counterpart are left out.
+//! Masks of directions, read from files of values, from labels, and from groups, whose places without a counterpart are
+//! masked.
 
 use std::path::Path;
 
@@ -8,8 +9,8 @@ use spharm_surface::Sphere;
 use spharm_surface::geometry::Vec3;
 use spharm_surface::io::read_mask;
 
-/// Reads the directions of a sphere that are kept, (n); of a group, by its folder or `group.json` in it, on whatever
-/// sphere.
+/// Reads the directions of a sphere that are kept, (n). A group is given by its folder or its `group.json`, and works
+/// with any sphere.
 pub(super) fn read(path: &Path, sphere: &Sphere) -> Result<Vec<bool>> {
     let directions: &[Vec3] = sphere.directions.as_slice();
     let of_group = path.file_name().is_some_and(|name| name == "group.json");

@@ -1,4 +1,4 @@
-//! `shape match`: the nearest models of a library.
+//! `shape match`: finds the nearest models of a library.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -19,12 +19,12 @@ use super::describe::of;
 use super::outputs::{check, csv, finish, length, number, write_text};
 use super::plan::Plan;
 
-/// Find the models that are nearest to one
+/// Find the models that are nearest to a given one
 ///
-/// First by the singular values of each degree, which don't depend on pose: their distance, the bound, is never above
-/// the root mean square distance of the surfaces however they are rotated, mirrored and moved. Then the candidates with
-/// the smallest bounds are aligned, and ordered by the distance that is left, in the surfaces' unit. Signals aren't
-/// aligned.
+/// Models are first ranked by the singular values of each degree, which don't depend on pose. Their distance, the
+/// bound, never exceeds the root mean square distance of the surfaces, however they are rotated, mirrored and moved.
+/// Then the candidates with the smallest bounds are aligned, and ordered by the remaining distance, in the surfaces'
+/// unit. Signals aren't aligned.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -39,22 +39,22 @@ pub(super) struct Cli {
     /// Models to search: files, folders or @LIST
     #[arg(long, value_name = "MODEL", num_args = 1.., required = true, help_heading = INPUT)]
     among: Vec<PathBuf>,
-    /// How many are shown
+    /// Number of matches shown
     #[arg(long, value_name = "N", default_value_t = 5, help_heading = METHOD)]
     top: usize,
-    /// Highest degree that is compared [default: the lowest of the models']
+    /// Highest degree to compare [default: the lowest of the models']
     #[arg(long, value_name = "L", help_heading = METHOD)]
     max_degree: Option<usize>,
     /// Compare models scaled to size 1
     #[arg(long, help_heading = METHOD)]
     unit_size: bool,
-    /// What models are ordered by
+    /// Quantity by which models are ordered
     ///
-    /// standardized divides each number by its standard deviation over the models that are searched, so that small,
-    /// high degrees count as much as low ones.
+    /// standardized divides each number by its standard deviation over the searched models, so that small, high degrees
+    /// weigh as much as low ones.
     #[arg(long, value_enum, value_name = "METRIC", default_value_t = By::Distance, help_heading = METHOD)]
     metric: By,
-    /// Most candidates that are aligned; 0 for none
+    /// Maximum number of candidates to align; 0 for none
     #[arg(long, value_name = "N", default_value_t = 20, help_heading = METHOD)]
     align: usize,
     /// Also match mirror images
@@ -82,7 +82,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let (queries, among) = (cli.queries.paths()?, files(&cli.among)?);
     check(cli.output.iter().map(|path| OutputFile::with_ending(path, "--output", &[".csv"])), &cli.report)?;
     let plan = Plan::new("match", &among, cli.resources.both())?;
-    // Descriptors as read, to a common degree and in the library; an alignment of each thread.
+    // Memory of the descriptors as read, to a common degree and in the library, and of one alignment per thread.
     let numbers = ((among.len() + queries.len()) * (1 + plan.group.channels) * (plan.group.max_degree + 1)) as u64;
     let aligning = align_bytes(plan.group.max_degree).saturating_add(2 * plan.one());
     plan.check(aligning.saturating_mul(plan.threads as u64) + 40 * numbers, [])?;
@@ -92,7 +92,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let started = Instant::now();
     let (of_queries, of_library) = (read(&queries)?, read(&among)?);
     let reading = started.elapsed().as_secs_f64();
-    // To the lowest degree of all: one query of a lower degree than the library lowers it.
+    // The common degree is the lowest of all: a query of lower degree than the library lowers it.
     let degree = of_queries.iter().chain(&of_library).map(Descriptors::max_degree).min().unwrap_or(0);
     let highest = of_queries.iter().chain(&of_library).map(Descriptors::max_degree).max().unwrap_or(0);
     let mut warnings = Vec::new();
@@ -164,7 +164,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     finish("match", &report, &rows, &cli.report)
 }
 
-/// A model's coefficients, of size 1 where that is compared.
+/// Returns a model's coefficients, scaled to size 1 if `unit_size`.
 fn pose_of(model: &Coefficients, unit_size: bool) -> Result<Coefficients> {
     if !unit_size {
         return Ok(model.clone());

@@ -1,4 +1,4 @@
-//! `shape measure`: area, volume, and maps of curvature.
+//! `shape measure`: measures area and volume, and writes maps of curvature.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -22,9 +22,9 @@ use super::plan::Plan;
 
 /// Measure models: area, volume, centroid; maps of curvature
 ///
-/// Exact from the coefficients: volume and centroid to rounding, the area to --tolerance. --maps writes mean and
-/// Gaussian curvature, shape index, curvedness and area element at the vertices of a sphere. Curvatures are positive on
-/// a sphere.
+/// Computed from the coefficients: volume and centroid exactly up to rounding, the area to --tolerance. --maps writes
+/// mean and Gaussian curvature, shape index, curvedness and area element at the vertices of a sphere. Curvatures are
+/// positive on a sphere.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -45,7 +45,7 @@ pub(super) struct Cli {
     /// Highest degree to use [default: the model's]
     #[arg(long, value_name = "L", help_heading = METHOD)]
     max_degree: Option<usize>,
-    /// Relative change of the area from one grid to the next finer one that ends it
+    /// Stop refining the grid when the area changes by less than this, relatively
     #[arg(long, value_name = "T", default_value_t = 1e-7, help_heading = METHOD)]
     tolerance: f64,
     #[command(flatten)]
@@ -53,16 +53,16 @@ pub(super) struct Cli {
     /// Table of the measures to write
     #[arg(short, long, value_name = "OUT.csv", help_heading = OUTPUT)]
     output: Option<PathBuf>,
-    /// Name models in the table as their files are called, such as a01, in place of by their paths
+    /// Name models in the table by file name, such as a01, instead of by path
     #[arg(long, requires = "output", help_heading = OUTPUT)]
     names: bool,
-    /// Folder of maps to write
+    /// Folder for the maps
     #[arg(long, value_name = "DIR", help_heading = OUTPUT)]
     maps: Option<PathBuf>,
     /// Format of the maps
     #[arg(long, value_name = "ENDING", default_value = "shape.gii", requires = "maps", help_heading = OUTPUT)]
     format: String,
-    /// Write 64-bit values where the maps' format has a choice
+    /// Write 64-bit values if the maps' format has a choice
     #[arg(long, requires = "maps", help_heading = OUTPUT)]
     double: bool,
     #[command(flatten)]
@@ -71,10 +71,10 @@ pub(super) struct Cli {
     resources: Resources,
 }
 
-/// Bytes of a vertex in a table of maps, as text.
+/// Maximum size of a vertex in a table of maps, as text, in bytes.
 const TABLE: u64 = 600;
 
-/// Columns of the table to write.
+/// Columns of the table.
 const COLUMNS: [&str; 10] = [
     "model",
     "degree",
@@ -104,7 +104,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let console = monitor.console();
     let plan = Plan::new("measure", &paths, cli.resources.both())?;
     let degree = plan.group.max_degree;
-    // Maps are written one after another, or all as a table.
+    // Maps are written one after another, or all together as a table.
     let needed = |[vertices, faces]: [u64; 2]| {
         let maps = local_geometry_bytes(vertices, degree).saturating_add(TABLE * vertices + 24 * (vertices + faces));
         plan.one().saturating_add(measure_bytes(degree).max(if cli.maps.is_some() { maps } else { 0 }))
@@ -167,7 +167,7 @@ fn row(name: &str, degree: usize, found: &Measures) -> Vec<String> {
     [name.to_owned(), degree.to_string()].into_iter().chain(numbers).collect()
 }
 
-/// The row of a model, in the order of [`COLUMNS`].
+/// Returns the row of a model, in the order of [`COLUMNS`].
 fn cells_of(name: String, degree: usize, found: &Measures) -> Vec<String> {
     let Measures { area, volume, sphericity, centroid: [x, y, z], area_change, squeezed, .. } = *found;
     let numbers = [area, volume, sphericity, x, y, z, area_change, squeezed].map(number);

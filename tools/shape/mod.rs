@@ -1,5 +1,5 @@
-//! `shape`: what is done with models. A file for each subcommand, with its arguments, the calls of the library and what
-//! it prints; `args` has the arguments that they share, `outputs` where their results go.
+//! `shape`: analysis of models. Each subcommand has a file with its arguments, its calls of the library and its output.
+//! `args` holds the shared arguments, `outputs` the names and writing of results.
 //!
 //! A new subcommand is a file here, a variant of [`Command`] and a line in [`run`].
 
@@ -41,8 +41,8 @@ use spharm_cli::monitor::ConsoleMonitor;
 
 /// Analyse models: align, average, test, measure, smooth, match, compress
 ///
-/// All of it is computed from the coefficients. Models are files, folders, whose .npz files are taken, or @LIST with a
-/// path a line.
+/// All results are computed from the coefficients. Models are given as files, as folders (all their .npz files), or as
+/// @LIST with one path per line.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[

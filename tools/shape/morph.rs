@@ -1,4 +1,4 @@
-//! `shape morph`: shapes between two models.
+//! `shape morph`: interpolates shapes between two models.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -23,10 +23,11 @@ use super::args::{ReportArgs, Resources};
 use super::outputs::{check, finish};
 use super::plan::Plan;
 
-/// Make the shapes between two models
+/// Interpolate shapes between two models
 ///
-/// The first one is aligned to the second one; then shapes are interpolated linearly. With --keep-pose the path begins
-/// where the first one lies in space, and turns on its way; else all shapes are in the second one's pose.
+/// The first model is aligned to the second one; then shapes are interpolated linearly. With --keep-pose the path
+/// begins at the first model's position in space and turns on its way; otherwise all shapes are in the second model's
+/// pose.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -42,7 +43,7 @@ pub(super) struct Cli {
     /// Last model
     #[arg(value_name = "TO.spharm.npz", help_heading = INPUT)]
     to: PathBuf,
-    /// Shapes, both ends included
+    /// Number of shapes, both ends included
     #[arg(long, value_name = "N", default_value_t = 11, value_parser = clap::value_parser!(u16).range(2..=1000), help_heading = METHOD)]
     steps: u16,
     /// Begin in the first model's pose
@@ -51,10 +52,10 @@ pub(super) struct Cli {
     /// Also match the mirror image
     #[arg(long, help_heading = METHOD)]
     mirror: bool,
-    /// Subdivisions of the icosphere that meshes are evaluated on
+    /// Subdivisions of the icosphere on which meshes are evaluated
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(0..=8), help_heading = METHOD)]
     icosphere: u32,
-    /// Folder to write to
+    /// Output folder
     #[arg(short, long, value_name = "DIR", help_heading = OUTPUT)]
     output: PathBuf,
     /// Ending of the files: of a mesh, or spharm.npz for models
@@ -69,7 +70,7 @@ pub(super) struct Cli {
     resources: Resources,
 }
 
-/// Pixels of the animation's sides, and hundredths of a second that a shape is shown.
+/// Side of the animation in pixels, and hundredths of a second for which a shape is shown.
 const SIDE: usize = 360;
 const DELAY: u16 = 8;
 
@@ -88,7 +89,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let animation = cli.animation.iter().map(|path| OutputFile::with_ending(path, "--animation", &[".gif"]));
     check(files.iter().map(|path| kind(path.as_path())).chain(animation), &cli.report)?;
     let plan = Plan::new("morph", &[cli.from.clone(), cli.to.clone()], cli.resources.both())?;
-    // Shapes are held for the animation.
+    // All shapes are held in memory for the animation.
     let held = if cli.animation.is_some() { u64::from(cli.steps) } else { 1 };
     let frames = if cli.animation.is_some() { 2 * held * (SIDE * SIDE * 4) as u64 } else { 0 };
     let aligning = align_bytes(plan.group.max_degree).max(measure_bytes(plan.group.max_degree));
@@ -135,7 +136,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     if let Some(path) = &cli.animation {
         let settings = Settings { width: SIDE, height: SIDE, view: View::CORNER, ..Settings::default() };
         let mut frames = pool.install(|| render_frames(&meshes, &settings))?;
-        // There and back.
+        // The animation runs forth and back.
         let back: Vec<_> = frames.iter().rev().skip(1).take(last.saturating_sub(1)).cloned().collect();
         frames.extend(back);
         prepare(path)?;

@@ -1,4 +1,4 @@
-//! Where results go: one file for one model, a folder for several; tables and reports.
+//! Destinations of results: one file for one model, a folder for several; tables and reports.
 
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
@@ -16,7 +16,7 @@ use spharm_surface::io::{to_write_mesh, write_new};
 
 use super::args::{Models, ReportArgs};
 
-/// The output of each model: the file that was named for a single one, else `NAME.ENDING` in that folder.
+/// Returns the output of each model: the named file for a single model, otherwise `NAME.ENDING` in the output folder.
 pub(super) fn outputs(models: &Models, paths: &[PathBuf], output: &Path, ending: &str) -> Result<Vec<PathBuf>> {
     if models.single(paths) && !output.is_dir() {
         return Ok(vec![output.to_owned()]);
@@ -30,13 +30,13 @@ pub(super) fn outputs(models: &Models, paths: &[PathBuf], output: &Path, ending:
     Ok(paths.iter().map(|path| with_ending(&output.join(model_file_name(path)), ending)).collect())
 }
 
-/// Refuses what couldn't be written in the end.
+/// Refuses, before any work, outputs that couldn't be written at the end.
 pub(super) fn check<'a>(files: impl IntoIterator<Item = OutputFile<'a>>, report: &'a ReportArgs) -> Result<()> {
     let of_report = report.report.as_deref().map(|path| OutputFile::new(path, "--report"));
     check_outputs(files.into_iter().chain(of_report), report.force)
 }
 
-/// As [`check`], for outputs whose names are made of those of models, which may be in the same folder.
+/// Checks the same as [`check`], for outputs that are named after the models and may be in the same folder.
 pub(super) fn check_beside<'a>(
     models: &[PathBuf],
     files: impl IntoIterator<Item = OutputFile<'a>>,
@@ -46,7 +46,7 @@ pub(super) fn check_beside<'a>(
     check_files(models.iter().map(PathBuf::as_path), files.into_iter().chain(of_report), report.force)
 }
 
-/// Writes and prints a report; `rows` are the table for people, its first row the names of the columns.
+/// Writes and prints a report. `rows` are the printed table; the first row has the names of the columns.
 pub(super) fn finish(subcommand: &str, report: &Value, rows: &[Vec<String>], args: &ReportArgs) -> Result<()> {
     let whole = write_report(subcommand, report, args)?;
     if args.report.as_deref().is_some_and(is_stdout) {
@@ -55,7 +55,7 @@ pub(super) fn finish(subcommand: &str, report: &Value, rows: &[Vec<String>], arg
     if args.json { print_json(&whole) } else { print(&table(rows)) }
 }
 
-/// Writes a report where one was asked for, and returns it with what all have.
+/// Writes a report if one was requested, and returns it with the fields that all reports have.
 pub(super) fn write_report(subcommand: &str, report: &Value, args: &ReportArgs) -> Result<Value> {
     let mut whole = json!({
         "tool": format!("shape {subcommand}"),
@@ -71,7 +71,7 @@ pub(super) fn write_report(subcommand: &str, report: &Value, args: &ReportArgs) 
     Ok(whole)
 }
 
-/// Text of a CSV table; [`number`] makes cells of numbers.
+/// Returns the text of a CSV table; [`number`] formats the numbers in its cells.
 pub(super) fn csv<'a>(header: &[&str], rows: impl IntoIterator<Item = &'a [String]>) -> String {
     let line = |cells: Vec<Cow<'_, str>>| cells.join(",") + "\n";
     let mut text = line(header.iter().map(|name| quoted(name)).collect());
@@ -79,24 +79,24 @@ pub(super) fn csv<'a>(header: &[&str], rows: impl IntoIterator<Item = &'a [Strin
     text
 }
 
-/// A number with all its digits.
+/// Formats a number with all its digits.
 pub(super) fn number(value: f64) -> String {
     format!("{value:?}")
 }
 
-/// A length of a table for people, whatever its unit.
+/// Formats a length for a printed table, whatever its unit.
 pub(super) fn length(value: f64) -> String {
     if value.abs() < 1e9 { format!("{value:.6}") } else { format!("{value:.6e}") }
 }
 
-/// Writes a text whole or not at all.
+/// Writes a text completely or not at all.
 pub(super) fn write_text(path: &Path, force: bool, text: &str) -> Result<()> {
     prepare(path)?;
     write_new(path, force, |out| out.write_all(text.as_bytes()))?;
     Ok(())
 }
 
-/// RFC 4180, of a cell that no spreadsheet takes for a formula.
+/// Quotes a cell as in RFC 4180, and guards it so that no spreadsheet takes it for a formula.
 fn quoted(cell: &str) -> Cow<'_, str> {
     let cell = guarded(cell);
     if cell.contains([',', '"', '\n', '\r']) { Cow::Owned(format!("\"{}\"", cell.replace('"', "\"\""))) } else { cell }

@@ -1,4 +1,4 @@
-//! `shape pca`: modes of variation.
+//! `shape pca`: computes modes of variation.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -24,8 +24,9 @@ use super::plan::Plan;
 
 /// Compute a group's modes of variation: principal components
 ///
-/// Of models that correspond, as those of `spharm shape align --group`; their place in space doesn't count. Writes a
-/// shape model: mean, modes, variances and the members' scores. `spharm shape sample` makes shapes of it.
+/// The models have to correspond, as those of `spharm shape align --group` do; their position in space is ignored.
+/// Writes a shape model: mean, modes, variances and the members' scores. `spharm shape sample` generates shapes from
+/// it.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -43,13 +44,13 @@ pub(super) struct Cli {
     /// Highest degree [default: the lowest of the models']
     #[arg(long, value_name = "L", help_heading = METHOD)]
     max_degree: Option<usize>,
-    /// Most modes to write [default: all, one fewer than models]
+    /// Maximum number of modes to write [default: all, one fewer than models]
     #[arg(long, value_name = "N", help_heading = METHOD)]
     modes: Option<usize>,
     /// Measure generalisation and specificity
     #[arg(long, help_heading = METHOD)]
     quality: bool,
-    /// Random shapes for the specificity
+    /// Number of random shapes for the specificity
     #[arg(long, value_name = "N", default_value_t = 2000, requires = "quality", help_heading = METHOD)]
     samples: usize,
     /// Seed of the random shapes
@@ -124,7 +125,7 @@ fn rows(modes: &Modes, quality: Option<&Quality>) -> Vec<Vec<String>> {
         names.extend(["generalisation", "specificity"]);
     }
     let mut rows = vec![names.into_iter().map(str::to_owned).collect()];
-    // The report has all of them.
+    // The report has all modes, the printed table the first 20.
     for (k, (share, cumulative)) in modes.shares().into_iter().zip(modes.compactness()).enumerate().take(20) {
         let deviation = modes.variances[k].sqrt();
         let percent = |share: f64| format!("{:.1} %", 100.0 * share);

@@ -1,4 +1,4 @@
-//! What a subcommand of `shape` needs of memory, before it reads its models.
+//! The memory plan of a subcommand of `shape`, made before it reads its models.
 
 use std::path::{Path, PathBuf};
 
@@ -12,23 +12,23 @@ use spharm_surface::Sphere;
 use spharm_surface::generate::icosphere_counts;
 use spharm_surface::io::bytes_to_read;
 
-/// Models that are about to be read, and what may be used for them.
+/// Models that are about to be read, and the memory budget for them.
 pub(super) struct Plan {
     subcommand: &'static str,
     pub(super) budget: Budget,
     pub(super) threads: usize,
-    /// Sizes of the group, by its largest file.
+    /// Sizes of the group, taken from its largest file.
     pub(super) group: GroupSizes,
-    /// Vertices and triangles of the largest file's own sphere.
+    /// Numbers of vertices and triangles of the largest file's own sphere.
     own: [u64; 2],
-    /// Bytes of all files.
+    /// Total size of the files in bytes.
     files: u64,
-    /// Bytes that reading the largest takes.
+    /// Memory for reading the largest file, in bytes.
     largest: u64,
 }
 
 impl Plan {
-    /// Looks at the sizes of the files, and into the largest.
+    /// Creates a plan from the sizes of the files and the contents of the largest one.
     pub(super) fn new(
         subcommand: &'static str,
         paths: &[PathBuf],
@@ -43,7 +43,7 @@ impl Plan {
         if let Some(path) = paths.iter().max_by_key(|path| size(path)) {
             budget.check_inputs(&format!("shape {subcommand}"), [path.as_path()])?;
             largest = bytes_to_read(path);
-            // Where it is none, the subcommand says so of the first that isn't.
+            // If it isn't a model, the subcommand will report the first file that isn't one.
             if let Ok(model) = Model::read(path) {
                 group.max_degree = model.coefficients.max_degree();
                 group.channels = model.coefficients.channels();
@@ -53,29 +53,29 @@ impl Plan {
         Ok(Self { subcommand, budget, threads, group, own, files, largest })
     }
 
-    /// Vertices and triangles of the sampling: an icosphere, a sphere, or the models' own.
+    /// Returns the numbers of vertices and triangles of the sampling: an icosphere, a sphere, or the models' own.
     pub(super) fn sampling(&self, icosphere: Option<u32>, shared: Option<&Sphere>) -> [u64; 2] {
         icosphere.map(icosphere_counts).or(shared.map(counts)).unwrap_or(self.own)
     }
 
-    /// Bytes to read models one after another.
+    /// Returns the bytes needed to read models one after another.
     pub(super) fn one(&self) -> u64 {
         self.largest
     }
 
-    /// Bytes to read the whole group on all threads, of which coefficients are kept.
+    /// Returns the bytes needed to read the entire group on all threads and keep the coefficients.
     pub(super) fn coefficients(&self) -> u64 {
         let readers = self.threads.min(self.group.models) as u64;
         self.group.coefficients().saturating_add(self.largest.saturating_mul(readers))
     }
 
-    /// Bytes to read the whole group on all threads, of which all is kept.
+    /// Returns the bytes needed to read the entire group on all threads and keep everything.
     pub(super) fn whole(&self) -> u64 {
         let readers = self.threads.min(self.group.models) as u64;
         self.files.saturating_add(self.largest.saturating_mul(readers))
     }
 
-    /// Refuses what doesn't fit, naming the first of `others` that does.
+    /// Refuses a plan that doesn't fit, and names the first of `others` that does.
     pub(super) fn check(&self, needed: u64, others: impl IntoIterator<Item = (String, u64)>) -> Result<()> {
         let GroupSizes { models, max_degree, .. } = self.group;
         let count = if models == 1 { "1 model".to_owned() } else { format!("{models} models") };
@@ -83,14 +83,14 @@ impl Plan {
         self.budget.check_or(what, needed, others)
     }
 
-    /// Says what is planned, before it begins.
+    /// Reports the plan before the work begins.
     pub(super) fn note(&self, needed: u64, console: &Console) {
         let GroupSizes { models, max_degree, .. } = self.group;
         let (needed, budget) = (needed.div_ceil(1 << 20), self.budget.work() >> 20);
         console.note(format!("{models} of degree {max_degree}: {needed} of {budget} MiB planned"));
     }
 
-    /// As [`check`](Self::check), naming coarser icospheres.
+    /// Checks the same as [`check`](Self::check), with coarser icospheres as alternatives.
     pub(super) fn check_sampling(
         &self,
         icosphere: Option<u32>,
@@ -107,7 +107,7 @@ fn counts(sphere: &Sphere) -> [u64; 2] {
     [sphere.directions.len() as u64, sphere.faces.len() as u64]
 }
 
-/// Refuses files that are read one after another where the largest doesn't fit.
+/// Refuses files that are read one after another if the largest doesn't fit.
 pub(super) fn check_each(subcommand: &str, paths: &[PathBuf], budget: Budget) -> Result<()> {
     paths.iter().try_for_each(|path| budget.check_inputs(&format!("shape {subcommand}"), [Path::new(path)]))
 }

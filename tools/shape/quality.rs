@@ -1,4 +1,4 @@
-//! `shape quality`: how well a group corresponds, and what its modes stand for.
+//! `shape quality`: measures how well a group corresponds, and how well its modes represent it.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -26,9 +26,9 @@ use super::{frames, landmarks, masks};
 
 /// Measure how well a group corresponds: compactness, generalisation, specificity, landmarks
 ///
-/// Of models that correspond, as those of `spharm shape align --group`; their place in space doesn't count. Places
-/// weigh by the area about them; distances between surfaces are by nearest points. Bands of 95 % are of a bootstrap
-/// over the members.
+/// The models have to correspond, as those of `spharm shape align --group` do; their position in space is ignored.
+/// Places are weighted by the area around them; distances between surfaces are by nearest points. The bands are 95 %
+/// intervals of a bootstrap over the members.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -48,19 +48,19 @@ pub(super) struct Cli {
     /// Highest degree [default: the lowest of the models']
     #[arg(long, value_name = "L", help_heading = METHOD)]
     max_degree: Option<usize>,
-    /// Most modes to measure
+    /// Maximum number of modes to measure
     #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u16).range(1..=1000), help_heading = METHOD)]
     modes: u16,
-    /// Random shapes for the specificity
+    /// Number of random shapes for the specificity
     #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..), help_heading = METHOD)]
     samples: u64,
-    /// Bootstrap samples for the bands; 0 for none
+    /// Number of bootstrap samples for the bands; 0 for none
     #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u32).range(0..=100_000), help_heading = METHOD)]
     bands: u32,
-    /// Subdivisions of the icosphere that models are evaluated on
+    /// Subdivisions of the icosphere on which models are evaluated
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(2..=7), help_heading = METHOD)]
     icosphere: u32,
-    /// Bring members rigidly together first, by area, at equal directions
+    /// Align members rigidly first, by area, at equal directions
     #[arg(long, help_heading = METHOD)]
     rigid: bool,
     /// Leave out distances between surfaces, which take most of the time
@@ -68,20 +68,20 @@ pub(super) struct Cli {
     no_surfaces: bool,
     /// Landmarks of the models, in their own frames
     ///
-    /// A folder with a file named as each model, or as many files, or @LIST, in the models' order: .mrk.json, .fcsv,
-    /// .json, .csv or .tsv. Names that all of them have are compared.
+    /// A folder with one file per model and of the same name, or one file per model, or @LIST, in the models' order:
+    /// .mrk.json, .fcsv, .json, .csv or .tsv. Names that occur in all files are compared.
     #[arg(long, value_name = "FILE", num_args = 1.., help_heading = METHOD)]
     landmarks: Vec<PathBuf>,
     /// Transforms from the landmarks' frames to the models'
     ///
-    /// As `spharm shape align --transforms` and `spharm shape correspond --report` write them, for landmarks of the
-    /// surfaces as they were.
+    /// As written by `spharm shape align --transforms` and `spharm shape correspond --report`, for landmarks on the
+    /// original surfaces.
     #[arg(long, value_name = "FILE.json", requires = "landmarks", help_heading = METHOD)]
     frames: Option<PathBuf>,
     /// Directions of the icosphere to compare: those whose value isn't 0, or a group's, by its folder
     ///
-    /// A group that was made to correspond has places without a counterpart on its members, such as lids of the
-    /// template's holes.
+    /// In a group made by `spharm shape correspond`, some places have no counterpart on the members, such as lids of
+    /// the template's holes.
     #[arg(long, value_name = "FILE", help_heading = METHOD)]
     mask: Option<PathBuf>,
     /// Seed of the random shapes and of the bootstrap
@@ -96,7 +96,7 @@ pub(super) struct Cli {
     /// Print the measures as JSON in place of the table
     #[arg(long, help_heading = OUTPUT)]
     json: bool,
-    /// Replace outputs that exist
+    /// Replace existing outputs
     #[arg(long, help_heading = OUTPUT)]
     force: bool,
     #[command(flatten)]
@@ -188,7 +188,7 @@ fn curve(curve: &Curve) -> Value {
     json!({ "values": curve.values, "low": band(&curve.low), "high": band(&curve.high) })
 }
 
-/// The table: each measure with its band.
+/// Returns the printed table: each measure with its band.
 fn rows(found: &GroupQuality) -> Vec<Vec<String>> {
     let mut names = vec!["modes", "compactness", "generalisation", "specificity"];
     if found.surface_generalisation.is_some() {
@@ -211,7 +211,7 @@ fn rows(found: &GroupQuality) -> Vec<Vec<String>> {
     rows
 }
 
-/// The picture: points, and surfaces beside them where they were measured.
+/// Returns the panels of the picture: curves of points, with those of surfaces beside them if they were measured.
 fn panels(found: &GroupQuality) -> Vec<CurvePanel<'_>> {
     vec![
         panel("compactness", &found.compactness, None),

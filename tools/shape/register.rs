@@ -1,4 +1,4 @@
-//! `shape register`: a template's mesh moved onto surfaces.
+//! `shape register`: moves a template's mesh onto surfaces.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -21,24 +21,24 @@ use super::args::{ReportArgs, Resources};
 use super::correspond::surfaces::{read, surfaces};
 use super::outputs::finish;
 
-/// Move a template onto surfaces: meshes with its triangles, on theirs
+/// Move a template onto surfaces: meshes with the template's triangles
 ///
-/// First the surface is brought into the template's pose by nearest points; then the template's vertices are moved onto
-/// it. A surface may have handles, holes and pieces. The meshes that are written lie on the surfaces, in the surfaces'
-/// own frames.
+/// First each surface is brought into the template's pose by nearest points; then the template's vertices are moved
+/// onto it. A surface may have handles, holes and several pieces. The resulting meshes lie on the surfaces, in the
+/// surfaces' own frames.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &["spharm shape register --template mean.ply s01.ply s02.ply -o registered"],
     &[help::MESHES],
 ))]
 pub(super) struct Cli {
-    /// Meshes, or models, which are evaluated; or @LIST with a path a line
+    /// Meshes, or models, which are evaluated; or @LIST with one path per line
     #[arg(value_name = "SURFACE", required = true, help_heading = INPUT)]
     surfaces: Vec<PathBuf>,
     /// Mesh to move
     #[arg(long, value_name = "FILE", help_heading = INPUT)]
     template: PathBuf,
-    /// How surfaces come into the template's pose: by the surfaces, or as they are
+    /// How surfaces are brought into the template's pose: by nearest points, or not at all
     #[arg(long, value_enum, default_value_t = PoseBy::Surfaces, help_heading = METHOD)]
     pose: PoseBy,
     /// Scale surfaces to the template's size
@@ -47,7 +47,7 @@ pub(super) struct Cli {
     /// Also match mirror images
     #[arg(long, help_heading = METHOD)]
     mirror: bool,
-    /// Folder to write to
+    /// Output folder
     #[arg(short, long, value_name = "DIR", help_heading = OUTPUT)]
     output_dir: PathBuf,
     /// Names of the meshes
@@ -87,7 +87,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let pool = cli.resources.threads.pool()?;
     let params = RegisterParams::default();
     let mesh = read(&cli.template)?;
-    // Kernels of 200 columns each, the plate's factor, trees; and the surface with its own.
+    // Kernels of 200 columns each, the plate's factor, and trees; the surface with its own trees.
     let (n, stages) = (mesh.vertices.len() as u64, params.drift.len() as u64);
     let needed = 1600 * stages * (n + 3000) + 8000 * n + 4 * bytes_to_read(largest) + (8 << 20);
     budget.check(format!("shape register of a template of {n} vertices"), needed)?;

@@ -1,4 +1,4 @@
-//! `shape remesh`: models as meshes, to a degree, within a distance, by levels, evenly in area.
+//! `shape remesh`: makes meshes of models to a degree, within a distance, by levels, or evenly in area.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -20,14 +20,14 @@ use super::args::{Models, ReportArgs, Resources, Sampling, sphere_of, to_degree}
 use super::outputs::{check, finish, outputs};
 use super::plan::Plan;
 
-/// Steps of the relocation: its error is far below what a mesh can show.
+/// Number of steps of the relocation; its error is far below the resolution of a mesh.
 const STEPS: usize = 16;
 
 /// Make meshes of models: within a distance, by levels, evenly in area
 ///
-/// Leaving out the degrees above one moves the surface by a root mean square distance that is known exactly.
-/// --tolerance takes the lowest degree within one, --levels writes a file for each degree, all over the same triangles.
-/// --even relocates the vertices so that they are spread evenly over the surface's area.
+/// Leaving out the degrees above a given one moves the surface by a root mean square distance that is known exactly.
+/// --tolerance takes the lowest degree within a distance; --levels writes a file for each degree, all with the same
+/// triangles. --even relocates the vertices so that they are spread evenly over the surface's area.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -52,7 +52,7 @@ pub(super) struct Cli {
     /// Format of the files in a folder
     #[arg(long, value_name = "ENDING", default_value = "surf.gii", help_heading = OUTPUT)]
     format: String,
-    /// Write 64-bit positions where the format has a choice
+    /// Write 64-bit positions if the format has a choice
     #[arg(long, help_heading = OUTPUT)]
     double: bool,
     #[command(flatten)]
@@ -70,18 +70,18 @@ struct Degree {
     /// Lowest degree within a root mean square distance of the model, in its unit
     #[arg(long, value_name = "D", allow_negative_numbers = true, help_heading = METHOD)]
     tolerance: Option<f64>,
-    /// Degrees, a file for each
+    /// Degrees, with a file for each
     #[arg(long, value_name = "L,L,...", value_delimiter = ',', help_heading = METHOD)]
     levels: Option<Vec<usize>>,
 }
 
 impl Degree {
-    /// The degrees that a model is evaluated to.
+    /// Returns the degrees up to which a model is evaluated.
     fn of(&self, model: &Model, path: &Path) -> Result<Vec<usize>> {
         let highest = model.coefficients.max_degree();
         if let Some(tolerance) = self.tolerance {
             let within = degree_within(&model.coefficients, tolerance);
-            // A surface has degree 1 at least.
+            // A surface needs at least degree 1.
             return Ok(vec![within.with_context(|| path.display().to_string())?.0.max(1)]);
         }
         let (degrees, flag) = match (&self.levels, self.max_degree) {
@@ -104,7 +104,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let files = targets.iter().flatten().map(|path| OutputFile::holding(path, "--output", Output::Mesh));
     check(files, &cli.report)?;
     let plan = Plan::new("remesh", &paths, cli.resources.both())?;
-    // What relocation takes of a vertex: four velocities, their directions, and the density.
+    // Memory of the relocation per vertex: four velocities, their directions, and the density.
     let even = if cli.even { 480 } else { 0 };
     let needed = |[vertices, faces]: [u64; 2]| {
         let evaluating = Model::bytes_to_evaluate(vertices, faces, 4, plan.group.max_degree);
@@ -132,7 +132,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     finish("remesh", &json!({ "even": cli.even, "meshes": reports }), &rows, &cli.report)
 }
 
-/// The files of each model: one for each level.
+/// Returns the output files of each model, one for each level.
 fn targets(cli: &Cli, paths: &[PathBuf]) -> Result<Vec<Vec<PathBuf>>> {
     let Some(levels) = &cli.degree.levels else {
         let each = outputs(&cli.models, paths, &cli.output, &cli.format)?;
@@ -158,7 +158,7 @@ fn one(
     let degrees = cli.degree.of(&model, path)?;
     let tails = tails(&model.coefficients).with_context(named)?;
     let sphere = sphere_of(shared, &model, path)?;
-    // The triangles are those of the highest degree, so that levels have them in common.
+    // The sphere is that of the highest degree, so that all levels have the same triangles.
     let even = if cli.even { Some(relocated(&model, path, &degrees, sphere, monitor)?) } else { None };
     let sphere = even.as_ref().map_or(sphere, |even| &even.sphere);
     let options = WriteOptions { overwrite: cli.report.force, double: cli.double };

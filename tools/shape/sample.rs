@@ -1,4 +1,4 @@
-//! `shape sample`: shapes of a shape model.
+//! `shape sample`: generates shapes from a shape model.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -20,9 +20,9 @@ use spharm_cli::paths::{all_shown, shown};
 use super::args::ReportArgs;
 use super::outputs::{check, finish};
 
-/// Make shapes of a shape model: along its modes, or random ones
+/// Generate shapes from a shape model: along its modes, or at random
 ///
-/// --mode 1=2 is the shape two standard deviations along the first mode. Without --mode, --random N makes N shapes
+/// --mode 1=2 is the shape two standard deviations along the first mode. Without --mode, --random N generates N shapes
 /// whose scores are normally distributed with the modes' variances.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(

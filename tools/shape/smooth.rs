@@ -1,4 +1,4 @@
-//! `shape smooth`: the heat kernel.
+//! `shape smooth`: smooths models with the heat kernel.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -60,7 +60,7 @@ struct Width {
 impl Width {
     fn kernel(&self) -> Result<HeatKernel> {
         match self.fwhm {
-            // In degrees, as it was given; the kernel's own message has radians.
+            // The message is in degrees, as in the argument; the kernel's own message is in radians.
             Some(degrees) if !(degrees >= 0.0 && degrees.is_finite()) => {
                 bail!("--fwhm: the width is {degrees} degrees; it must be finite and not negative")
             }

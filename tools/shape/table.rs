@@ -14,11 +14,11 @@ pub(super) struct Table {
     rows: Vec<Vec<String>>,
 }
 
-/// Most bytes of a table, far above any study's.
+/// Maximum size of a table in bytes, far above that of any study.
 const LARGEST: u64 = 64 << 20;
 
 impl Table {
-    /// Reads a table: RFC 4180 with commas, or tabs where the name ends in .tsv; with or without a byte-order mark.
+    /// Reads a table: RFC 4180 with commas, or tabs if the name ends in .tsv; with or without a byte-order mark.
     pub(super) fn read(path: &Path) -> Result<Self> {
         let named = || path.display().to_string();
         let text = read_text(path, "table", LARGEST)?;
@@ -49,22 +49,22 @@ impl Table {
         Ok(Self { path: path.to_owned(), header, rows })
     }
 
-    /// Whether there is a column of this name.
+    /// Returns whether a column of this name exists.
     pub(super) fn has(&self, name: &str) -> bool {
         self.header.iter().any(|other| other == name)
     }
 
-    /// Number of rows.
+    /// Returns the number of rows.
     pub(super) fn len(&self) -> usize {
         self.rows.len()
     }
 
-    /// Names of the columns.
+    /// Returns the names of the columns.
     pub(super) fn names(&self) -> impl Iterator<Item = &str> {
         self.header.iter().map(String::as_str)
     }
 
-    /// The cells of a column, each of which has a value.
+    /// Returns the cells of a column, none of which may be missing.
     pub(super) fn cells(&self, name: &str) -> Result<Vec<&str>> {
         let Some(column) = self.header.iter().position(|other| other == name) else {
             bail!("{}: there is no column {name:?}; there are {}", self.path.display(), self.header.join(", "));
@@ -73,7 +73,7 @@ impl Table {
         if let Some(row) = cells.iter().position(|cell| cell.is_empty()) {
             bail!("{}: row {}: column {name:?} is empty; leave the subject out", self.path.display(), row + 1);
         }
-        // As levels they would make one of the column's numbers, too.
+        // A missing value would otherwise become a level of its own, and so turn a column of numbers into levels.
         if let Some(row) = cells.iter().position(|cell| is_missing(cell)) {
             let found = cells[row];
             bail!(
@@ -85,12 +85,12 @@ impl Table {
         Ok(cells)
     }
 
-    /// A column of levels, also where they are numbers.
+    /// Returns a column of levels, even if its cells are numbers.
     pub(super) fn levels(&self, name: &str) -> Result<Column> {
         Ok(Column::Levels(self.cells(name)?.into_iter().map(str::to_owned).collect()))
     }
 
-    /// A column of numbers or levels.
+    /// Returns a column of numbers or levels.
     pub(super) fn column(&self, name: &str) -> Result<Column> {
         let cells = self.cells(name)?;
         column_of(&cells).map_err(|row| {
@@ -98,13 +98,13 @@ impl Table {
         })
     }
 
-    /// A column of paths, relative to the table.
+    /// Returns a column of paths, relative to the table.
     pub(super) fn paths(&self, name: &str) -> Result<Vec<PathBuf>> {
         let folder = self.path.parent().unwrap_or(Path::new(""));
         Ok(self.different(name)?.into_iter().map(|cell| folder.join(cell)).collect())
     }
 
-    /// The cells of a column in which none is there twice.
+    /// Returns the cells of a column, which have to be distinct.
     pub(super) fn different(&self, name: &str) -> Result<Vec<&str>> {
         let cells = self.cells(name)?;
         if let Some(row) = (1..cells.len()).find(|row| cells[..*row].contains(&cells[*row])) {
@@ -114,15 +114,15 @@ impl Table {
     }
 }
 
-/// The column of landmarks' files.
+/// The column of the landmark files.
 pub(crate) const LANDMARKS: &str = "landmarks";
 
-/// Returns the files that a column of a `table` of surfaces names, one a row, relative to it; none where there is no
-/// such column.
+/// Returns the files named by a column of a `table` of surfaces, one per row, relative to the table; `None` if it has
+/// no such column.
 ///
 /// # Errors
 ///
-/// When a cell is empty.
+/// If a cell is empty.
 pub(crate) fn files_of(manifest: &Manifest, column: &str, table: &Path) -> Result<Option<Vec<PathBuf>>> {
     let Some(at) = manifest.columns.iter().position(|name| name == column) else { return Ok(None) };
     let folder = table.parent().unwrap_or(Path::new(""));
@@ -133,11 +133,11 @@ pub(crate) fn files_of(manifest: &Manifest, column: &str, table: &Path) -> Resul
     files.collect::<Result<_>>().map(Some)
 }
 
-/// A column of numbers or levels; the row of a cell that isn't a number where most of them are, or are meant to be. As
-/// levels such a column would be another question, which one cell has asked.
+/// Returns a column of numbers or levels. If most cells are numbers or meant to be, the error is the row of a cell that
+/// isn't one: a single cell would otherwise turn the column into levels, and so change the question that is tested.
 pub(crate) fn column_of(cells: &[&str]) -> Result<Column, usize> {
     let is_number = |cell: &str| cell.trim().parse::<f64>().is_ok_and(f64::is_finite);
-    // 30,5 is a number in some countries' tables, and no level in any.
+    // 30,5 is a number with a decimal comma, and never meant as a level.
     let is_meant = |cell: &&&str| is_number(cell) || is_number(&cell.replace(',', "."));
     let meant = cells.iter().filter(is_meant).count();
     match cells.iter().position(|cell| !is_number(cell)) {
@@ -146,7 +146,7 @@ pub(crate) fn column_of(cells: &[&str]) -> Result<Column, usize> {
     }
 }
 
-/// What is wrong with such a cell, and what to do.
+/// Returns the message about such a cell, with the remedy.
 pub(crate) fn no_number(cell: &str) -> String {
     format!(
         "expected a number, as in most rows, found {cell:?}; write it as one, such as 30.5, or leave the subject out; levels are \
@@ -154,7 +154,8 @@ pub(crate) fn no_number(cell: &str) -> String {
     )
 }
 
-/// What R, BIDS, SPSS, Python and pandas write where there is no value, and numbers that aren't finite.
+/// Returns whether a cell is a missing value as written by R, BIDS, SPSS, Python and pandas, or a number that isn't
+/// finite.
 pub(crate) fn is_missing(cell: &str) -> bool {
     let words = ["na", "n/a", "#n/a", "<na>", ".", "-", "?", "none", "null"];
     words.iter().any(|word| cell.eq_ignore_ascii_case(word))

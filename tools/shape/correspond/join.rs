@@ -1,4 +1,4 @@
-//! Surfaces added to a finished group; members that are there already are skipped.
+//! Adds surfaces to a finished group; members that exist already are skipped.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -17,9 +17,9 @@ use super::super::outputs::finish;
 use super::surfaces::{Surface, plan};
 use super::{Cli, member_json, rows};
 
-/// Members of the group that new ones are refined by, at most.
+/// Maximum number of group members used to refine a new one.
 const REFERENCES: usize = 300;
-/// Share of a surface, or of the template, without a counterpart from which a member is named.
+/// A member is named in a warning if it, or the template, lacks a counterpart on a larger share of its surface.
 const LACKING: f64 = 0.05;
 
 pub(super) fn run(cli: &Cli, group: &Path, surfaces: &[Surface], monitor: &ConsoleMonitor) -> Result<()> {
@@ -47,8 +47,8 @@ pub(super) fn run(cli: &Cli, group: &Path, surfaces: &[Surface], monitor: &Conso
     };
     spharm::Monitor::begin(monitor, spharm::Stage::counted("members", "surfaces"), surfaces.len() as u64);
     let mut done: Vec<Option<Added>> = Vec::with_capacity(surfaces.len());
-    // A surface for each thread at a time; all of them before the first error is looked for, so that it is always the
-    // same one.
+    // Processes one surface per thread at a time. Collects all their results before looking for an error, so that the
+    // same error is always reported.
     for some in surfaces.chunks(pool.current_num_threads()) {
         let found: Vec<Result<Option<Added>>> = pool.install(|| some.par_iter().map(one).collect());
         done.extend(found.into_iter().collect::<Result<Vec<_>>>()?);
@@ -73,7 +73,7 @@ pub(super) fn run(cli: &Cli, group: &Path, surfaces: &[Surface], monitor: &Conso
     Ok(())
 }
 
-/// A surface that was added.
+/// An added surface.
 struct Added {
     name: String,
     report: MemberReport,
@@ -81,7 +81,7 @@ struct Added {
     warnings: Vec<String>,
 }
 
-/// Adds a surface, unless it is there.
+/// Adds a surface; returns `None` if it was added before.
 fn added(
     cli: &Cli,
     surface: &Surface,
@@ -107,8 +107,8 @@ fn added(
     Ok(Some(Added { name, report: found.report, json, warnings }))
 }
 
-/// Whether there is a model that a run was ended after: the member's record, which is written last, isn't there. A
-/// model of another verb is somebody else's.
+/// Returns whether a model is the leftover of an interrupted run: its record, which is written last, doesn't exist. A
+/// model of another verb isn't a leftover.
 fn left_over(folder: &Path, name: &str) -> bool {
     let ours = |path: PathBuf| {
         Model::read(path).is_ok_and(|model| model.provenance.tool.as_deref() == Some("shape correspond"))

@@ -1,4 +1,4 @@
-//! Landmarks of a group: each one's carried to the others.
+//! Landmarks of a group: carries each member's landmarks to the others.
 
 use std::path::{Path, PathBuf};
 
@@ -14,10 +14,10 @@ use spharm_surface::geometry::{Vec3, dot, sub};
 use super::super::landmarks::{Marks, of_surfaces};
 use super::surfaces::Surface;
 
-/// Members that each one's landmarks are carried to, at most.
+/// Maximum number of members to which each member's landmarks are carried.
 const OTHERS: usize = 40;
 
-/// How far carried landmarks are from the others' own, on their surfaces.
+/// Distances of carried landmarks from the members' own, on their surfaces.
 pub(super) struct Errors {
     names: Vec<String>,
     mean: f64,
@@ -58,7 +58,7 @@ impl Errors {
     }
 }
 
-/// Reads the landmarks, if any are named.
+/// Reads the landmarks, if any are given.
 pub(super) fn read(named: &[PathBuf], surfaces: &[Surface]) -> Result<Option<Marks>> {
     if named.is_empty() {
         return Ok(None);
@@ -67,7 +67,7 @@ pub(super) fn read(named: &[PathBuf], surfaces: &[Surface]) -> Result<Option<Mar
     of_surfaces(named, &paths, |index| Ok(surfaces[index].read()?)).map(Some)
 }
 
-/// The landmarks as guides; those of a template that is given are those of the surface that it is.
+/// Returns the landmarks as guides. The landmarks of a given template are those of the surface that is the same file.
 pub(super) fn guide(marks: Option<&Marks>, template: Option<&Path>, paths: &[PathBuf]) -> Result<GuideLandmarks> {
     let Some(marks) = marks else {
         return Err(Usage::missing("--guide needs landmarks: give --landmarks, or a column of the table").into());
@@ -79,10 +79,10 @@ pub(super) fn guide(marks: Option<&Marks>, template: Option<&Path>, paths: &[Pat
     Ok(GuideLandmarks { members: marks.points.clone(), template: template.map(of_template).transpose()? })
 }
 
-/// Carries the landmarks from all members to all others, each member's to at most 40.
+/// Carries the landmarks of each member to at most 40 others.
 pub(super) fn errors(marks: Marks, group: &Group, monitor: &ConsoleMonitor) -> Result<Errors> {
     let count = group.models.len();
-    // A landmark's place on the surface, to which those of others are carried.
+    // The points on the surface to which carried landmarks are compared.
     let own = (0..count).into_par_iter().map(|member| group.carry(&marks.points[member], member, member));
     let own = own.collect::<Result<Vec<_>, _>>()?;
     let of_source = |source: usize| -> Result<Vec<Vec<(f64, bool)>>> {

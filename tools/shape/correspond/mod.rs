@@ -1,4 +1,4 @@
-//! `shape correspond`: surfaces over one sphere, so that equal directions are equal places.
+//! `shape correspond`: models surfaces over one sphere, so that equal directions are equal places.
 
 mod join;
 mod marks;
@@ -33,8 +33,8 @@ use super::outputs::finish;
 ///
 /// One template is mapped to the sphere and moved in space onto every surface, whatever its topology: surfaces may have
 /// handles, holes and stray pieces, and need no common pose. All are fitted over the template's sphere, in one frame,
-/// and the group's own statistics refine the places. With --to surfaces are added, one at a time, to a group that stays
-/// as it is.
+/// and the group's own statistics refine the correspondence. With --to, surfaces are added, one at a time, to an
+/// existing group, which isn't changed.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -54,20 +54,20 @@ use super::outputs::finish;
     ],
 ))]
 pub(super) struct Cli {
-    /// Meshes, label volumes, or models, which are evaluated; or @LIST with a path a line
+    /// Meshes, label volumes, or models, which are evaluated; or @LIST with one path per line
     #[arg(value_name = "SURFACE", required_unless_present = "table", help_heading = INPUT)]
     surfaces: Vec<PathBuf>,
-    /// Table of the surfaces: columns id and surface, and perhaps label, landmarks and signals
+    /// Table of the surfaces: columns id and surface, optionally label, landmarks and signals
     ///
-    /// TSV, or CSV by its name; paths are relative to it. Members are named by the ids.
+    /// TSV, or CSV by its name; paths are relative to the table. Members are named by the ids.
     #[arg(long, value_name = "TABLE", conflicts_with_all = ["surfaces", "name_template", "landmarks"], help_heading = INPUT)]
     table: Option<PathBuf>,
-    /// Label of the volumes; only needed where there are several
+    /// Label of the volumes; only needed if there are several
     ///
-    /// A label's surface is relaxed within half a voxel: steps of voxels would pull the template.
+    /// A label's surface is relaxed within half a voxel, because the steps of voxels would distract the template.
     #[arg(long, value_name = "N", conflicts_with = "table", help_heading = INPUT)]
     label: Option<i64>,
-    /// Size of the volumes' voxels, where their files don't say it
+    /// Size of the volumes' voxels, if their files don't give it
     #[arg(long, value_name = "X,Y,Z", help_heading = INPUT, hide_short_help = true)]
     voxel_size: Option<VoxelSize>,
     /// Degree of the models
@@ -75,39 +75,40 @@ pub(super) struct Cli {
     max_degree: Option<u16>,
     /// Surface to begin with [default: the most typical one]
     ///
-    /// Holes are filled and handles are cut; quality and tests leave out the places that only this has made.
+    /// Its holes are filled and its handles are cut; quality and tests leave out the places that exist only because of
+    /// this.
     #[arg(long, value_name = "FILE", conflicts_with = "to", help_heading = INPUT)]
     template: Option<PathBuf>,
-    /// Add the surfaces to this group, which stays as it is
+    /// Add the surfaces to this group, which isn't changed
     #[arg(long, value_name = "GROUP", conflicts_with_all = ["max_degree", "rounds", "no_refinement", "subdivisions"], help_heading = INPUT)]
     to: Option<PathBuf>,
-    /// With --to, take only every N-th surface, beginning with number I from 0: I/N, or slurm
+    /// With --to, process only every N-th surface, beginning with number I from 0: I/N, or slurm
     #[arg(long, value_name = "I/N", help_heading = INPUT)]
     shard: Option<Shard>,
-    /// Landmarks of the surfaces, in their own frames, to check the group by
+    /// Landmarks of the surfaces, in their own frames, to check the group with
     ///
-    /// A folder with a file named as each surface, or as many files, in the surfaces' order: .mrk.json, .fcsv, .json,
-    /// .csv or .tsv.
+    /// A folder with one file per surface and of the same name, or one file per surface, in the surfaces' order:
+    /// .mrk.json, .fcsv, .json, .csv or .tsv.
     #[arg(long, value_name = "FILE", num_args = 1.., conflicts_with = "to", help_heading = INPUT)]
     landmarks: Vec<PathBuf>,
-    /// Let the landmarks guide the registration, too
+    /// Also let the landmarks guide the registration
     ///
-    /// The template's landmarks are drawn to those of each surface, and held in the refinement. How far each is where
-    /// it doesn't guide is found by five more registrations, which leave a fifth of them out each. A template that is
-    /// given has to be one of the surfaces.
+    /// The template's landmarks are drawn to those of each surface, and held in the refinement. The error at landmarks
+    /// that don't guide is measured by five more registrations, each of which leaves out a fifth of them. A given
+    /// template has to be one of the surfaces.
     #[arg(long, conflicts_with = "to", help_heading = METHOD)]
     guide: bool,
     /// Signals on the surfaces, such as thickness, to match in the refinement, with a weight [default: 0.1]
     ///
     /// SIGNAL is a column of the table, or the name of a file in each surface's folder, in which {stem} is the
-    /// surface's name without its format. A standard deviation of the signal counts as WEIGHT times the square root of
-    /// the area; normals have 0.12.
+    /// surface's name without its format. A standard deviation of the signal weighs WEIGHT times the square root of the
+    /// area; normals have 0.12.
     #[arg(long, value_name = "SIGNAL[:WEIGHT]", num_args = 1.., conflicts_with_all = ["to", "no_refinement"], help_heading = METHOD)]
     with: Vec<With>,
-    /// Rounds of registration; in each after the first the group's mean is the template
+    /// Rounds of registration; after the first, the group's mean is the template
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=10), help_heading = METHOD)]
     rounds: u8,
-    /// Subdivisions of the icosphere whose directions are registered [default: 4, above degree 15 5, above 40 6]
+    /// Subdivisions of the icosphere whose directions are registered [default: 4; 5 above degree 15, 6 above 40]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=8), help_heading = METHOD)]
     subdivisions: Option<u32>,
     /// Leave out the refinement by the group's statistics
@@ -119,16 +120,16 @@ pub(super) struct Cli {
     /// Also match mirror images
     #[arg(long, help_heading = METHOD)]
     mirror: bool,
-    /// Folder to write to
+    /// Output folder
     #[arg(short, long, value_name = "DIR", help_heading = OUTPUT)]
     output_dir: PathBuf,
     /// Names of the members' files
     #[arg(long, value_name = "TEMPLATE", default_value = "{stem}", help_heading = OUTPUT)]
     name_template: NameTemplate,
-    /// Folder to keep registrations in until the group is written: the same command goes on where it was ended
+    /// Folder that keeps registrations until the group is written, so that the same command resumes an interrupted run
     #[arg(long, value_name = "DIR", conflicts_with = "to", help_heading = OUTPUT)]
     resume: Option<PathBuf>,
-    /// Where to write the warnings, for a study's page
+    /// File for the warnings, for a study's page
     #[arg(long, value_name = "OUT.json", conflicts_with = "to", hide = true)]
     warnings: Option<PathBuf>,
     #[command(flatten)]
@@ -162,7 +163,7 @@ fn together(cli: &Cli, surfaces: &Arc<Vec<Surface>>, landmarks: &[PathBuf], moni
     let Some(max_degree) = cli.max_degree.map(usize::from) else {
         return Err(Usage::missing("--max-degree is needed without --to").into());
     };
-    // clap doesn't ask for --to beside arguments that exclude it.
+    // clap doesn't require --to if an argument that excludes it is given.
     if cli.shard.is_some() {
         return Err(Usage::missing("--shard is for --to: a group is made in one piece").into());
     }
@@ -264,7 +265,7 @@ fn together(cli: &Cli, surfaces: &Arc<Vec<Surface>>, landmarks: &[PathBuf], moni
     Ok(())
 }
 
-/// What registrations depend on.
+/// Returns a key of everything that registrations depend on.
 fn resume_key(cli: &Cli, params: &CorrespondParams, origins: &[MemberOrigin]) -> Result<String> {
     let template = cli.template.as_deref().map(FileRecord::of).transpose()?;
     let CorrespondParams { max_degree, subdivisions, rounds, pose, register, guide, .. } = params;
@@ -280,7 +281,7 @@ fn resume_key(cli: &Cli, params: &CorrespondParams, origins: &[MemberOrigin]) ->
     Ok(key.to_string())
 }
 
-/// Generalisation and specificity with few modes; a group of two has none.
+/// Returns generalisation and specificity with few modes; `None` for a group of two.
 fn quality(group: &Group, monitor: &ConsoleMonitor) -> Result<Option<GroupQuality>> {
     let members: Vec<Coefficients> = group.models.iter().map(|model| model.coefficients.clone()).collect();
     let params = QualityParams { modes: 3, samples: 200, bands: 0, surfaces: false, ..QualityParams::default() };
@@ -301,7 +302,7 @@ fn member_json(surface: &Surface, member: &MemberReport, similarity: &spharm_sur
     })
 }
 
-/// The table: a row a member.
+/// Returns the rows of the table, one per member.
 fn rows<'a>(members: impl Iterator<Item = (&'a str, &'a MemberReport)>) -> Vec<Vec<String>> {
     let names = ["member", "pose", "cover rms", "99 %", "farthest", "unreached %", "turned", "model rms"];
     let mut rows = vec![names.map(str::to_owned).to_vec()];

@@ -1,4 +1,4 @@
-//! The surfaces of a group: files, their names, and the memory that they take.
+//! The surfaces of a group: their files, names and memory.
 
 use std::path::{Component, Path, PathBuf};
 use std::str::FromStr;
@@ -20,7 +20,7 @@ use spharm_surface::io::{bytes_to_read, read_mesh, read_signal};
 
 use crate::shape::table::{LANDMARKS, files_of};
 
-/// Subdivisions of the icosphere that models are evaluated on: 10,242 directions.
+/// Subdivisions of the icosphere on which models are evaluated: 10,242 directions.
 const OF_MODELS: u32 = 5;
 
 /// A surface to read.
@@ -28,13 +28,13 @@ const OF_MODELS: u32 = 5;
 pub(in crate::shape) struct Surface {
     pub(in crate::shape) name: String,
     pub(in crate::shape) path: PathBuf,
-    /// Of a volume, the label.
+    /// Label in a volume.
     pub(in crate::shape) label: Option<i64>,
-    /// Size of a volume's voxels, in place of what its file says.
+    /// Size of a volume's voxels, overriding that in the file.
     pub(in crate::shape) voxel_size: Option<[f64; 3]>,
     /// Files of signals on its vertices.
     pub(in crate::shape) signals: Vec<PathBuf>,
-    /// The surface of a label, which takes long to make and little to keep.
+    /// The surface of a label, kept because it takes long to make and little memory.
     of_label: OnceLock<Mesh>,
 }
 
@@ -47,7 +47,7 @@ pub(crate) struct With {
     pub(crate) weight: f64,
 }
 
-/// The weight of a signal of which none is said: about that of normals.
+/// Default weight of a signal: about that of normals.
 const WEIGHT: f64 = 0.1;
 
 impl FromStr for With {
@@ -71,11 +71,11 @@ impl TryFrom<String> for With {
     }
 }
 
-/// Finds the files of signals: in a column of the table, or beside each surface.
+/// Finds the files of signals: in a column of the table, or in each surface's folder.
 ///
 /// # Errors
 ///
-/// When one isn't there.
+/// If a file doesn't exist.
 pub(super) fn find_signals(surfaces: &mut [Surface], with: &[With], table: Option<&Path>) -> Result<()> {
     let manifest = table.map(Manifest::read).transpose()?;
     for With { name, .. } in with {
@@ -97,12 +97,12 @@ pub(super) fn find_signals(surfaces: &mut [Surface], with: &[With], table: Optio
 }
 
 impl Surface {
-    /// What it is made of.
+    /// Returns the record of the file that it is read from.
     pub(super) fn record(&self) -> Result<FileRecord> {
         Ok(FileRecord { label: self.label, ..FileRecord::of(&self.path)? })
     }
 
-    /// Reads the signals: of each a value a vertex.
+    /// Reads the signals: for each, one value per vertex.
     pub(super) fn read_signals(&self) -> std::result::Result<Vec<Vec<f64>>, Error> {
         let one = |path: &PathBuf| {
             let signal = read_signal(path)?;
@@ -136,7 +136,7 @@ impl Surface {
     }
 }
 
-/// Reads a mesh, or a model's.
+/// Reads a mesh, or the mesh of a model.
 pub(in crate::shape) fn read(path: &Path) -> Result<Mesh> {
     Ok(Surface { path: path.to_owned(), ..Surface::default() }.read()?)
 }
@@ -145,7 +145,7 @@ fn is_model(path: &Path) -> bool {
     path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("npz"))
 }
 
-/// The surfaces that paths and lists name, all of which are there, with names of their own.
+/// Returns the surfaces that paths and lists name. All of them exist and have distinct names.
 pub(in crate::shape) fn surfaces(paths: &[PathBuf], template: &NameTemplate) -> Result<Vec<Surface>> {
     let mut surfaces: Vec<Surface> = Vec::new();
     for path in expand_lists(paths)? {
@@ -164,7 +164,7 @@ pub(in crate::shape) fn surfaces(paths: &[PathBuf], template: &NameTemplate) -> 
     Ok(surfaces)
 }
 
-/// The surfaces of a table, named by their ids, and their landmarks, where it has a column of these.
+/// Returns the surfaces of a table, named by their ids, and their landmarks, if it has a column for these.
 pub(in crate::shape) fn of_table(table: &Path) -> Result<(Vec<Surface>, Vec<PathBuf>)> {
     let manifest = Manifest::read(table)?;
     let landmarks = files_of(&manifest, LANDMARKS, table)?.unwrap_or_default();
@@ -187,7 +187,8 @@ fn check(path: &Path) -> Result<()> {
     Ok(())
 }
 
-/// A path without `FOLDER/..`, for people and records, where that is the same file: not where FOLDER is a link.
+/// Returns a path without `FOLDER/..`, for display and records, if that is the same file (it isn't if FOLDER is a
+/// link).
 fn tidied(path: &Path) -> PathBuf {
     let mut tidy = PathBuf::new();
     for component in path.components() {
@@ -202,7 +203,7 @@ fn tidied(path: &Path) -> PathBuf {
     if real(&tidy).is_some_and(|found| Some(found) == real(path)) { tidy } else { path.to_owned() }
 }
 
-/// An error of a member, with its name.
+/// Adds the name of the member to its error.
 pub(in crate::shape) fn named(error: Error, surfaces: &[Surface]) -> anyhow::Error {
     match error {
         Error::Member { index, source } if index < surfaces.len() => {
@@ -212,8 +213,8 @@ pub(in crate::shape) fn named(error: Error, surfaces: &[Surface]) -> anyhow::Err
     }
 }
 
-/// Refuses groups that don't fit into memory: whole ones, of which all members' places and coefficients are held, or
-/// members added one after another to a group with `compared` members.
+/// Refuses groups that don't fit into memory: either entire groups, for which all members' places and coefficients are
+/// held, or members added one after another to a group with `compared` members.
 pub(in crate::shape) fn plan(
     surfaces: &[PathBuf],
     params: &CorrespondParams,
@@ -231,10 +232,11 @@ pub(in crate::shape) fn plan(
     budget.check(what, needed)
 }
 
-/// Bytes: of a member its places and coefficients several times over; of a thread a surface with its trees and the work
-/// of a registration; of members that new ones are compared with their values twice, with six channels; of the template
-/// its kernels, of 200 columns each, and the factor of its thin plate; or those of mapping it, if that takes more. A
-/// mesh of n vertices is a file of 20 n bytes at least, and so 60 n to read.
+/// Returns the needed bytes. They include, for each member, its places and coefficients several times over; for each
+/// thread, a surface with its trees and the work of a registration; for each member that new ones are compared with,
+/// its values twice, with six channels; for the template, its kernels of 200 columns each and the factor of its thin
+/// plate, or the memory of mapping it if that is larger. A mesh of n vertices is a file of at least 20 n bytes, and so
+/// takes 60 n to read.
 fn needed(count: u64, largest: u64, params: &CorrespondParams, compared: Option<usize>, threads: u64) -> u64 {
     let [n, _] = icosphere_counts(params.subdivisions());
     let (degree, whole) = (params.max_degree as u64, compared.is_none());

@@ -10,12 +10,12 @@ use super::super::args::{ReportArgs, Resources};
 
 /// Test groups, covariates and means at every vertex
 ///
-/// Two groups of models, --a and --b, or a table of subjects with an --effect or --mean and --covariates. Surfaces have
-/// to correspond (`spharm shape align --group`, or spheres that share their parameters), and rows have to be
-/// independent subjects: of two models of each, --paired and --minus take the differences. At each vertex of the
-/// sampling a linear model is tested: t, F, or Hotelling's T-squared for positions. Family-wise p values are of the
-/// largest statistic over relabelled studies, exchanges of subjects or, for means and Welch's test, flips of signs: all
-/// of them if there are at most 20,000.
+/// Compares two groups of models, --a and --b, or tests a table of subjects with an --effect or --mean and
+/// --covariates. Surfaces have to correspond (`spharm shape align --group`, or spheres that share their parameters),
+/// and rows have to be independent subjects: if each subject has two models, --paired and --minus take the differences.
+/// At each vertex of the sampling a linear model is tested: t, F, or Hotelling's T-squared for positions. Family-wise p
+/// values come from the largest statistic over relabelled studies: exchanges of subjects or, for means and Welch's
+/// test, flips of signs. All relabellings are used if there are at most 20,000.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -42,7 +42,7 @@ pub(crate) struct Cli {
     /// Models of the second group
     #[arg(long, value_name = "MODEL", num_args = 1.., requires = "a", help_heading = INPUT)]
     pub(super) b: Vec<PathBuf>,
-    /// Models of --a and --b are pairs, in order: test the mean of their differences, a less b
+    /// Models of --a and --b are pairs, in order: test the mean of their differences, a minus b
     #[arg(long, requires = "a", help_heading = INPUT)]
     pub(super) paired: bool,
     /// Table of subjects, CSV or TSV
@@ -54,8 +54,8 @@ pub(crate) struct Cli {
     /// Folder of the models, named by the table's column `id`: ID.spharm.npz
     #[arg(long, value_name = "DIR", requires = "table", conflicts_with = "model_column", help_heading = INPUT)]
     pub(super) models: Option<PathBuf>,
-    /// Test differences: each model less the subject's other model, by its column of the table, or its folder with
-    /// --models
+    /// Test differences: each model minus the subject's other model, given by its column of the table, or its folder
+    /// with --models
     #[arg(long, value_name = "COLUMN|DIR", requires = "table", help_heading = INPUT)]
     pub(super) minus: Option<PathBuf>,
     /// Column of the table to test: the slope of numbers, the difference of levels
@@ -64,37 +64,37 @@ pub(crate) struct Cli {
     /// Test whether the mean is zero, of differences (--minus) or of a signal's values
     #[arg(long, requires = "table", conflicts_with = "effect", help_heading = METHOD)]
     pub(super) mean: bool,
-    /// Order of the effect's levels, which may be numbers: the difference is the first less the second [default:
+    /// Order of the effect's levels, which may be numbers: the difference is the first minus the second [default:
     /// sorted]
     #[arg(long, value_name = "LEVELS", value_delimiter = ',', requires = "effect", help_heading = METHOD)]
     pub(super) levels: Vec<String>,
     /// Columns of the table to account for
     #[arg(long, value_name = "COLUMNS", value_delimiter = ',', requires = "table", help_heading = METHOD)]
     pub(super) covariates: Vec<String>,
-    /// Columns, of --effect and --covariates, whose numbers are levels, such as codes of sites
+    /// Columns of --effect and --covariates whose numbers are levels, such as codes of sites
     #[arg(long, value_name = "COLUMNS", value_delimiter = ',', requires = "table", help_heading = METHOD)]
     pub(super) categorical: Vec<String>,
-    /// Vertices of the sampling to test: those that aren't 0 in this file, or a FreeSurfer label's
+    /// Vertices of the sampling to test: those that aren't 0 in this file, or those of a FreeSurfer label
     ///
-    /// Left-out vertices count in no family-wise maximum and no false-discovery rate; in the maps their statistic is 0
-    /// and their p values are 1. With --sphere fsaverage/surf/lh.sphere.reg, fsaverage/label/lh.cortex.label leaves out
-    /// the medial wall. The folder of a group that was made to correspond, or its group.json, leaves out what only the
-    /// template has, such as lids of its holes.
+    /// Masked vertices enter neither the family-wise maximum nor the false-discovery rate; in the maps their statistic
+    /// is 0 and their p values are 1. With --sphere fsaverage/surf/lh.sphere.reg, fsaverage/label/lh.cortex.label
+    /// leaves out the medial wall. The folder of a group made by `spharm shape correspond`, or its group.json, leaves
+    /// out what only the template has, such as lids of its holes.
     #[arg(long, value_name = "FILE", help_heading = INPUT)]
     pub(super) mask: Option<PathBuf>,
-    /// What is measured at a vertex: displacement along the mean's normal, position, or the value of a signal
+    /// Quantity at a vertex: displacement along the mean's normal, position, or the value of a signal
     #[arg(long, value_enum, default_value_t = What::Normal, help_heading = METHOD)]
     pub(super) signal: What,
     /// Welch's test, for two groups of unequal variance
     #[arg(long, help_heading = METHOD)]
     pub(super) welch: bool,
-    /// Random relabellings; 0 for none
+    /// Number of random relabellings; 0 for none
     #[arg(long, value_name = "N", default_value_t = 10_000, value_parser = relabellings, help_heading = METHOD)]
     pub(super) permutations: usize,
     /// Seed of the relabellings
     #[arg(long, value_name = "SEED", default_value_t = 0, help_heading = METHOD)]
     pub(super) seed: u64,
-    /// Level of significance, for the summary and warnings
+    /// Significance level, for the summary and warnings
     #[arg(long, value_name = "ALPHA", default_value_t = 0.05, help_heading = METHOD)]
     pub(super) level: f64,
     /// Highest degree to use [default: the lowest of the models']
@@ -106,7 +106,7 @@ pub(crate) struct Cli {
     /// Test at the vertices of an icosphere of N subdivisions
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(0..=9), help_heading = METHOD)]
     pub(super) icosphere: u32,
-    /// Folder to write to
+    /// Output folder
     #[arg(short, long, value_name = "DIR", help_heading = OUTPUT)]
     pub(super) output: PathBuf,
     #[command(flatten)]
@@ -123,13 +123,13 @@ pub(super) enum What {
 }
 
 impl Cli {
-    /// A file in the folder of the output.
+    /// Returns the path of a file in the output folder.
     pub(super) fn file(&self, name: &str) -> PathBuf {
         self.output.join(name)
     }
 }
 
-/// A number of relabellings, at most [`MAX_RELABELLINGS`].
+/// Parses a number of relabellings, at most [`MAX_RELABELLINGS`].
 fn relabellings(text: &str) -> Result<usize, String> {
     match text.parse() {
         Ok(count) if count <= MAX_RELABELLINGS => Ok(count),

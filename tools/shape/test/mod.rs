@@ -1,4 +1,4 @@
-//! `shape test`: groups, covariates and means at every vertex of a common sampling.
+//! `shape test`: tests groups, covariates and means at every vertex of a common sampling.
 
 mod args;
 mod question;
@@ -114,7 +114,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     finish("test", &report, &results::lines(&found, &study, cli), &cli.report)
 }
 
-/// A warning with the option that it calls for.
+/// Returns a warning with the option that it calls for.
 fn advised(warning: &TestWarning) -> String {
     match warning {
         TestWarning::UnequalVariances { covariates: false, .. } => {

@@ -1,4 +1,4 @@
-//! The models that are tested, their design, and the columns of a table that give them.
+//! The models that are tested and their design, from groups or from the columns of a table.
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -12,23 +12,23 @@ use super::super::args::files;
 use super::super::table::Table;
 use super::args::{Cli, What};
 
-/// Models and the question asked of them.
+/// Models, and the hypothesis to test on them.
 pub(super) struct Study {
-    /// Paths of the models; of pairs, all first models before all second ones.
+    /// Paths of the models; for pairs, all first models before all second ones.
     pub(super) paths: Vec<PathBuf>,
     /// Whether models are pairs, whose differences are tested.
     pub(super) pairs: bool,
     pub(super) question: Question,
-    /// Name of the column that is tested; `mean` for a mean.
+    /// Name of the tested column; `mean` for a mean.
     pub(super) of: String,
-    /// The names of the covariates, with the number of levels of those that have levels.
+    /// Names of the covariates, with the number of levels of those that have levels.
     pub(super) covariates: Vec<String>,
     /// Reasons to doubt that rows are independent subjects.
     pub(super) warnings: Vec<String>,
 }
 
 impl Cli {
-    /// Reads the table, or takes the two groups.
+    /// Reads the table or the two groups.
     pub(super) fn study(&self) -> Result<Study> {
         if let Some(path) = &self.table {
             return self.study_of_table(path);
@@ -89,7 +89,7 @@ impl Cli {
         let covariates = covariates.collect::<Result<Vec<_>>>()?;
         let (mut question, of) = match &self.effect {
             Some(effect) => {
-                // With levels named, numbers are levels.
+                // With --levels, numbers are levels.
                 let column = if self.levels.is_empty() { column(effect)? } else { table.levels(effect)? };
                 let question = question((effect, &column), &self.levels, &covariates);
                 (question.with_context(|| path.display().to_string())?, effect.clone())
@@ -111,7 +111,7 @@ impl Cli {
         })
     }
 
-    /// The models of a table's rows: by their paths, or by their names in a folder.
+    /// Returns the models of a table's rows: by their paths, or by their names in a folder.
     fn models_of(&self, table: &Table, path: &Path) -> Result<Vec<PathBuf>> {
         if let Some(folder) = &self.models {
             return named(table, folder);
@@ -125,7 +125,7 @@ impl Cli {
         table.paths(&self.model_column)
     }
 
-    /// The models that are subtracted: those of another column, or of another folder.
+    /// Returns the models to subtract: those of another column, or of another folder.
     fn others_of(&self, table: &Table, minus: &Path) -> Result<Vec<PathBuf>> {
         if self.models.is_some() {
             return named(table, minus);
@@ -135,7 +135,7 @@ impl Cli {
 }
 
 impl Study {
-    /// Notes on columns of numbers that may be codes of levels.
+    /// Returns notes on columns of numbers that may be codes of levels.
     pub(super) fn notes(&self) -> Vec<String> {
         let codes = self.question.codes.iter();
         let note = |(column, values): &(String, Vec<f64>)| {
@@ -156,13 +156,13 @@ impl Study {
     }
 }
 
-/// `DIR/ID.spharm.npz` of each row.
+/// Returns `DIR/ID.spharm.npz` for each row.
 fn named(table: &Table, folder: &Path) -> Result<Vec<PathBuf>> {
     let file = |id: &str| with_ending(&folder.join(id), "spharm.npz");
     Ok(table.different("id")?.into_iter().map(file).collect())
 }
 
-/// Refuses a model that both lists have, and one that a list has twice, however their paths are written.
+/// Refuses a model that is in both lists, or twice in one list, however the paths are written.
 fn distinct(a: &[PathBuf], b: &[PathBuf]) -> Result<()> {
     let place = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
     let first: HashSet<PathBuf> = a.iter().map(place).collect();
@@ -181,7 +181,7 @@ fn distinct(a: &[PathBuf], b: &[PathBuf]) -> Result<()> {
 /// Columns that name subjects.
 const SUBJECTS: [&str; 5] = ["participant_id", "participant", "subject", "subject_id", "subject_label"];
 
-/// A warning of subjects that have more than one row, unless the design accounts for subjects by name.
+/// Returns a warning about subjects with several rows, unless the design accounts for subjects by name.
 fn repeated(table: &Table, covariates: &[(String, Column)]) -> Option<String> {
     let is_subject = |name: &str| SUBJECTS.iter().any(|other| name.eq_ignore_ascii_case(other));
     if covariates.iter().any(|(name, column)| is_subject(name) && matches!(column, Column::Levels(_))) {
@@ -203,7 +203,7 @@ fn repeated(table: &Table, covariates: &[(String, Column)]) -> Option<String> {
     })
 }
 
-/// A covariate's name; with the number of its levels if it has levels.
+/// Returns a covariate's name, with the number of its levels if it has levels.
 fn with_levels((name, column): &(String, Column)) -> String {
     match column {
         Column::Levels(levels) => format!("{name} ({} levels)", levels.iter().collect::<HashSet<_>>().len()),

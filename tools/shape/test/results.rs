@@ -1,4 +1,4 @@
-//! Results of a test: maps, their table, the summary for people and for programs.
+//! Results of a test: maps, their table, and the summary, printed and for programs.
 
 use clap::ValueEnum;
 use serde_json::{Value, json};
@@ -28,8 +28,8 @@ pub(super) const MAPS: [&str; 14] = [
     "size",
 ];
 
-/// Maps that are written, by name, at all vertices: those that a mask left out have statistics and effects of 0, and p
-/// values of 1.
+/// Returns the maps to write, by name, at all vertices. Masked vertices have statistics and effects of 0, and p values
+/// of 1.
 pub(super) fn maps(found: &Test, mask: Option<&[bool]>) -> Vec<(&'static str, Vec<f64>)> {
     let mut maps = tested_maps(found);
     for (name, values) in &mut maps {
@@ -41,7 +41,7 @@ pub(super) fn maps(found: &Test, mask: Option<&[bool]>) -> Vec<(&'static str, Ve
     maps
 }
 
-/// The maps at the vertices that were tested.
+/// Returns the maps at the tested vertices.
 fn tested_maps(found: &Test) -> Vec<(&'static str, Vec<f64>)> {
     let mut maps = vec![("statistic", found.statistic.clone()), ("p", found.p.clone()), ("q", found.q.clone())];
     if let Some(family_wise) = &found.family_wise {
@@ -63,7 +63,7 @@ fn tested_maps(found: &Test) -> Vec<(&'static str, Vec<f64>)> {
     maps
 }
 
-/// The study that was tested, for pages: the same for the same study, whenever and wherever it is run.
+/// Describes the tested study, for pages. The same study always gives the same description.
 pub(super) fn about(found: &Test, study: &Study, cli: &Cli, warnings: &[String]) -> Value {
     let question = &study.question;
     let levels = question.levels.iter().map(|(level, count)| json!({ "level": level, "subjects": count }));
@@ -88,7 +88,7 @@ pub(super) fn about(found: &Test, study: &Study, cli: &Cli, warnings: &[String])
     })
 }
 
-/// The whole report.
+/// Returns the complete report.
 pub(super) fn report(found: &Test, study: &Study, cli: &Cli, degree: usize, warnings: &[String]) -> Value {
     let question = &study.question;
     let levels = question.levels.iter().map(|(level, count)| json!({ "level": level, "subjects": count }));
@@ -122,7 +122,7 @@ fn relabellings(found: &Test) -> Option<usize> {
     found.family_wise.as_ref().map(|found| found.relabellings)
 }
 
-/// Columns of numbers that may be codes, with their values.
+/// Returns the columns of numbers that may be codes, with their values.
 fn codes(study: &Study) -> Vec<Value> {
     study.question.codes.iter().map(|(column, values)| json!({ "column": column, "values": values })).collect()
 }
@@ -161,7 +161,7 @@ fn summary(found: &Test, level: f64) -> Value {
     })
 }
 
-/// The table for people.
+/// Returns the rows of the printed table.
 pub(super) fn lines(found: &Test, study: &Study, cli: &Cli) -> Vec<Vec<String>> {
     let Study { question, covariates, .. } = study;
     let pair = |name: &str, value: String| vec![name.to_owned(), value];
@@ -194,7 +194,7 @@ pub(super) fn lines(found: &Test, study: &Study, cli: &Cli) -> Vec<Vec<String>> 
     lines
 }
 
-/// The maps as CSV, a row for each vertex that was tested.
+/// Returns the maps as CSV, with a row for each tested vertex.
 pub(super) fn table(sphere: &Sphere, maps: &[(&str, Vec<f64>)], mask: Option<&[bool]>) -> String {
     let header: Vec<&str> =
         ["vertex", "ux", "uy", "uz"].into_iter().chain(maps.iter().map(|(name, _)| *name)).collect();
