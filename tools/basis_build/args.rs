@@ -13,8 +13,8 @@ use spharm_store::basis::DEFAULT_CHUNK_ROWS;
 
 /// Compute the basis of a sampling scheme into a store, once for all fits over it
 ///
-/// Writes one immutable file for each degree into the store. What is there already is kept, so the same command resumes
-/// an interrupted build, and one with a higher --max-degree extends a finished one. Several may run at once.
+/// Writes one immutable file per degree into the store. Existing files are kept, so the same command resumes an
+/// interrupted build, and a higher --max-degree extends a finished one. Several builds may run at once.
 ///
 /// With --factor, the Cholesky factor of the normal equations to degree L is computed as well and kept beside the
 /// basis: with it the full least squares of any surface over the scheme is two triangular solves. It takes 4 (L + 1)^4
@@ -33,7 +33,7 @@ pub(crate) struct Cli {
     /// A mesh of any radius, centred at the origin; or a CSV of theta,phi in radians.
     #[arg(long, value_name = "SPHERE", help_heading = INPUT)]
     pub(super) sphere: PathBuf,
-    /// Folder of the store; made where it isn't there
+    /// Folder of the store; created if it doesn't exist
     #[arg(long, value_name = "DIR", env = "SPHARM_STORE", help_heading = OUTPUT)]
     pub(super) store: PathBuf,
     /// Write a report to a JSON file
@@ -42,13 +42,13 @@ pub(crate) struct Cli {
     /// Print the report as JSON in place of the table
     #[arg(long, help_heading = OUTPUT)]
     pub(super) json: bool,
-    /// `--json FILE` was the spelling of `--report FILE`.
+    /// Former spelling of `--report FILE`: `--json FILE`.
     #[arg(hide = true, requires = "json", conflicts_with = "report", value_name = "FILE")]
     pub(super) json_file: Option<PathBuf>,
     /// Replace an existing report
     #[arg(long, help_heading = OUTPUT)]
     pub(super) force: bool,
-    /// Build even what is larger than 64 GiB or than the free disk space
+    /// Build even if the files are larger than 64 GiB or than the free disk space
     #[arg(long, help_heading = OUTPUT)]
     pub(super) yes: bool,
     /// Highest degree, inclusive
@@ -66,7 +66,7 @@ pub(crate) struct Cli {
     pub(super) codec: CodecName,
     /// Rows of a chunk, a multiple of 8
     ///
-    /// A scheme that is there already keeps its own.
+    /// An existing scheme keeps its own.
     #[arg(long, value_name = "ROWS", default_value_t = DEFAULT_CHUNK_ROWS, hide_short_help = true, help_heading = METHOD)]
     pub(super) chunk_rows: usize,
     /// Also compute the factor of the normal equations to degree L
@@ -92,7 +92,7 @@ pub(crate) struct Cli {
         help_heading = SOLVER
     )]
     pub(super) smoothness: f64,
-    /// Memory that may be used
+    /// Memory budget
     #[arg(long, value_name = "SIZE", default_value = "512MiB", help_heading = RESOURCES)]
     pub(super) memory: Size,
     #[command(flatten)]
@@ -116,7 +116,7 @@ impl CodecName {
     }
 }
 
-/// A number that is finite and not negative.
+/// Parses a finite number that isn't negative.
 fn penalty(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| "expected a number".to_owned())?;
     if value.is_finite() && value >= 0.0 { Ok(value) } else { Err("expected 0 or more".to_owned()) }

@@ -23,14 +23,14 @@ use self::output::{Basis, FactorRow, Report, lines};
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     let started = Instant::now();
     let console = cli.common.console();
-    // From here on a signal is heard.
+    // From here on signals are handled.
     spharm_cli::exit::cancel();
     raise_file_limit();
     let report_file = cli.report.as_ref().or(cli.json_file.as_ref());
     check_outputs(report_file.map(|path| OutputFile::new(path, "--report")), cli.force)?;
     let sphere = read_sphere(&cli.sphere, false, &console)?;
     let params = BuildParams {
-        // Without one no basis is built.
+        // Without a degree no basis is built.
         max_degree: cli.max_degree.unwrap_or_default(),
         scalar: cli.dtype.scalar(),
         codec: cli.codec.codec(),
@@ -40,7 +40,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         allow_large: cli.yes,
     };
     let pool = cli.threads.pool()?;
-    // What it takes is said, and refused, before a basis is built.
+    // The factor's requirements are reported, and checked, before a basis is built.
     let factor = cli.factor.map(|degree| plan_factor(cli, &sphere, params.scalar, degree, &console)).transpose()?;
     let basis = (!cli.factor_only).then(|| pool.install(|| basis(cli, &sphere, &params, &console))).transpose()?;
     let factor = factor.map(|planned| pool.install(|| factor_row(&planned, &console))).transpose()?;
@@ -77,7 +77,7 @@ fn basis(cli: &Cli, sphere: &Sphere, params: &BuildParams, console: &Console) ->
     Ok(report)
 }
 
-/// Prints what the factor takes, before anything is built.
+/// Prints the requirements of the factor, before anything is built.
 fn plan_factor<'a>(
     cli: &'a Cli,
     sphere: &'a Sphere,

@@ -1,4 +1,4 @@
-//! What `basis-build` prints and writes: JSON, or a table.
+//! Output of `basis-build`: JSON, or a table.
 
 use std::path::PathBuf;
 
@@ -8,7 +8,7 @@ use spharm_cli::size::Size;
 use spharm_solver::cholesky::FactorReport;
 use spharm_store::{BuildParams, BuildReport};
 
-/// What was built.
+/// Report of the build.
 #[derive(Debug, Serialize)]
 pub(super) struct Report {
     pub(super) tool: &'static str,
@@ -20,7 +20,7 @@ pub(super) struct Report {
     pub(super) folder: PathBuf,
     pub(super) directions: usize,
     pub(super) dtype: &'static str,
-    /// Nothing of it with --factor-only.
+    /// Absent with --factor-only.
     #[serde(flatten)]
     pub(super) basis: Option<Basis>,
     pub(super) factor: Option<FactorRow>,
@@ -42,7 +42,7 @@ pub(super) struct Basis {
     planned_memory: usize,
 }
 
-/// The table.
+/// Returns the lines of the table.
 pub(super) fn lines(report: &Report) -> Vec<Vec<String>> {
     let row = |name: &str, value: String| vec![name.to_owned(), value];
     let mut lines = vec![row("scheme", report.scheme_key.clone()), row("directions", report.directions.to_string())];

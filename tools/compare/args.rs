@@ -9,12 +9,12 @@ use spharm_cli::memory::Memory;
 use spharm_cli::threads::Threads;
 use spharm_surface::metrics::SurfaceDistanceParams;
 
-/// Measure how far a reconstruction is from its surface
+/// Measure the distance of a reconstruction from its surface
 ///
 /// Prints the mean and the maximal squared distance between corresponding vertices, msd and xsd, after scaling both
 /// surfaces so that the original's bounding box has volume 1 (Shen and Chung 2006, section 4.2), and in the input's own
-/// unit. With --surface-distance it also prints how far the surfaces are from each other everywhere, which is defined
-/// for surfaces with different triangles as well.
+/// unit. With --surface-distance it also prints the distances between the surfaces themselves, which are also defined
+/// for surfaces with different triangles.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -29,23 +29,23 @@ pub(crate) struct Cli {
     pub(super) original: PathBuf,
     /// Its reconstruction
     ///
-    /// It has the surface's triangles, or with --surface-distance any.
+    /// It must have the surface's triangles, unless --surface-distance is given.
     pub(super) reconstruction: PathBuf,
-    /// Also measure the distance of the surfaces
+    /// Also measure the distance between the surfaces
     ///
     /// Mean, root mean square, 95th percentile and Hausdorff distance, from points all over both surfaces.
     #[arg(long, help_heading = METHOD)]
     pub(super) surface_distance: bool,
     /// Points on each surface, with --surface-distance
     ///
-    /// About so many, spread evenly, beside the vertices.
+    /// The approximate number of points in addition to the vertices; they are spread evenly.
     #[arg(long, value_name = "COUNT", default_value_t = SurfaceDistanceParams::default().samples, help_heading = METHOD)]
     pub(super) samples: usize,
     /// Write the reconstruction coloured by distance
     ///
     /// .ply and .glb: the reconstruction with each vertex's distance as a value and as a colour; .vtk: with the value;
-    /// .shape.gii, .func.gii: the values alone. It is the distance from the corresponding vertex, with
-    /// --surface-distance from the surface.
+    /// .shape.gii, .func.gii: only the values. The distance is that from the corresponding vertex or, with
+    /// --surface-distance, from the surface.
     #[arg(short, long, value_name = "OUT.glb", help_heading = OUTPUT)]
     pub(super) output: Option<PathBuf>,
     /// Distance that gets the last colour [default: the largest]
@@ -59,7 +59,7 @@ pub(crate) struct Cli {
     /// Print JSON in place of the table
     #[arg(long, help_heading = OUTPUT)]
     pub(super) json: bool,
-    /// Replace outputs that exist
+    /// Replace existing outputs
     #[arg(long, help_heading = OUTPUT)]
     pub(super) force: bool,
     #[command(flatten)]

@@ -1,4 +1,4 @@
-//! `compare`: how far apart two meshes are, vertex by vertex and as surfaces.
+//! `compare`: measures the distance of two meshes, vertex by vertex and as surfaces.
 
 mod args;
 mod output;
@@ -25,12 +25,12 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     cli.threads.pool()?.install(|| work(cli))
 }
 
-/// Refuses what there is no memory for.
+/// Refuses meshes that don't fit into memory.
 fn check_memory(cli: &Cli, original: &Mesh, reconstruction: &Mesh, budget: Budget) -> Result<()> {
     let held: u64 =
         [original, reconstruction].map(|mesh| 24 * mesh.vertices.len() + 12 * mesh.faces.len()).iter().sum::<usize>()
             as u64;
-    // Squared distances, distances and colours.
+    // Memory of squared distances, distances and colours.
     let at_vertices = 20 * reconstruction.vertices.len() as u64;
     if !cli.surface_distance {
         return budget.check(format_args!("compare {}", cli.original.display()), held + at_vertices);
@@ -62,7 +62,7 @@ fn work(cli: &Cli) -> Result<()> {
     } else {
         None
     };
-    // Without --surface-distance it is an error that the meshes don't correspond.
+    // Without --surface-distance, meshes that don't correspond are an error.
     let vertexwise = if surfaces.is_none() || correspond(&original, &reconstruction) {
         Some(compare(&original, &reconstruction).with_context(pair)?)
     } else {

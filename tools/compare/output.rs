@@ -1,14 +1,14 @@
-//! What `compare` prints and writes: JSON, or a table.
+//! Output of `compare`: JSON, or a table.
 
 use serde::Serialize;
 use spharm_surface::metrics::{Directed, Distances, SurfaceDistance};
 
-/// How far two surfaces are apart.
+/// Distances between two surfaces.
 #[derive(Debug, Serialize)]
 pub(super) struct Report {
-    /// Of the original.
+    /// Number of vertices of the original.
     vertices: usize,
-    /// Where the meshes share their triangles.
+    /// Present if the meshes share their triangles.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     vertexwise: Option<Vertexwise>,
     /// Cube root of the volume of the original's bounding box, in the input's unit.
@@ -28,14 +28,14 @@ struct Vertexwise {
     worst_vertex: usize,
 }
 
-/// In the input's unit.
+/// Distances in the input's unit.
 #[derive(Debug, Serialize)]
 struct Surfaces {
     mean: f64,
     rms: f64,
     percentile95: f64,
     hausdorff: f64,
-    /// The Hausdorff distance is at most this much above the one that was found.
+    /// The true Hausdorff distance exceeds the computed one by at most this.
     bound: f64,
     forward: OneWay,
     backward: OneWay,
@@ -52,7 +52,8 @@ struct OneWay {
 }
 
 impl Report {
-    /// Of an original with so many vertices; at least one of the distances was measured.
+    /// Creates a report for an original with `vertices` vertices; at least one of the distances must have been
+    /// measured.
     pub(super) fn new(vertices: usize, vertexwise: Option<Distances>, surfaces: Option<SurfaceDistance>) -> Self {
         let scale = vertexwise.map(|d| d.scale).or(surfaces.map(|d| d.scale)).unwrap_or(f64::NAN);
         Self {
@@ -85,7 +86,7 @@ impl From<Directed> for OneWay {
     }
 }
 
-/// The table, each distance for a bounding box of volume 1 and in the input's unit.
+/// Returns the table, with each distance for a bounding box of volume 1 and in the input's unit.
 pub(super) fn rows(report: &Report) -> Vec<Vec<String>> {
     let row = |name: &str, scaled: f64, raw: f64| vec![name.to_owned(), format!("{scaled:.4e}"), format!("{raw:.4e}")];
     let mut rows = vec![["", "box volume 1", "input's unit"].map(str::to_owned).to_vec()];

@@ -23,8 +23,8 @@ pub(crate) const FORMATS: &str = "Formats:
 
 /// Write models in the formats of other packages
 ///
-/// Coefficients are converted to the harmonics and the order of the package; text has 17 digits. What a format can't
-/// hold is refused.
+/// Coefficients are converted to the package's harmonics and order; text has 17 digits. Models that a format can't hold
+/// are refused.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -37,7 +37,7 @@ pub(crate) const FORMATS: &str = "Formats:
 pub(crate) struct Cli {
     /// Models, as `spharm fit` writes them
     ///
-    /// Files, folders, whose .npz files are taken, or @LIST with a path a line.
+    /// Files, folders (all their .npz files), or @LIST with one path per line.
     #[arg(value_name = "MODEL.spharm.npz", required = true, help_heading = INPUT)]
     pub(super) models: Vec<PathBuf>,
     /// Format: pdm, mat, pyshtools, healpy, s2fft, ktch, flowshape, aics, afni, csv, json
@@ -49,7 +49,7 @@ pub(crate) struct Cli {
     /// File to write; for several models a folder
     #[arg(short, long, value_name = "OUT", help_heading = OUTPUT)]
     pub(super) output: PathBuf,
-    /// Replace outputs that exist
+    /// Replace existing outputs
     #[arg(long, help_heading = OUTPUT)]
     pub(super) force: bool,
     #[command(flatten)]

@@ -1,4 +1,4 @@
-//! `export`: models in the formats of other packages.
+//! `export`: writes models in the formats of other packages.
 
 mod args;
 
@@ -14,7 +14,7 @@ use spharm_surface::io::bytes_to_read;
 
 pub(crate) use self::args::{Cli, FORMATS, normalization};
 
-/// Bytes of the text or the arrays that are written at a time.
+/// Size of the text or the arrays that are written at a time, in bytes.
 const WRITING: u64 = 1 << 20;
 
 /// Runs the verb.
@@ -30,7 +30,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         false => with_ending(&cli.output.join(model_file_name(model)), cli.to.ending()),
     };
     let targets: Vec<PathBuf> = models.iter().map(target).collect();
-    // Every model is looked at before the first one is written.
+    // All models are checked before the first one is written.
     let budget = cli.memory.budget(1);
     let mut outputs = Vec::new();
     for (path, target) in models.iter().zip(&targets) {

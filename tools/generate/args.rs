@@ -25,7 +25,7 @@ use spharm_surface::generate::Family;
     &[help::MESHES],
 ))]
 pub(crate) struct Cli {
-    /// Subdivisions of the icosphere: 10 4^N + 2 vertices [default: 6, of a group 5]
+    /// Subdivisions of the icosphere: 10 4^N + 2 vertices [default: 6, for a group 5]
     #[arg(
         long,
         value_name = "N",
@@ -42,21 +42,21 @@ pub(crate) struct Cli {
     /// Sphere to write
     #[arg(long, value_name = "OUT", required_unless_present_any = ["surface", "study", "group"], help_heading = OUTPUT)]
     pub(super) sphere: Option<PathBuf>,
-    /// Folder to write the meshes of a study to, with study.csv
+    /// Folder for the meshes of a study, with study.csv
     ///
-    /// Subjects of two groups, a and b, bodies of 40 mm in random poses, without spheres; those of b have a bump.
+    /// Subjects of two groups, a and b: bodies of 40 mm in random poses, without spheres; those of b have a bump.
     #[arg(long, value_name = "DIR", conflicts_with_all = ["surface", "sphere", "subdivisions"], help_heading = OUTPUT)]
     pub(super) study: Option<PathBuf>,
-    /// Subjects of a study, half of them in each group
+    /// Number of subjects of a study, half of them in each group
     #[arg(long, value_name = "N", default_value_t = 12, requires = "study", value_parser = clap::value_parser!(u64).range(2..=10_000), help_heading = METHOD)]
     pub(super) subjects: u64,
     /// Height of the bump, in mm
     #[arg(long, value_name = "MM", default_value_t = 2.0, requires = "study", help_heading = METHOD)]
     pub(super) bump: f64,
-    /// Family of a group to write, whose correspondence is known
+    /// Family of a group to write, with known correspondence
     ///
-    /// moving-bump, sharp-bump, growing-bump, ellipsoids, rods or tori, of one or two parameters each. Every member is
-    /// meshed anew, in a random pose.
+    /// moving-bump, sharp-bump, growing-bump, ellipsoids, rods or tori, with one or two parameters each. Every member
+    /// has a mesh of its own and a random pose.
     #[arg(
         long,
         value_name = "FAMILY",
@@ -66,19 +66,19 @@ pub(crate) struct Cli {
         help_heading = METHOD
     )]
     pub(super) group: Option<String>,
-    /// Members of a group
+    /// Number of members of a group
     #[arg(long, value_name = "N", default_value_t = 16, requires = "group", value_parser = clap::value_parser!(u64).range(2..=10_000), help_heading = METHOD)]
     pub(super) members: u64,
     /// Leave the members of a group in their family's frame
     #[arg(long, requires = "group", help_heading = METHOD)]
     pub(super) upright: bool,
-    /// Folder to write a group to: meshes, their landmarks, and truth.csv with parameters and poses
+    /// Folder for a group: meshes, their landmarks, and truth.csv with parameters and poses
     #[arg(long, value_name = "DIR", requires = "group", help_heading = OUTPUT)]
     pub(super) output_dir: Option<PathBuf>,
-    /// Write 64-bit positions where the format has a choice
+    /// Write 64-bit positions if the format has a choice
     #[arg(long, help_heading = OUTPUT)]
     pub(super) double: bool,
-    /// Replace outputs that exist
+    /// Replace existing outputs
     #[arg(long, help_heading = OUTPUT)]
     pub(super) force: bool,
     #[command(flatten)]

@@ -1,4 +1,4 @@
-//! `generate --group`: members of a family whose correspondence is known, with their landmarks and the truth.
+//! `generate --group`: writes members of a family with known correspondence, their landmarks and the truth.
 
 use std::path::{Path, PathBuf};
 
@@ -10,12 +10,12 @@ use spharm_surface::io::{Output, WriteOptions, write_mesh, write_new};
 
 use super::{Cli, WRITING};
 
-/// Writes the meshes of a group, their landmarks and the table of what is known of them.
+/// Writes the meshes of a group, their landmarks and the table of their true parameters.
 pub(super) fn group(cli: &Cli, family: &str, folder: &Path) -> Result<()> {
     let family = Family::ALL.into_iter().find(|known| known.name() == family).context("a family")?;
     let subdivisions = cli.subdivisions.unwrap_or(5);
     let group = Group { family, members: cli.members, seed: cli.variant, subdivisions, upright: cli.upright };
-    // One of them at a time.
+    // Only one member is in memory at a time.
     let needed = |subdivisions| cortex_bytes(subdivisions).saturating_add(WRITING * icosphere_counts(subdivisions)[0]);
     let fewer = (0..subdivisions).rev().map(|fewer| (format!("--subdivisions {fewer}"), needed(fewer)));
     cli.memory.budget(1).check_or("generate --group", needed(subdivisions), fewer)?;

@@ -1,4 +1,4 @@
-//! `generate`: folded surfaces whose true parameterisation is known.
+//! `generate`: writes folded surfaces with known true parameterisation.
 
 mod args;
 mod group;
@@ -12,7 +12,7 @@ use spharm_surface::io::{Output, WriteOptions, write_mesh, write_new};
 
 pub(crate) use self::args::Cli;
 
-/// Bytes of a vertex and its triangles while they are written: GIfTI's arrays are compressed whole.
+/// Bytes per vertex and its triangles while they are written: GIfTI compresses entire arrays.
 const WRITING: u64 = 48;
 
 /// Runs the verb.
@@ -57,7 +57,7 @@ fn study(cli: &Cli, folder: &Path) -> Result<()> {
         let (group, index) = if second { ("b", number - half) } else { ("a", number) };
         (format!("{group}{:0digits$}", index + 1), group, index, second)
     };
-    // One of them at a time.
+    // Only one mesh is in memory at a time.
     let needed = cortex_bytes(study.subdivisions) + WRITING * icosphere_counts(study.subdivisions)[0];
     cli.memory.budget(1).check("generate --study", needed)?;
     let subjects: Vec<_> = (0..cli.subjects).map(subject).collect();

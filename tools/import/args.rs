@@ -10,11 +10,11 @@ use spharm_exchange::{Format, Normalization};
 
 use crate::export::{FORMATS, normalization};
 
-/// Make a model of coefficients of another package
+/// Make a model from coefficients of another package
 ///
-/// The format is found from the contents; arrays of ktch and FlowShape and matrices of weighted SPHARM look like others
-/// and are named by --from. The model has a sphere of its own only with --sphere, or from SPHARM-MAT; others are
-/// evaluated with `spharm reconstruct --icosphere N`.
+/// The format is detected from the contents. Arrays of ktch and FlowShape and matrices of weighted SPHARM look like
+/// those of others and have to be named with --from. The model has a sphere of its own only with --sphere, or if it
+/// comes from SPHARM-MAT; evaluate others with `spharm reconstruct --icosphere N`.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -26,25 +26,25 @@ use crate::export::{FORMATS, normalization};
     &[FORMATS],
 ))]
 pub(crate) struct Cli {
-    /// File of another package; several where each holds a channel
+    /// File of another package; several if each holds one channel
     #[arg(value_name = "FILE", required = true, help_heading = INPUT)]
     pub(super) files: Vec<PathBuf>,
-    /// Format [default: what the contents tell]
+    /// Format [default: detected from the contents]
     #[arg(long, value_name = "FORMAT", help_heading = INPUT)]
     pub(super) from: Option<Format>,
-    /// Sphere of the model: a mesh, at whose vertices it is evaluated
+    /// Sphere of the model: a mesh at whose vertices it is evaluated
     #[arg(long, value_name = "SPHERE", help_heading = INPUT)]
     pub(super) sphere: Option<PathBuf>,
     /// Scale of pyshtools' harmonics: ortho, or 4pi, its default
     #[arg(long, value_name = "NAME", default_value = "ortho", value_parser = normalization, help_heading = METHOD)]
     pub(super) normalization: Normalization,
-    /// Three channels are values, not x, y and z
+    /// Treat three channels as values, not as x, y and z
     #[arg(long, help_heading = METHOD)]
     pub(super) signal: bool,
     /// Model to write
     #[arg(short, long, value_name = "MODEL.spharm.npz", help_heading = OUTPUT)]
     pub(super) output: PathBuf,
-    /// Replace outputs that exist
+    /// Replace existing outputs
     #[arg(long, help_heading = OUTPUT)]
     pub(super) force: bool,
     #[command(flatten)]

@@ -1,4 +1,4 @@
-//! `import`: models from files of other packages.
+//! `import`: makes models from files of other packages.
 
 mod args;
 

@@ -10,20 +10,20 @@ use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
 use spharm_cli::memory::Memory;
 use spharm_cli::threads::Threads;
 
-/// What tables are read, for the help.
+/// Formats of tables, for the help.
 const TABLES: &str = "Tables: .npy and .npz (columns of plain arrays are numbered from 0), .csv, .tsv and .txt (with or \
                       without names in the first line), .parquet, .arrow, point clouds in .ply and .las; - is standard \
                       input, a .npy or text.";
 
-/// What else is read over a sphere, for the help.
+/// Other formats that are read over a sphere, for the help.
 const OVER_A_SPHERE: &str = "With --sphere or --icosphere also values on vertices: GIfTI (.func.gii, .shape.gii), FreeSurfer curv files \
                              and maps (.mgh, .mgz); their columns are numbered from 0.";
 
-/// Sum up samples for fits, in bounded memory, by parts that add up
+/// Sum up samples for fits, in bounded memory, in parts that can be added
 ///
-/// A fit needs the moments of its samples alone, whose size depends on the degree and not on their number. This reads
-/// tables of samples once, in chunks; fit --moments makes models of any degree up to --max-degree of the result. Parts
-/// of the data can be read anywhere, with --shard, and are added by `spharm moments merge`.
+/// A fit only needs the moments of its samples, whose size depends on the degree and not on the number of samples. This
+/// verb reads tables of samples once, in chunks; fit --moments makes models of any degree up to --max-degree from the
+/// result. Parts of the data can be read separately, with --shard, and are added by `spharm moments merge`.
 #[derive(Debug, Args)]
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 #[command(after_long_help = help::examples(
@@ -49,8 +49,8 @@ pub(crate) struct Cli {
 pub(super) enum Command {
     /// Add the moments of parts
     ///
-    /// Parts must be of one degree and of the same channels, and have no samples in common. Shards of the same tables
-    /// must all be there. Parts over different spheres add up, to moments without the key of a sampling scheme.
+    /// Parts must have the same degree and the same channels, and no samples in common. All shards of the same tables
+    /// must be present. Parts over different spheres can be added, to moments without the key of a sampling scheme.
     Merge(Merge),
 }
 
@@ -59,7 +59,7 @@ pub(super) struct Merge {
     /// Parts, as `spharm moments` writes them
     #[arg(value_name = "PART.moments", required = true)]
     pub(super) parts: Vec<PathBuf>,
-    /// Add the parts that there are, though shards are missing
+    /// Add the available parts even if shards are missing
     #[arg(long)]
     pub(super) partial: bool,
     #[command(flatten)]
@@ -68,23 +68,23 @@ pub(super) struct Merge {
     pub(super) memory: Memory,
 }
 
-/// What is required here isn't where a subcommand follows.
+/// Arguments that are required unless a subcommand follows.
 #[derive(Debug, Args)]
 pub(super) struct Form {
-    /// Tables of samples, a row each; - is standard input
+    /// Tables of samples, one per row; - is standard input
     #[arg(long, value_name = "FILE", num_args = 1.., required = true, help_heading = INPUT)]
     pub(super) samples: Vec<PathBuf>,
     #[command(flatten)]
     pub(super) positions: PositionArgs,
-    /// Columns of the values, each a channel
+    /// Columns of the values, one per channel
     ///
-    /// With vectors, radius is their length.
+    /// With vectors, radius stands for their length.
     #[arg(long, value_name = "COLUMN", num_args = 1.., required = true, help_heading = INPUT)]
     values: Vec<String>,
     /// Column of the weights [default: all are 1]
     #[arg(long, value_name = "COLUMN", help_heading = INPUT)]
     weight: Option<String>,
-    /// Part of each table that is read: number I, from 0, of N
+    /// Part of each table to read: number I, from 0, of N
     #[arg(long, value_name = "I/N", value_parser = shard, default_value = "0/1", help_heading = INPUT)]
     pub(super) shard: Shard,
     /// Highest degree of fits, inclusive
@@ -98,7 +98,7 @@ pub(super) struct Form {
     pub(super) threads: Threads,
 }
 
-/// Where samples are.
+/// Positions of the samples.
 #[derive(Debug, Args)]
 pub(super) struct PositionArgs {
     /// Columns of colatitude and azimuth, in radians
@@ -107,20 +107,20 @@ pub(super) struct PositionArgs {
     /// Columns of longitude and latitude, in degrees
     #[arg(long, value_names = ["LON", "LAT"], num_args = 2, group = "positions", help_heading = INPUT)]
     lonlat: Option<Vec<String>>,
-    /// Columns of x, y and z [default: x y z, or lon lat, or theta phi, as there are]
+    /// Columns of x, y and z [default: x y z, or lon lat, or theta phi, as available]
     ///
     /// Unit vectors, or vectors of any length with --values radius.
     #[arg(long, value_names = ["X", "Y", "Z"], num_args = 3, group = "positions", help_heading = INPUT)]
     vectors: Option<Vec<String>>,
-    /// Sphere at whose vertices the samples are, a row a vertex
+    /// Sphere with the samples at its vertices, one row per vertex
     ///
-    /// Each table has the values at all vertices, in their order. A mesh of any radius, centred at the origin; or a CSV
-    /// of theta,phi in radians.
+    /// Each table has the values at all vertices, in their order. The sphere is a mesh of any radius, centred at the
+    /// origin, or a CSV of theta,phi in radians.
     #[arg(long, value_name = "SPHERE", group = "positions", help_heading = INPUT)]
     pub(super) sphere: Option<PathBuf>,
-    /// Icosphere at whose vertices the samples are, a row a vertex
+    /// Icosphere with the samples at its vertices, one row per vertex
     ///
-    /// Of N subdivisions: 10 4^N + 2 vertices.
+    /// N subdivisions give 10 4^N + 2 vertices.
     #[arg(
         long,
         value_name = "N",
@@ -129,7 +129,7 @@ pub(super) struct PositionArgs {
         help_heading = INPUT
     )]
     pub(super) icosphere: Option<u32>,
-    /// Centre that vectors begin at [default: 0 0 0]
+    /// Centre from which vectors start [default: 0 0 0]
     #[arg(
         long,
         value_names = ["X", "Y", "Z"],
@@ -153,16 +153,16 @@ pub(super) struct OutputArgs {
     /// Print the report as JSON in place of a line
     #[arg(long)]
     pub(super) json: bool,
-    /// Replace outputs that exist
+    /// Replace existing outputs
     #[arg(long)]
     pub(super) force: bool,
 }
 
 impl Form {
-    /// The columns that are meant, and the vertices of the sphere that samples are at, where there is one.
+    /// Returns the requested columns, with the vertices of the sphere if the samples are at those.
     pub(super) fn columns(&self, vertices: Option<Directions>) -> Columns {
         let PositionArgs { angles, lonlat, vectors, centre, .. } = &self.positions;
-        // The numbers of values are clap's to check.
+        // clap has checked the numbers of values.
         let positions = match (angles.as_deref(), lonlat.as_deref(), vectors.as_deref()) {
             (Some([theta, phi]), ..) => Some(Positions::Angles([theta.clone(), phi.clone()])),
             (_, Some([lon, lat]), _) => Some(Positions::LonLat([lon.clone(), lat.clone()])),

@@ -1,4 +1,4 @@
-//! `moments`: sums over samples that fits are made of, by parts.
+//! `moments`: sums over samples, in parts, from which fits are computed.
 
 mod args;
 
@@ -57,7 +57,7 @@ fn read(form: &Form, monitor: &ConsoleMonitor) -> Result<()> {
     output.finish(&moments, &report, seconds.total)
 }
 
-/// The vertices of the sphere that samples are at.
+/// Returns the vertices of the sphere at which the samples are, if they are on one.
 fn vertices(form: &Form, budget: Budget, monitor: &ConsoleMonitor) -> Result<Option<Directions>> {
     let sphere = match (&form.positions.sphere, form.positions.icosphere) {
         (Some(path), _) => {
@@ -78,7 +78,7 @@ fn vertices(form: &Form, budget: Budget, monitor: &ConsoleMonitor) -> Result<Opt
 fn add(cli: &Merge) -> Result<()> {
     let started = Instant::now();
     let output = Output::new(&cli.output)?;
-    // The sum, and the part that is added.
+    // Memory of the sum, and of the part that is added.
     let largest = cli.parts.iter().map(|path| bytes_to_read(path)).max().unwrap_or(0);
     cli.memory.budget(1).check("moments merge", largest.saturating_mul(2))?;
     let names = cli.parts.iter().map(|path| path.display().to_string()).collect();
@@ -111,14 +111,14 @@ fn report(moments: &Moments, output: &Path) -> Value {
     })
 }
 
-/// Where moments and the report on them go.
+/// Destination of moments and of the report on them.
 struct Output<'a> {
     args: &'a OutputArgs,
     path: &'a Path,
 }
 
 impl<'a> Output<'a> {
-    /// Refuses what couldn't be written in the end.
+    /// Refuses outputs that couldn't be written at the end.
     fn new(args: &'a OutputArgs) -> Result<Self> {
         let path = args.output.as_deref().ok_or_else(|| Usage::missing("--output is needed"))?;
         let moments = OutputFile::with_ending(path, "--output", &[".moments"]);

@@ -14,7 +14,7 @@ use spharm_parametrize::Sampling;
 /// Map closed surfaces onto the sphere, one to one, as a fit needs it
 ///
 /// The sphere has the surface's vertices and triangles, and radius 1. Whatever the method, none of its triangles is
-/// flipped or degenerate, by an exact predicate; otherwise there is an error and no file.
+/// flipped or degenerate, as checked by an exact predicate; otherwise the verb fails without writing a file.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -28,27 +28,27 @@ use spharm_parametrize::Sampling;
 pub(crate) struct Cli {
     /// Surfaces: closed meshes of genus zero, or label volumes
     ///
-    /// Of a label volume the surface around the label is made. @LIST takes the paths from a file, one a line.
+    /// In a label volume, the surface around the label is used. @LIST takes the paths from a file, one per line.
     #[arg(long, alias = "input", value_name = "MESH_OR_VOLUME", num_args = 1.., required = true, help_heading = INPUT)]
     pub(super) surface: Vec<PathBuf>,
-    /// Label of a volume, or all of them; only needed where there are several
+    /// Label of a volume, or all labels; only needed if there are several
     #[arg(long, value_name = "N|all", allow_negative_numbers = true, help_heading = INPUT)]
     pub(super) label: Option<Labels>,
-    /// Repair labels and meshes in place of refusing them
+    /// Repair labels and meshes instead of refusing them
     ///
-    /// Of a label: keeps the largest piece, fills cavities and opens handles. Of a mesh: welds vertices that lie
-    /// exactly on others, drops repeated and degenerate triangles, unused vertices and all pieces but the largest,
-    /// fills holes of up to 32 edges; the mended mesh goes to --surface-output.
+    /// Labels: keeps the largest piece, fills cavities and opens handles. Meshes: welds vertices that lie exactly on
+    /// others, drops repeated and degenerate triangles, unused vertices and all pieces except the largest, and fills
+    /// holes of up to 32 edges; the repaired mesh is written to --surface-output.
     #[arg(long, help_heading = INPUT)]
     pub(super) fix: bool,
-    /// Size of a volume's voxels, where its file doesn't say it
+    /// Size of a volume's voxels, if its file doesn't give it
     #[arg(long, value_name = "X,Y,Z", help_heading = INPUT, hide_short_help = true)]
     pub(super) voxel_size: Option<VoxelSize>,
     /// Cut surfaces that have handles along short loops, and fill both sides
     ///
-    /// The map is then of the cut surface, which goes to --surface-output: the input's vertices and triangles in their
-    /// order, copies of the vertices on the seams, and the fillings. Models over the sphere lead back to the surface as
-    /// it was, if the sphere is a GIfTI file: it keeps where the seams are.
+    /// The cut surface is mapped and written to --surface-output: the input's vertices and triangles in their order,
+    /// copies of the vertices on the seams, and the fillings. Models over the sphere can restore the original surface
+    /// if the sphere is a GIfTI file, which stores the location of the seams.
     #[arg(long, help_heading = INPUT)]
     pub(super) cut_handles: bool,
     /// Method of parameterisation
@@ -56,46 +56,46 @@ pub(crate) struct Cli {
     pub(super) method: MethodName,
     /// Allowed area distortion, from 0 to 1, by cald [default: 0.1]
     ///
-    /// The root mean square of the log area ratio that is spent on shape and on areas that adapt to the residual of a
-    /// model: 0 for areas as equal as possible, 0.25 for a map that only serves a fit.
+    /// The root mean square of the log area ratio that may be spent on shape and on areas that adapt to the residual of
+    /// a model: 0 for areas as equal as possible, 0.25 for a map that only serves a fit.
     #[arg(long, value_name = "RMS", help_heading = METHOD)]
     pub(super) area: Option<f64>,
-    /// Degree of the model whose residual areas adapt to, by cald
+    /// Degree of the model to whose residual areas adapt, by cald
     ///
-    /// Limited to what two thirds of the vertices determine; below 2 areas don't adapt [default: that with half as many
-    /// functions as there are vertices, at most 100].
+    /// Limited to the degree that two thirds of the vertices determine; below 2 areas don't adapt [default: the degree
+    /// with half as many functions as vertices, at most 100].
     #[arg(long, alias = "degree", value_name = "L", help_heading = METHOD)]
     pub(super) max_degree: Option<usize>,
-    /// Put the surface on the sampling of another sphere
+    /// Resample the surface on another sphere
     ///
-    /// That sphere is then what --output gets: icosphere:N, or a sphere's file.
+    /// That sphere, icosphere:N or a file, is then written to --output.
     #[arg(long, value_name = "icosphere:N|SPHERE", conflicts_with = "subdivisions", help_heading = METHOD)]
     pub(super) resample_to: Option<Sampling>,
-    /// Subdivisions of the icosphere that deform starts from
+    /// Subdivisions of the icosphere from which deform starts
     ///
     /// The default has as many vertices as the surface, or a few more.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(..=10), help_heading = METHOD)]
     pub(super) subdivisions: Option<u32>,
-    /// Seed of the rotation that the sphere starts from
+    /// Seed of the sphere's initial rotation
     ///
     /// Other seeds give other maps of the same quality.
     #[arg(long, value_name = "N", default_value_t = 0, help_heading = METHOD)]
     pub(super) seed: u64,
-    /// Sphere to write; for several surfaces a folder, which gets NAME.sphere.surf.gii
+    /// Sphere to write; for several surfaces a folder, in which it is NAME.sphere.surf.gii
     ///
-    /// The format is that of the name (.surf.gii, .ply, .obj, ...), in 64 bits where it holds them.
+    /// The format follows from the name (.surf.gii, .ply, .obj, ...), with 64 bits if the format supports them.
     #[arg(short, long, value_name = "SPHERE", help_heading = OUTPUT)]
     pub(super) output: PathBuf,
     /// Surface to write, whose triangles are those of the sphere; for several a folder
     ///
-    /// Needed where it isn't the input's: for volumes, for deform, with --resample-to, --fix and --cut-handles. Its
-    /// default is then next to the sphere: NAME.surf.gii for NAME.sphere.surf.gii.
+    /// Needed if the mapped surface isn't the input: for volumes, for deform, with --resample-to, --fix and
+    /// --cut-handles. Its default is then next to the sphere: NAME.surf.gii for NAME.sphere.surf.gii.
     #[arg(long, value_name = "MESH", help_heading = OUTPUT)]
     pub(super) surface_output: Option<PathBuf>,
     /// Names of several outputs
     ///
-    /// From each input's path alone: {stem} is its name without folder and format, {label} the label of a volume,
-    /// {parent} the folder that it is in, {parent2} the one above, links resolved.
+    /// Derived from each input's path alone: {stem} is its name without folder and format, {label} the label of a
+    /// volume, {parent} the folder that contains it, {parent2} the one above, with links resolved.
     #[arg(long, value_name = "TEMPLATE", default_value = "{stem}", help_heading = OUTPUT)]
     pub(super) name_template: NameTemplate,
     /// Write a report to a JSON file
@@ -104,7 +104,7 @@ pub(crate) struct Cli {
     /// Print the report as JSON in place of the tables
     #[arg(long, help_heading = OUTPUT)]
     pub(super) json: bool,
-    /// Replace outputs that exist
+    /// Replace existing outputs
     #[arg(long, help_heading = OUTPUT)]
     pub(super) force: bool,
     #[command(flatten)]
@@ -117,7 +117,7 @@ pub(crate) struct Cli {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum MethodName {
-    /// cald for meshes, equal-area for volumes; stretch where that fails
+    /// cald for meshes, equal-area for volumes; stretch if that fails
     Auto,
     /// Equal areas, with little length distortion (Shen and Makedon 2006)
     Cald,

@@ -1,4 +1,4 @@
-//! Surfaces and the files of each, checked before any work.
+//! The surfaces and their files, checked before any work.
 
 use std::path::{Path, PathBuf};
 
@@ -12,17 +12,17 @@ use spharm_surface::io::Output;
 
 use super::args::{Cli, MethodName};
 
-/// A surface to map and where its sphere goes.
+/// A surface to map, and the output of its sphere.
 pub(super) struct Item {
     pub(super) input: PathBuf,
-    /// Of a volume.
+    /// Label in a volume.
     pub(super) label: Option<i64>,
     pub(super) sphere: PathBuf,
     pub(super) surface: Option<PathBuf>,
 }
 
 impl Item {
-    /// The input's name in messages: the file, and the label of a volume.
+    /// Returns the input's name for messages: the file, and the label in a volume.
     pub(super) fn name(&self) -> String {
         match self.label {
             Some(label) => format!("{}, label {label}", self.input.display()),
@@ -30,14 +30,14 @@ impl Item {
         }
     }
 
-    /// Whether the sphere's file keeps metadata, as GIfTI does.
+    /// Returns whether the sphere's file stores metadata, as GIfTI does.
     pub(super) fn keeps_metadata(&self) -> bool {
         let name = self.sphere.to_string_lossy().to_lowercase();
         name.trim_end_matches(".gz").ends_with(".gii")
     }
 }
 
-/// Returns the surfaces with their files; refuses what doesn't go together and what would be overwritten.
+/// Returns the surfaces with their files. Refuses arguments that conflict, and outputs that would be overwritten.
 pub(super) fn items(cli: &Cli, reader: &mut SurfaceReader, monitor: &dyn spharm::Monitor) -> Result<Vec<Item>> {
     let report = cli.report.as_deref().map(|path| OutputFile::new(path, "--report"));
     check_outputs(report, cli.force)?;
@@ -45,7 +45,7 @@ pub(super) fn items(cli: &Cli, reader: &mut SurfaceReader, monitor: &dyn spharm:
     if let [input] = &cli.surface[..] {
         check(cli, input)?;
         if file {
-            // A volume takes a while to read.
+            // Checked first, because reading a volume takes a while.
             single(cli, input, None)?;
         }
     }
@@ -63,7 +63,7 @@ pub(super) fn items(cli: &Cli, reader: &mut SurfaceReader, monitor: &dyn spharm:
     Ok(items)
 }
 
-/// Refuses arguments that don't go with an input.
+/// Refuses arguments that don't apply to an input.
 fn check(cli: &Cli, input: &Path) -> Result<()> {
     let volume = is_volume(input);
     let by_cald = !volume && !matches!(cli.method, MethodName::Conformal | MethodName::Stretch);
@@ -85,7 +85,7 @@ fn check(cli: &Cli, input: &Path) -> Result<()> {
     }
 }
 
-/// Why the surface isn't the input's, if it isn't.
+/// Returns the reason why the mapped surface isn't the input, if it isn't.
 fn new_surface(cli: &Cli, input: &Path) -> Option<&'static str> {
     match (cli.method, &cli.resample_to) {
         (MethodName::Deform, _) => Some("deform makes"),
@@ -109,7 +109,7 @@ fn single(cli: &Cli, input: &Path, label: Option<i64>) -> Result<Item> {
     Ok(Item { input: input.to_owned(), label, sphere: cli.output.clone(), surface })
 }
 
-/// `x.sphere.ply` belongs to `x.ply`.
+/// Returns the default path of the surface beside a sphere: `x.ply` for `x.sphere.ply`.
 fn beside(sphere: &Path) -> Option<PathBuf> {
     let name = sphere.file_name()?.to_string_lossy().into_owned();
     let (stem, ending) = name.split_once(".sphere.")?;
@@ -119,7 +119,7 @@ fn beside(sphere: &Path) -> Option<PathBuf> {
 fn several(cli: &Cli, inputs: Vec<(PathBuf, Option<i64>)>) -> Result<Vec<Item>> {
     let folders = [Some((&cli.output, "--output")), cli.surface_output.as_ref().map(|path| (path, "--surface-output"))];
     for (path, flag) in folders.into_iter().flatten() {
-        // A name with the ending of a format is that of a file.
+        // A name that ends in a format's ending is that of a file.
         if !path.is_dir() && path.file_name().is_some_and(|name| stem(path) != name.to_string_lossy()) {
             bail!("{}: a file for {} surfaces; {flag} must name a folder", path.display(), inputs.len());
         }

@@ -1,4 +1,4 @@
-//! What `parametrize` prints and writes: JSON, or tables.
+//! Output of `parametrize`: JSON, or tables.
 
 use std::collections::BTreeMap;
 
@@ -11,7 +11,7 @@ use spharm_parametrize::{Input, Parametrization, Quality, Report, Resampling};
 use super::args::Cli;
 use super::items::Item;
 
-/// What the report says of a surface.
+/// Report on a surface.
 #[derive(Debug, Serialize)]
 pub(super) struct Written {
     input: String,
@@ -23,10 +23,10 @@ pub(super) struct Written {
     report: Report,
     #[serde(skip_serializing_if = "Option::is_none")]
     volume: Option<Label>,
-    /// What `--fix` mended in a mesh, if anything.
+    /// Repairs of a mesh by `--fix`, if any.
     #[serde(skip_serializing_if = "Option::is_none")]
     mesh_repair: Option<BTreeMap<&'static str, usize>>,
-    /// What was cut by `--cut-handles`, if anything.
+    /// Cuts by `--cut-handles`, if any.
     #[serde(skip_serializing_if = "Option::is_none")]
     handles: Option<HandlesReport>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -49,7 +49,7 @@ impl Written {
         }
     }
 
-    /// The table, under a line that says what was done.
+    /// Returns the table, below a line that summarizes the work.
     pub(super) fn table(&self) -> String {
         let summary = summary(&self.output, &self.report);
         match &self.handles {
@@ -59,7 +59,7 @@ impl Written {
     }
 }
 
-/// The label that a surface was made of.
+/// The label from which a surface was made.
 #[derive(Debug, Serialize)]
 struct Label {
     label: i64,
@@ -74,18 +74,18 @@ impl From<&VolumeSurface> for Label {
     }
 }
 
-/// From the input's surface to the new one, in the input's unit.
+/// Distance from the input's surface to the new one, in the input's unit.
 #[derive(Debug, Serialize)]
 struct Distance {
     mean: f64,
     rms: f64,
     percentile95: f64,
     hausdorff: f64,
-    /// The most by which the true Hausdorff distance may exceed `hausdorff`.
+    /// Maximum amount by which the true Hausdorff distance may exceed `hausdorff`.
     bound: f64,
-    /// Cube root of the bounding box's volume.
+    /// Cube root of the bounding box's volume, in the input's unit.
     scale: f64,
-    /// Pairs of the new surface's triangles that intersect, where they were looked for.
+    /// Number of pairs of the new surface's triangles that intersect, if checked.
     #[serde(skip_serializing_if = "Option::is_none")]
     self_intersections: Option<usize>,
 }
@@ -104,7 +104,7 @@ impl From<Resampling> for Distance {
     }
 }
 
-/// What was read.
+/// Describes the input.
 pub(super) fn described(input: &Input) -> String {
     match input {
         Input::Mesh(mesh) | Input::Fixed(mesh, _) => {
@@ -126,7 +126,7 @@ fn of_label(found: &VolumeSurface) -> String {
     format!("label {}, {}", found.label, counted(found.voxels, "voxel"))
 }
 
-/// A row for each loop that was cut, at most [`MOST_ROWS`]; the JSON report has all.
+/// Returns a row for each loop that was cut, at most [`MOST_ROWS`]; the JSON report has all.
 fn cuts(handles: &HandlesReport) -> String {
     const MOST_ROWS: usize = 12;
     let head = ["cut", "length", "vertices", "area added", "at"].map(str::to_owned).to_vec();

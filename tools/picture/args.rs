@@ -10,7 +10,7 @@ use spharm_render::View;
 
 /// Draw surfaces side by side, and their distance in colour
 ///
-/// All panels have one scale and one view.
+/// All panels have the same scale and view.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -24,35 +24,35 @@ pub(crate) struct Cli {
     /// Surfaces, in the order of the panels
     #[arg(required = true, value_name = "SURFACE")]
     pub(super) surfaces: Vec<PathBuf>,
-    /// Sphere of the first surface, as one more panel
+    /// Add a panel with the sphere of the first surface
     ///
-    /// It comes after the first surface, coloured by the logarithm of how much area the map to the sphere gives to each
+    /// It comes after the first surface, coloured by the logarithm of the area that the map to the sphere gives to each
     /// part of the surface.
     #[arg(long, value_name = "SPHERE", help_heading = INPUT)]
     pub(super) sphere: Option<PathBuf>,
-    /// One more panel: the last surface coloured by its distance from the first
+    /// Add a panel with the last surface coloured by its distance from the first
     ///
-    /// The distance of each vertex from the corresponding one, or, where the triangles differ, from the nearest point
-    /// of the first surface. The scale's label says which.
+    /// This is the distance of each vertex from the corresponding one or, if the triangles differ, from the nearest
+    /// point of the first surface. The scale's label says which.
     #[arg(long, help_heading = OUTPUT)]
     pub(super) error: bool,
-    /// One more panel for each: the first surface coloured by values on its vertices
+    /// For each map, add a panel with the first surface coloured by values on its vertices
     ///
-    /// Files of one value a vertex, such as the maps of `spharm shape measure` and `test`. Colours are symmetric about
-    /// 0 where values have both signs, else from the least to the largest; --range says otherwise. Of p values, files
-    /// called p, q or p-NAME, -log10 is shown: what is significant has the last colours.
+    /// Files of one value per vertex, such as the maps of `spharm shape measure` and `test`. Colours are symmetric
+    /// about 0 if values have both signs, and otherwise range from the minimum to the maximum; --range overrides this.
+    /// For p values, in files called p, q or p-NAME, -log10 is shown: significant values have the last colours.
     #[arg(long, value_name = "MAP", num_args = 1.., help_heading = INPUT)]
     pub(super) map: Vec<PathBuf>,
-    /// Values that get the first and the last colour of the maps
+    /// Values with the first and the last colour of the maps
     #[arg(long, value_name = "LOW,HIGH", requires = "map", allow_hyphen_values = true, value_parser = range, help_heading = OUTPUT)]
     pub(super) range: Option<(f64, f64)>,
     /// Text beneath each panel, in order [default: the files' names]
     #[arg(long, value_name = "TEXT", help_heading = OUTPUT)]
     pub(super) caption: Vec<String>,
-    /// Side to look from
+    /// Side from which to look
     #[arg(long, value_enum, default_value_t = Side::Left, help_heading = OUTPUT)]
     pub(super) view: Side,
-    /// Panels in a row; 0 for all
+    /// Number of panels in a row; 0 for all
     #[arg(long, value_name = "N", default_value_t = 0, help_heading = OUTPUT)]
     pub(super) columns: usize,
     /// Width and height of a panel in pixels
@@ -67,7 +67,7 @@ pub(crate) struct Cli {
     /// Picture to write
     #[arg(short, long, value_name = "OUT.png", help_heading = OUTPUT)]
     pub(super) output: PathBuf,
-    /// Replace an output that exists
+    /// Replace an existing output
     #[arg(long, help_heading = OUTPUT)]
     pub(super) force: bool,
     #[command(flatten)]

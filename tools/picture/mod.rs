@@ -1,4 +1,4 @@
-//! `picture`: surfaces side by side as a PNG.
+//! `picture`: draws surfaces side by side as a PNG.
 
 mod args;
 
@@ -55,7 +55,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     }
     let maps = cli.map.iter().map(|path| read_map(path, &meshes[0])).collect::<Result<Vec<_>>>()?;
     let names: Vec<String> = cli.map.iter().map(|path| stem(path)).collect();
-    // Of p values the least get the last colour, as in a page.
+    // The smallest p values get the last colour, as in a page.
     let maps: Vec<(Vec<f64>, (f64, f64), String)> = maps
         .into_iter()
         .zip(&names)
@@ -82,17 +82,17 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     print_line(&format!("{}: {}", cli.output.display(), counted(panels.len(), "panel")))
 }
 
-/// How the panels are drawn, at a size.
+/// Returns the settings for panels of a given size.
 fn settings(cli: &Cli, size: u16) -> Settings {
     let size = usize::from(size);
     Settings { width: size, height: size, columns: cli.columns, view: cli.view.view(), ..Settings::default() }
 }
 
-/// Refuses what there is no memory for; before the surfaces are read, of none.
+/// Refuses pictures that don't fit into memory. Before the surfaces are read, `meshes` is empty.
 fn check_memory(cli: &Cli, meshes: &[Mesh], panels: usize, budget: Budget) -> Result<()> {
     let (vertices, faces) = meshes.iter().map(|mesh| (mesh.vertices.len(), mesh.faces.len())).max().unwrap_or((0, 0));
     let held: usize = meshes.iter().map(|mesh| 24 * mesh.vertices.len() + 12 * mesh.faces.len()).sum();
-    // The sphere as it is read, and to scale; values of each panel.
+    // The sphere as read and as scaled, and the values of each panel.
     let spheres = if cli.sphere.is_some() { 2 * (24 * vertices + 12 * faces) } else { 0 };
     let values = 8 * vertices * (panels - cli.surfaces.len());
     let painting = match meshes {
@@ -111,7 +111,7 @@ fn check_memory(cli: &Cli, meshes: &[Mesh], panels: usize, budget: Budget) -> Re
     budget.check_or(what, needed(cli.size), smaller)
 }
 
-/// Values on a surface's vertices.
+/// Reads values on a surface's vertices.
 fn read_map(path: &Path, surface: &Mesh) -> Result<Vec<f64>> {
     let signal = read_signal(path)?;
     let (vertices, found) = (surface.vertices.len(), (signal.vertices, signal.channels));
@@ -129,7 +129,7 @@ fn read_map(path: &Path, surface: &Mesh) -> Result<Vec<f64>> {
     }
 }
 
-/// A range about 0 for values of both signs, else from the least to the largest.
+/// Returns a range symmetric about 0 for values of both signs, otherwise that from the minimum to the maximum.
 fn range_of(values: &[f64]) -> (f64, f64) {
     let (low, high) = values.iter().fold((f64::MAX, f64::MIN), |(low, high), x| (low.min(*x), high.max(*x)));
     if low < 0.0 && high > 0.0 {
@@ -138,7 +138,7 @@ fn range_of(values: &[f64]) -> (f64, f64) {
     if low < high { (low, high) } else { (low, low + f64::MIN_POSITIVE.max(low.abs())) }
 }
 
-/// The sphere of a surface, with radius 1.
+/// Reads the sphere of a surface and scales it to radius 1.
 fn read_sphere(path: &Path, surface: &Mesh) -> Result<Mesh> {
     let sphere = read_mesh(path)?;
     if sphere.faces != surface.faces || sphere.vertices.len() != surface.vertices.len() {

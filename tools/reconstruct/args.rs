@@ -10,8 +10,8 @@ use spharm_cli::threads::Threads;
 
 /// Evaluate models at the vertices of any sphere
 ///
-/// Without further options the surface that was fitted comes back, smoothed. With a lower --max-degree it becomes
-/// coarser, with --icosphere or --sphere it comes on another mesh. A model of a signal gives a signal.
+/// Without further options the result is the fitted surface, smoothed. A lower --max-degree makes it coarser;
+/// --icosphere or --sphere puts it on another mesh. A model of a signal gives a signal.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -24,7 +24,7 @@ use spharm_cli::threads::Threads;
 pub(crate) struct Cli {
     /// Models, as `spharm fit` writes them
     ///
-    /// Files, folders, whose .npz files are taken, or @LIST with a path a line.
+    /// Files, folders (all their .npz files), or @LIST with one path per line.
     #[arg(long, value_name = "MODEL.spharm.npz", num_args = 1.., required = true, help_heading = INPUT)]
     pub(super) model: Vec<PathBuf>,
     /// Highest degree to use [default: the model's]
@@ -34,16 +34,16 @@ pub(crate) struct Cli {
     pub(super) sampling: Sampling,
     /// File to write; for several models a folder
     ///
-    /// The format of a file is that of its name: .ply, .surf.gii, .obj, ...; for signals .func.gii, .csv, ...
+    /// The format follows from the name: .ply, .surf.gii, .obj, ...; for signals .func.gii, .csv, ...
     #[arg(short, long, value_name = "OUT", help_heading = OUTPUT)]
     pub(super) output: PathBuf,
     /// Format of the files in a folder [default: surf.gii, for signals func.gii]
     #[arg(long, value_name = "ENDING", help_heading = OUTPUT)]
     pub(super) format: Option<String>,
-    /// Write 64-bit positions where the format has a choice
+    /// Write 64-bit positions if the format has a choice
     #[arg(long, help_heading = OUTPUT)]
     pub(super) double: bool,
-    /// Replace outputs that exist
+    /// Replace existing outputs
     #[arg(long, help_heading = OUTPUT)]
     pub(super) force: bool,
     #[command(flatten)]
@@ -54,7 +54,7 @@ pub(crate) struct Cli {
     pub(super) common: Common,
 }
 
-/// Where a model is evaluated.
+/// Points at which a model is evaluated.
 #[derive(Debug, Args)]
 #[group(multiple = false)]
 pub(super) struct Sampling {
@@ -63,13 +63,13 @@ pub(super) struct Sampling {
     pub(super) sphere: Option<PathBuf>,
     /// Evaluate at the vertices of an icosphere
     ///
-    /// Of N subdivisions: 10 4^N + 2 vertices.
+    /// N subdivisions give 10 4^N + 2 vertices.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=12), help_heading = METHOD)]
     pub(super) icosphere: Option<u32>,
-    /// Evaluate at the vertices that were fitted; the default
+    /// Evaluate at the fitted vertices; the default
     ///
-    /// Of a surface whose handles were cut (--cut-handles), the fillings are left out and the seams welded, so that it
-    /// has its handles again. With --sphere and the sphere of the cut surface it comes as it was cut.
+    /// If the surface's handles were cut (--cut-handles), the fillings are left out and the seams welded, so that it
+    /// has its handles again. With --sphere and the sphere of the cut surface, the cut surface results.
     #[arg(long, help_heading = METHOD)]
     pub(super) original: bool,
 }

@@ -31,7 +31,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     items.iter().try_for_each(|item| pool.install(|| one(cli, item, shared.as_ref(), budget, &console)))
 }
 
-/// The sampling that all models are evaluated on, unless each has its own.
+/// Returns the sphere on which all models are evaluated, or `None` if each has its own.
 fn shared_sphere(cli: &Cli, budget: Budget, console: &Console) -> Result<Option<Sphere>> {
     match (&cli.sampling.sphere, cli.sampling.icosphere) {
         (Some(path), _) => {
@@ -39,7 +39,7 @@ fn shared_sphere(cli: &Cli, budget: Budget, console: &Console) -> Result<Option<
             Ok(Some(read_sphere(path, false, console)?))
         }
         (None, Some(subdivisions)) => {
-            // Of models that haven't been read yet.
+            // A lower bound, since the models haven't been read yet.
             let smallest = |subdivisions| on_icosphere(subdivisions, 1, 0);
             let fewer = (0..subdivisions).rev().map(|fewer| (format!("--icosphere {fewer}"), smallest(fewer)));
             let vertices = icosphere_counts(subdivisions)[0];
@@ -51,13 +51,13 @@ fn shared_sphere(cli: &Cli, budget: Budget, console: &Console) -> Result<Option<
     }
 }
 
-/// Bytes for an icosphere, and values on it.
+/// Returns the bytes for an icosphere and values on it.
 fn on_icosphere(subdivisions: u32, channels: usize, degree: usize) -> u64 {
     let [vertices, faces] = icosphere_counts(subdivisions);
     icosphere_bytes(subdivisions).max(Model::bytes_to_evaluate(vertices, faces, channels, degree))
 }
 
-/// Says what a large reconstruction takes, and refuses what there is no memory for.
+/// Reports the memory of a large reconstruction, and refuses one that doesn't fit.
 fn check_memory(
     cli: &Cli,
     (sphere, degree): (&Sphere, usize),
@@ -65,10 +65,10 @@ fn check_memory(
     budget: Budget,
     console: &Console,
 ) -> Result<()> {
-    /// Below this nobody has to know.
+    /// Smaller requirements aren't reported.
     const LARGE: u64 = 1 << 30;
     let (vertices, channels) = (sphere.directions.len(), model.coefficients.channels());
-    // The model with a sphere of its own, which was read from its file.
+    // Memory of the model, which includes a sphere of its own, as read from its file.
     let held = bytes_to_read(path);
     let of = |vertices, faces| held.saturating_add(Model::bytes_to_evaluate(vertices, faces, channels, degree));
     let needed = of(vertices as u64, sphere.faces.len() as u64);
@@ -128,10 +128,10 @@ fn one(cli: &Cli, item: &Item, shared: Option<&Sphere>, budget: Budget, console:
     print_line(&format!("{}: {vertices} vertices, degree {degree}, {seconds:.2} s", output.display()))
 }
 
-/// A gap between the sides of a seam that is warned of, of the bounding box.
+/// Gap between the sides of a seam above which a warning is given, as a fraction of the bounding box's size.
 const WIDE: f64 = 5e-3;
 
-/// The surface at the vertices that were fitted, with its handles where they were cut.
+/// Returns the surface at the fitted vertices, with its handles restored if they were cut.
 fn original(model: &Model, degree: usize, console: &Console) -> Result<Mesh> {
     let Welded { mesh, gap } = model.reconstruct_original(degree)?;
     let seam = model.sphere.as_ref().and_then(|sphere| sphere.seam.as_ref());

@@ -1,4 +1,4 @@
-//! Which models are evaluated and where each result is written, settled before any work.
+//! The models to evaluate and the output of each, determined before any work.
 
 use std::path::{Path, PathBuf};
 
@@ -9,11 +9,11 @@ use spharm_surface::io::Output;
 
 use super::args::Cli;
 
-/// Endings of outputs in a folder, where no format is asked for.
+/// Endings of outputs in a folder, if no format is given.
 const SURFACE: &str = "surf.gii";
 const SIGNAL: &str = "func.gii";
 
-/// A model and where its values go.
+/// A model and the output of its values.
 pub(super) struct Item {
     pub(super) model: PathBuf,
     target: Target,
@@ -26,7 +26,7 @@ enum Target {
 }
 
 impl Item {
-    /// The file to write.
+    /// Returns the file to write.
     pub(super) fn output(&self, surface: bool) -> PathBuf {
         match &self.target {
             Target::File(path) => path.clone(),
@@ -35,7 +35,7 @@ impl Item {
     }
 }
 
-/// Returns the models, each with its output: the file that was named for a single one, else a file in that folder.
+/// Returns the models with their outputs: the named file for a single one, otherwise a file in the output folder.
 pub(super) fn items(cli: &Cli) -> Result<Vec<Item>> {
     let models = expand(&cli.model, ".npz")?;
     let single = models.len() == 1 && models == cli.model;

@@ -8,10 +8,10 @@ use spharm_cli::help::{self, INPUT, OUTPUT};
 use spharm_cli::memory::Memory;
 use spharm_cli::threads::Threads;
 
-/// Make a page of models, modes and tests, to turn in a browser
+/// Make an interactive page of models, modes and tests for the browser
 ///
-/// One HTML file that asks for nothing beside itself: surface, model and distance side by side, at any degree; spectra
-/// and provenance; modes of a group by sliders, maps of a test by thresholds, tables that are sorted by a click.
+/// One self-contained HTML file. It shows surface, model and distance side by side, at any degree; spectra and
+/// provenance; modes of a group with sliders; maps of a test with thresholds; and tables that are sorted by a click.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -25,13 +25,13 @@ use spharm_cli::threads::Threads;
 pub(crate) struct Cli {
     /// Models, as `spharm fit` writes them
     ///
-    /// Files, folders, whose .npz files are taken, or @LIST with a path a line.
+    /// Files, folders (all their .npz files), or @LIST with one path per line.
     #[arg(value_name = "MODEL.spharm.npz", help_heading = INPUT)]
     pub(super) models: Vec<PathBuf>,
-    /// Surfaces to compare the models with, in their order [default: what they were fitted to]
+    /// Surfaces to compare with the models, in the same order [default: those that were fitted]
     #[arg(long, value_name = "SURFACE", num_args = 1.., requires = "models", help_heading = INPUT)]
     pub(super) surface: Vec<PathBuf>,
-    /// Reports of `spharm fit --report`, for how the fits converged
+    /// Reports of `spharm fit --report`, which show how the fits converged
     #[arg(long, value_name = "FILE.json", num_args = 1.., requires = "models", help_heading = INPUT)]
     pub(super) fit_report: Vec<PathBuf>,
     /// Modes of groups, as `spharm shape pca` writes them
@@ -42,32 +42,32 @@ pub(crate) struct Cli {
     pub(super) test: Vec<PathBuf>,
     /// Quality of a group's alignments to show side by side, as `spharm shape quality -o` writes it
     ///
-    /// Each is named as its file.
+    /// Each is named after its file.
     #[arg(long, value_name = "FILE.json", num_args = 1.., help_heading = INPUT)]
     pub(super) quality: Vec<PathBuf>,
     /// How a group was made to correspond, as `spharm shape correspond --report` writes it
     ///
-    /// Shows how each member is covered. Its landmarks' distances go with the first --quality.
+    /// Shows how each member is covered. The distances of its landmarks are shown with the first --quality.
     #[arg(long, value_name = "FILE.json", help_heading = INPUT)]
     pub(super) correspondence: Option<PathBuf>,
-    /// Tables of status, CSV or TSV with a header
+    /// Status tables, CSV or TSV with a header
     #[arg(long, value_name = "FILE", num_args = 1.., help_heading = INPUT)]
     pub(super) status: Vec<PathBuf>,
-    /// Warnings to show before all else, as JSON lists of texts
+    /// Warnings to show at the top, as JSON lists of texts
     #[arg(long, value_name = "FILE.json", num_args = 1.., help_heading = INPUT)]
     pub(super) warnings: Vec<PathBuf>,
     /// Page to write
     #[arg(short, long, value_name = "OUT.html", help_heading = OUTPUT)]
     pub(super) output: PathBuf,
-    /// The page's heading [default: the model's name, or what there is]
+    /// The page's heading [default: the model's name, or the kind of contents]
     #[arg(long, value_name = "TEXT", help_heading = OUTPUT)]
     pub(super) title: Option<String>,
-    /// Most vertices of a mesh in the page
+    /// Maximum number of vertices of a mesh in the page
     ///
-    /// A model over more is evaluated on an icosphere of fewer, and a surface of more isn't shown.
+    /// A model with more vertices is evaluated on a coarser icosphere, and a surface with more isn't shown.
     #[arg(long, value_name = "N", default_value_t = 163_842, value_parser = clap::value_parser!(u32).range(12..=10_000_000), help_heading = OUTPUT)]
     pub(super) max_vertices: u32,
-    /// Replace an output that exists
+    /// Replace an existing output
     #[arg(long, help_heading = OUTPUT)]
     pub(super) force: bool,
     #[command(flatten)]

@@ -1,4 +1,4 @@
-//! What `shape quality` and `shape correspond` have written of a group.
+//! Reading the measures of a group that `shape quality` and `shape correspond` have written.
 
 use std::path::{Path, PathBuf};
 
@@ -8,7 +8,7 @@ use spharm::shape::Curve;
 use spharm_cli::inputs::{MOST_OWN, read_text};
 use spharm_report::{Quality, Table};
 
-/// Measures of alignments, named as their files.
+/// Reads measures of alignments, named after their files.
 pub(super) fn quality(paths: &[PathBuf]) -> Result<Vec<Quality>> {
     paths.iter().map(|path| quality_of(path)).collect()
 }
@@ -41,11 +41,11 @@ fn curve(value: &Value) -> Option<Curve> {
     Some(Curve { values: numbers("values")?, low: of_band("low"), high: of_band("high") })
 }
 
-/// How a group was made to correspond.
+/// Correspondence of a group, from the report of `shape correspond`.
 pub(super) struct Correspondence {
-    /// The members and how they are covered; the landmarks, if there are any.
+    /// The table of members and their covering, and that of the landmarks, if any.
     pub(super) tables: Vec<Table>,
-    /// Mean and median distance of landmarks that were carried.
+    /// Mean and median distance of carried landmarks.
     pub(super) landmarks: Option<[f64; 2]>,
 }
 
@@ -92,7 +92,7 @@ pub(super) fn correspondence(path: &Path) -> Result<Correspondence> {
     Ok(Correspondence { tables, landmarks: mean_and_median(marks) })
 }
 
-/// A report of a verb.
+/// Reads a report of the verb `tool`.
 fn read(path: &Path, tool: &str, command: &str) -> Result<Value> {
     let text = read_text(path, "report", MOST_OWN)?;
     let value: Value = serde_json::from_str(&text).with_context(|| format!("{}: not JSON", path.display()))?;

@@ -1,4 +1,4 @@
-//! `report`: models, modes and tests as a page for the browser.
+//! `report`: makes a page of models, modes and tests for the browser.
 
 mod args;
 mod measured;
@@ -60,7 +60,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     print_line(&format!("{}: {}", cli.output.display(), Size(html.len())))
 }
 
-/// Refuses inputs that there is no memory for: they are held together.
+/// Refuses inputs that don't fit into memory together.
 fn check_inputs(cli: &Cli, budget: Budget) -> Result<()> {
     let (models, surfaces) = (expand(&cli.models, ".npz")?, expand_lists(&cli.surface)?);
     let maps: Vec<PathBuf> = cli.test.iter().flat_map(|folder| read::files(folder)).collect();
@@ -70,7 +70,7 @@ fn check_inputs(cli: &Cli, budget: Budget) -> Result<()> {
     budget.check_inputs("report", files.map(PathBuf::as_path))
 }
 
-/// Refuses a page that there is no memory for, beside what it is made of.
+/// Refuses a page that doesn't fit into memory together with its contents.
 fn check_page(cli: &Cli, contents: &Contents, budget: Budget) -> Result<()> {
     let fewer = [100_000, 50_000, 20_000, 10_000, 5000, 2000, 1000, 500, 100].into_iter();
     let fewer = fewer.filter(|n| *n < cli.max_vertices as usize);
@@ -80,7 +80,7 @@ fn check_page(cli: &Cli, contents: &Contents, budget: Budget) -> Result<()> {
     budget.check_or(what, needed(cli.max_vertices as usize), fewer)
 }
 
-/// Says which option helps.
+/// Adds the option that helps.
 fn advise(error: ReportError) -> anyhow::Error {
     match error {
         ReportError::TooLarge { .. } => anyhow!("{error}; raise --max-vertices"),
@@ -88,7 +88,7 @@ fn advise(error: ReportError) -> anyhow::Error {
     }
 }
 
-/// The name of the only item, or what there is.
+/// Returns the name of the only item, or else the kind of contents.
 fn title(contents: &Contents) -> String {
     let Contents { models, modes, tests, .. } = contents;
     let names = models.iter().map(|shown| &shown.name).chain(modes.iter().map(|(name, _)| name));

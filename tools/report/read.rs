@@ -1,4 +1,4 @@
-//! What a page is made of, from files.
+//! Reading the contents of a page from files.
 
 use std::path::{Path, PathBuf};
 
@@ -18,7 +18,7 @@ use spharm_surface::io::{read_mesh, read_signal};
 
 use super::args::Cli;
 
-/// Maps in the order of their names in a page; `spharm shape test` writes some of them.
+/// Maps in the order in which the page lists their names; `spharm shape test` writes some of them.
 const MAPS: [&str; 12] = [
     "effect",
     "effect-x",
@@ -33,15 +33,15 @@ const MAPS: [&str; 12] = [
     "margin",
     "value",
 ];
-/// What was tested, in a test's folder.
+/// File in a test's folder that describes the test.
 const ABOUT: &str = "test.json";
-/// What a report of a fit may be, in bytes: larger files aren't reports.
+/// Maximum size of a report of a fit in bytes: larger files aren't reports.
 const LARGEST_REPORT: u64 = 1 << 30;
 
-/// Most bytes of a table, far above what a page could show.
+/// Maximum size of a table in bytes, far above what a page could show.
 const LARGEST_TABLE: u64 = 64 << 20;
 
-/// The models, each with its surface and its entry in the reports of fits.
+/// Reads the models, each with its surface and its entry in the reports of fits.
 pub(super) fn models(cli: &Cli, console: &Console) -> Result<Vec<Shown>> {
     if cli.models.is_empty() {
         return Ok(Vec::new());
@@ -71,7 +71,7 @@ pub(super) fn models(cli: &Cli, console: &Console) -> Result<Vec<Shown>> {
     paths.iter().enumerate().map(one).collect()
 }
 
-/// The surface that a model was fitted to, where its file is there as it was.
+/// Returns the surface to which a model was fitted, if its file still exists unchanged.
 fn fitted_to(model: &Model, path: &Path, console: &Console) -> Option<(String, Mesh)> {
     let record = model.provenance.input.as_ref()?;
     let input = Path::new(&record.path);
@@ -84,7 +84,7 @@ fn fitted_to(model: &Model, path: &Path, console: &Console) -> Option<(String, M
         None
     };
     if record.label.is_some() || is_volume(input) {
-        // The surface of a label lies beside its model.
+        // The surface of a label is a file beside its model.
         let beside = ModelFiles { model: path.to_owned() }.surface();
         return match read_mesh(&beside) {
             Ok(mesh) => Some((shown(&beside), mesh)),
@@ -106,7 +106,7 @@ fn fitted_to(model: &Model, path: &Path, console: &Console) -> Option<(String, M
     }
 }
 
-/// The entries of a report of `spharm fit`.
+/// Reads the entries of a report of `spharm fit`.
 fn report(path: &Path) -> Result<Vec<Value>> {
     let text = read_text(path, "report", LARGEST_REPORT)?;
     let value: Value = serde_json::from_str(&text).with_context(|| format!("{}: not JSON", path.display()))?;
@@ -116,14 +116,14 @@ fn report(path: &Path) -> Result<Vec<Value>> {
     }
 }
 
-/// Whether an entry is of a model: by its file, else by its name.
+/// Returns whether an entry belongs to a model, by its file or, failing that, by its name.
 fn is_of(entry: &Value, model: &Path) -> bool {
     let of = |key: &str| entry.get(key).and_then(Value::as_str);
     let file = |path: &Path| path.file_name().map(std::ffi::OsStr::to_owned);
     of("output").is_some_and(|output| Path::new(output) == model || file(Path::new(output)) == file(model))
 }
 
-/// Modes of groups.
+/// Reads the modes of groups.
 pub(super) fn modes(paths: &[PathBuf]) -> Result<Vec<(String, ShapeModel)>> {
     let name = |path: &Path| {
         let name = model_name(path);
@@ -132,7 +132,7 @@ pub(super) fn modes(paths: &[PathBuf]) -> Result<Vec<(String, ShapeModel)>> {
     paths.iter().map(|path| Ok((format!("{}: modes", name(path)), ShapeModel::read(path)?))).collect()
 }
 
-/// Tests: folders of a mean and maps.
+/// Reads tests, which are folders with a mean and maps.
 pub(super) fn tests(folders: &[PathBuf]) -> Result<Vec<Maps>> {
     folders.iter().map(|folder| test(folder)).collect()
 }
@@ -167,7 +167,8 @@ fn test(folder: &Path) -> Result<Maps> {
     Ok(Maps { name: format!("{name}: test"), meaning, about, mesh, maps })
 }
 
-/// What `test.json` says of a test, for the page's table; nothing of folders that an earlier version wrote.
+/// Reads the description of a test in `test.json` for the page's table; empty for folders of earlier versions, which
+/// have no such file.
 fn about(folder: &Path) -> Result<(String, Vec<(String, String)>)> {
     let path = folder.join(ABOUT);
     if !path.is_file() {
@@ -219,13 +220,13 @@ fn about(folder: &Path) -> Result<(String, Vec<(String, String)>)> {
     Ok((meaning, rows))
 }
 
-/// The files of a test's folder, as far as they are there.
+/// Returns the paths of a test's files, whether or not they exist.
 pub(super) fn files(folder: &Path) -> Vec<PathBuf> {
     let maps = MAPS.iter().map(|name| folder.join(format!("{name}.shape.gii")));
     maps.chain([folder.join("mean.surf.gii"), folder.join(ABOUT)]).collect()
 }
 
-/// Tables with a header.
+/// Reads tables with a header.
 pub(super) fn tables(paths: &[PathBuf]) -> Result<Vec<Table>> {
     paths.iter().map(|path| table(path)).collect()
 }
@@ -244,7 +245,7 @@ fn table(path: &Path) -> Result<Table> {
     Ok(Table { title: stem(path), columns, rows: rows.with_context(open)? })
 }
 
-/// A list of warnings.
+/// Reads a list of warnings.
 pub(crate) fn warnings(path: &Path) -> Result<Vec<String>> {
     let text = read_text(path, "list of warnings", LARGEST_TABLE)?;
     serde_json::from_str(&text).with_context(|| format!("{}: expected a JSON list of texts", path.display()))

@@ -22,7 +22,7 @@ pub(crate) struct Cli {
 
 #[derive(Debug, Subcommand)]
 pub(super) enum Command {
-    /// List the sampling schemes of a store, a line each
+    /// List the sampling schemes of a store, one per line
     List {
         /// Folder of the store
         #[arg(env = "SPHARM_STORE")]
@@ -31,7 +31,7 @@ pub(super) enum Command {
         #[arg(long, help_heading = OUTPUT)]
         json: bool,
     },
-    /// List the files of schemes, a line for each degree and each factor
+    /// List the files of schemes, with a line for each degree and each factor
     Show {
         #[command(flatten)]
         which: Which,
@@ -39,7 +39,7 @@ pub(super) enum Command {
         #[arg(long, help_heading = OUTPUT)]
         json: bool,
     },
-    /// Check every byte against its hash; exit status 1 when something is damaged
+    /// Check every byte against its hash; exit status 1 if a file is damaged
     Verify {
         #[command(flatten)]
         which: Which,

@@ -1,4 +1,4 @@
-//! `store`: what is in a basis store, whether it is sound, and clearing away what killed builds left.
+//! `store`: lists the contents of a basis store, verifies them, and removes the leftovers of killed builds.
 
 mod args;
 mod output;
@@ -86,7 +86,7 @@ fn gc(dir: &Path, dry_run: bool) -> Result<()> {
 }
 
 impl Which {
-    /// Returns the schemes that are meant: one by the first digits of its key, or all.
+    /// Returns the requested schemes: one by the first digits of its key, or all.
     fn keys(&self) -> Result<Vec<SchemeKey>> {
         Ok(find_schemes(&self.dir, self.key.as_deref())?)
     }

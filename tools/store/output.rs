@@ -1,4 +1,4 @@
-//! What `store` prints: JSON, or tables.
+//! Output of `store`: JSON, or tables.
 
 use serde::Serialize;
 use spharm_cli::size::Size;
@@ -6,7 +6,7 @@ use spharm_store::catalog::SchemeSummary;
 use spharm_store::factor::FactorFile;
 use spharm_store::{Codec, DegreeFile, Scalar, SchemeKey, StoreError};
 
-/// A line of `list`.
+/// A row of `list`.
 #[derive(Debug, Serialize)]
 pub(super) struct SchemeRow {
     key: String,
@@ -14,7 +14,7 @@ pub(super) struct SchemeRow {
     dtype: Option<&'static str>,
     codec: Option<&'static str>,
     degrees: usize,
-    /// Highest degree of which every one below is there as well.
+    /// Highest degree up to which all degrees exist.
     complete_to: Option<usize>,
     /// Number of factors beside the basis.
     factors: usize,
@@ -55,7 +55,7 @@ pub(super) struct FactorRow {
     problem: Option<String>,
 }
 
-/// A line of `show`.
+/// A row of `show`.
 #[derive(Debug, Serialize)]
 #[serde(untagged)]
 pub(super) enum Row {
@@ -79,7 +79,7 @@ impl From<SchemeSummary> for SchemeRow {
     }
 }
 
-/// The table of schemes.
+/// Returns the table of schemes.
 pub(super) fn scheme_lines(rows: Vec<SchemeRow>) -> Vec<Vec<String>> {
     let mut lines =
         vec![["scheme", "directions", "dtype", "codec", "degrees", "factors", "size"].map(str::to_owned).to_vec()];
@@ -105,7 +105,7 @@ pub(super) fn scheme_lines(rows: Vec<SchemeRow>) -> Vec<Vec<String>> {
 }
 
 impl DegreeRow {
-    /// Of a file, or of what is wrong with it.
+    /// Creates the row of a file, or of its error.
     pub(super) fn new(key: SchemeKey, degree: usize, file: &Result<DegreeFile, StoreError>) -> Self {
         let header = file.as_ref().ok().map(DegreeFile::header);
         Self {
@@ -124,7 +124,7 @@ impl DegreeRow {
 }
 
 impl FactorRow {
-    /// Of a file, or of what is wrong with it.
+    /// Creates the row of a file, or of its error.
     pub(super) fn new(key: SchemeKey, name: String, file: &Result<FactorFile, StoreError>) -> Self {
         let header = file.as_ref().ok().map(FactorFile::header);
         Self {
@@ -153,7 +153,7 @@ fn number(value: Option<usize>) -> String {
     value.map_or("-".to_owned(), |value| value.to_string())
 }
 
-/// The table of basis files.
+/// Returns the table of basis files.
 pub(super) fn degree_lines(rows: Vec<DegreeRow>) -> Vec<Vec<String>> {
     let head = ["scheme", "degree", "columns", "dtype", "codec", "chunks", "rows a chunk", "size"];
     let mut lines = vec![head.map(str::to_owned).to_vec()];
@@ -172,7 +172,7 @@ pub(super) fn degree_lines(rows: Vec<DegreeRow>) -> Vec<Vec<String>> {
     lines
 }
 
-/// The table of factors.
+/// Returns the table of factors.
 pub(super) fn factor_lines(rows: Vec<FactorRow>) -> Vec<Vec<String>> {
     let head = ["scheme", "factor", "columns", "weights", "smoothness", "condition", "tiles", "size"];
     let mut lines = vec![head.map(str::to_owned).to_vec()];

@@ -95,7 +95,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     for (name, file) in MAPS.iter().zip(&map_files) {
         match maps.iter().find(|(written, _)| written == name) {
             Some((_, values)) => write_signal(file, &Signal::new(values.clone(), values.len(), 1), &options)?,
-            // Of an earlier test, which --force replaces.
+            // A map of an earlier test, which --force replaces.
             None if file.exists() => std::fs::remove_file(file).with_context(|| file.display().to_string())?,
             None => {}
         }
