@@ -24,7 +24,7 @@ pub(crate) fn create(folder: &Path, prefix: &str) -> io::Result<NamedTempFile> {
         let temporary = tempfile::Builder::new()
             .prefix(prefix)
             .suffix(SUFFIX)
-            .permissions(Permissions::from_mode(0o666)) // less the umask: a store is there to be shared
+            .permissions(Permissions::from_mode(0o666)) // minus the umask: a store is meant to be shared
             .tempfile_in(folder)?;
         match temporary.as_file().try_lock() {
             // Another process removed it as a leftover between its creation and the lock, or is about to.
