@@ -136,7 +136,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     if let Some(path) = &cli.animation {
         let settings = Settings { width: SIDE, height: SIDE, view: View::CORNER, ..Settings::default() };
         let mut frames = pool.install(|| render_frames(&meshes, &settings))?;
-        // The animation runs forth and back.
+        // The animation plays forwards, then backwards.
         let back: Vec<_> = frames.iter().rev().skip(1).take(last.saturating_sub(1)).cloned().collect();
         frames.extend(back);
         prepare(path)?;
