@@ -49,7 +49,7 @@ impl Written {
         }
     }
 
-    /// Returns the table, below a line that summarizes the work.
+    /// Returns the table, below a line that summarises the work.
     pub(super) fn table(&self) -> String {
         let summary = summary(&self.output, &self.report);
         match &self.handles {

@@ -67,7 +67,7 @@ pub struct SchemeSummary {
     pub bytes: u64,
 }
 
-/// Opens the files of a scheme and summarizes them.
+/// Opens the files of a scheme and summarises them.
 ///
 /// # Errors
 ///

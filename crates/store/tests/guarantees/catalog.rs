@@ -1,4 +1,4 @@
-//! Schemes are found by the first digits of their keys, summarized and verified, including damaged files.
+//! Schemes are found by the first digits of their keys, summarised and verified, including damaged files.
 
 use spharm_monitor::Silent;
 use spharm_store::catalog::{find_schemes, summarize, verify};
