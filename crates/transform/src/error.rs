@@ -1,15 +1,15 @@
-//! Errors of transforms and Gram matrices; all are found before any work is done.
+//! Errors of transforms and Gram matrices; all are detected before any work is done.
 
 use spharm_harmonics::HarmonicsError;
 
-/// An argument that a transform or a Gram matrix cannot be made from.
+/// An invalid argument of a transform or a Gram matrix.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum TransformError {
     /// Invalid degree or coefficients.
     #[error(transparent)]
     Harmonics(#[from] HarmonicsError),
-    /// A degree above that of the plan that is to be shared.
+    /// A degree above that of the plan to be shared.
     #[error("degree: expected at most {max}, found {found}")]
     Degree {
         /// The requested degree.
@@ -45,7 +45,7 @@ pub enum TransformError {
         /// Number of rows found.
         found: usize,
     },
-    /// A number of moments that doesn't belong to twice the degree.
+    /// A number of moments that doesn't match twice the degree.
     #[error("moments: expected {expected} values (degree {degree}), found {found}")]
     MomentCount {
         /// The degree of the moments, `2 L`.

@@ -1,10 +1,10 @@
 //! The Gram matrix `A^T diag(w) A` of the canonical basis at n scattered weighted directions, without the basis.
 //!
 //! The Gram matrix depends on weights and directions only through the *moments* `s_{lm} = sum_i w_i S_{lm}(x_i)` to
-//! degree 2L, which are one adjoint synthesis of the weights: a product of two harmonics of degrees up to L has degree
-//! 2L. With `S = sum s_{lm} S_{lm}`, `sum_i w_i h(x_i) = integral of S h` for every h of degree up to 2L. The integrand
-//! has degree 4L, which 2L + 1 Gauss-Legendre rings integrate exactly. On them, for orders m, m' >= 0 and s, s' in
-//! {cos, sin},
+//! degree 2L, which one adjoint synthesis of the weights computes: a product of two harmonics of degrees up to L has
+//! degree 2L. With `S = sum s_{lm} S_{lm}`, `sum_i w_i h(x_i) = integral of S h` for every h of degree up to 2L. The
+//! integrand has degree 4L, which 2L + 1 Gauss-Legendre rings integrate exactly. On these rings, for orders m, m' >= 0
+//! and s, s' in {cos, sin},
 //!
 //! ```text
 //! G[(l, m, s), (l', m', s')] = sum_j P_{l,m}(theta_j) W_{m,m'}^{s,s'}(j) P_{l',m'}(theta_j)
@@ -14,24 +14,24 @@
 //!
 //! where `c_k`, `d_k` are half the Fourier coefficients of S on the ring (`gram/measure.rs`). A product of three
 //! harmonics of degrees l, l', l'' integrates to zero unless l + l' + l'' is even, since `S_{lm}(-x) = (-1)^l
-//! S_{lm}(x)`: only moments whose degree has the parity of l + l' count, and for these the integrand is the same on
-//! mirrored rings. That leaves the L + 1 rings from the north pole to the equator, and half of the flops.
+//! S_{lm}(x)`: only moments whose degree has the parity of l + l' contribute, and for these the integrand is the same
+//! on mirrored rings. That leaves the L + 1 rings from the north pole to the equator, and half of the flops.
 //!
 //! # Cost
 //!
-//! For any n: `L^5` flops for the lower triangle (1.05e10 at L = 100, 3.3e11 at L = 200), and some 40 `L^3` for the
-//! tables. Memory of the tables: see [`MomentGram::bytes`]; 12 MB at L = 100, 65 MB at L = 200. The matrix itself takes
-//! `8 (L + 1)^4` bytes and is written once, column by column.
+//! Independently of n: `L^5` flops for the lower triangle (1.05e10 at L = 100, 3.3e11 at L = 200), and some `40 L^3`
+//! for the tables. For the memory of the tables see [`MomentGram::bytes`]: 12 MB at L = 100, 65 MB at L = 200. The
+//! matrix itself takes `8 (L + 1)^4` bytes and is written once, column by column.
 //!
 //! # Range
 //!
-//! L up to half of [`MAX_DEGREE`](spharm_harmonics::MAX_DEGREE). Weights may be negative. Errors are a few eps times
-//! the largest entry. The bits of an entry depend neither on the number of threads nor on the tile in which it is
+//! L is at most half of [`MAX_DEGREE`](spharm_harmonics::MAX_DEGREE). Weights may be negative. Errors are a few eps
+//! times the largest entry. The bits of an entry depend neither on the number of threads nor on the tile in which it is
 //! computed.
 //!
-//! On the circle the Gram matrix of scattered data from its moments is the Toeplitz matrix of H. G. Feichtinger, K.
-//! Gröchenig and T. Strohmer, "Efficient numerical methods in non-uniform sampling theory", Numer. Math. 69 (1995);
-//! this is the analogue on the sphere.
+//! On the circle, the Gram matrix of scattered data computed from its moments is the Toeplitz matrix of H. G.
+//! Feichtinger, K. Gröchenig and T. Strohmer, "Efficient numerical methods in non-uniform sampling theory", Numer.
+//! Math. 69 (1995); this is the analogue on the sphere.
 //!
 //! ```
 //! use spharm_transform::MomentGram;
@@ -63,28 +63,28 @@ use crate::moments::check;
 use measure::Measure;
 use panel::{Columns, Part, Rows};
 
-/// Pairs (l', m') of a task. Every task reads the whole Legendre table, so tasks must not be small; but there have to
-/// be enough of them for all threads.
+/// Pairs (l', m') per task. Every task reads the entire Legendre table, so tasks must not be small, but there must be
+/// enough of them for all threads.
 const TASK: usize = 32;
-/// Columns and rows of a tile that is mirrored at a time: 32 kB, which fits the L1 cache.
+/// Columns and rows of the tiles in which the matrix is mirrored: a tile takes 32 kB, which fits the L1 cache.
 const MIRROR: usize = 64;
 
 /// The Gram matrix `A^T diag(w) A`, (K, K), of the canonical basis to degree L, from the moments of the weights.
 ///
-/// Entries are computed when they are asked for: as a whole, by tiles or by blocks of degrees. Methods run on the rayon
-/// pool that they are called in.
+/// Entries are computed on request: the entire matrix, tiles or blocks of degrees. Methods run on the rayon pool from
+/// which they are called.
 #[derive(Debug)]
 pub struct MomentGram {
     measure: Measure,
 }
 
 impl MomentGram {
-    /// Makes the tables for the Gram matrix to degree L = `max_degree` from the moments `sum_i w_i S_{lm}(x_i)` to
+    /// Builds the tables for the Gram matrix to degree L = `max_degree` from the moments `sum_i w_i S_{lm}(x_i)` to
     /// degree 2L, `(2L + 1)^2` values in canonical order.
     ///
     /// # Errors
     ///
-    /// - [`TransformError::MomentCount`]: there aren't `(2L + 1)^2` moments.
+    /// - [`TransformError::MomentCount`]: the number of moments isn't `(2L + 1)^2`.
     /// - [`TransformError::MomentNotFinite`]: a moment is NaN or infinite.
     /// - [`TransformError::Harmonics`]: 2L is above [`MAX_DEGREE`](spharm_harmonics::MAX_DEGREE).
     pub fn new(max_degree: usize, moments: &[f64]) -> Result<Self, TransformError> {
@@ -92,8 +92,8 @@ impl MomentGram {
         Ok(Self { measure: Measure::new(max_degree, moments)? })
     }
 
-    /// Returns the bytes of the tables for a degree, about `4 (L + 1)^3 + 768 (L + 1)^2`. While it computes, each
-    /// thread needs about 1 MiB more.
+    /// Returns the size of the tables for a degree in bytes, about `4 (L + 1)^3 + 768 (L + 1)^2`. During computation
+    /// each thread needs about 1 MiB more.
     pub const fn bytes(max_degree: usize) -> usize {
         Measure::bytes(max_degree)
     }
@@ -103,7 +103,7 @@ impl MomentGram {
         self.measure.max_degree()
     }
 
-    /// Returns the number of rows and of columns of the whole matrix, `K = (L + 1)^2`.
+    /// Returns the number of rows and of columns of the entire matrix, `K = (L + 1)^2`.
     pub fn size(&self) -> usize {
         basis_size(self.max_degree())
     }
@@ -119,11 +119,11 @@ impl MomentGram {
     }
 
     /// Writes the entries of `rows` and `columns`, anywhere in the symmetric matrix, into `out`, (rows, columns)
-    /// column-major with `leading` values from column to column.
+    /// column-major, with `leading` values from column to column.
     ///
-    /// Tiles of several whole degrees cost least per entry: columns of both signs of a degree and order share their
-    /// sums, and a kernel takes three degrees of equal parity at a time. Tiles of less than two degrees a side cost
-    /// three times as much per entry.
+    /// Tiles of several complete degrees cost least per entry: columns of both signs of a degree and order share their
+    /// sums, and a kernel processes three degrees of equal parity at a time. Tiles of fewer than two degrees per side
+    /// cost three times as much per entry.
     ///
     /// # Panics
     ///
@@ -132,8 +132,8 @@ impl MomentGram {
         self.fill(rows, columns, false, out, leading);
     }
 
-    /// Writes the Gram matrix of a run of degrees, both triangles, into `out`, (k, k) column-major, where k is the
-    /// number of basis functions of these degrees. It is symmetric to the last bit.
+    /// Writes the Gram matrix of a range of degrees, both triangles, into `out`, (k, k) column-major, where k is the
+    /// number of basis functions of these degrees. The result is exactly symmetric, to the last bit.
     ///
     /// # Panics
     ///
@@ -182,8 +182,8 @@ impl MomentGram {
         });
     }
 
-    /// Groups the columns, given by order, into tasks of about [`TASK`] degrees: of one order where it has that many,
-    /// else of as many orders as fit a cache together.
+    /// Groups the columns, given by order, into tasks of about [`TASK`] degrees: of one order if it has that many,
+    /// otherwise of as many orders as fit a cache together.
     fn tasks<'a>(&self, orders: Vec<Vec<Part<'a>>>) -> Vec<Vec<Columns<'a>>> {
         let most = panel::most_orders(self.measure.rings());
         let mut tasks: Vec<Vec<Columns<'a>>> = Vec::new();

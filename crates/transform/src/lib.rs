@@ -8,13 +8,13 @@
 //! coefficients --Legendre sums--> rings --Fourier--> oversampled grid --interpolation--> samples
 //! ```
 //!
-//! The cost is `L^3 / 4 + O(M^2 log M) + O(w^2 n)` products a channel in place of `K n`, for an oversampled grid of M
+//! The cost per channel is `L^3 / 4 + O(M^2 log M) + O(w^2 n)` products instead of `K n`, for an oversampled grid of M
 //! points around and an interpolation kernel w points wide. The method is that of M. Reinecke, S. Belkner and J.
 //! Carron, "Improved cosmic microwave background (de-)lensing using general spherical harmonic transforms", A&A 678
 //! (2023). Adjoint synthesis is the transpose of synthesis step by step.
 //!
-//! A [`MomentOperator`] is the normal operator `A^T diag(w) A` from moments of the weights, and a [`MomentGram`] the
-//! matrix itself; what they take doesn't depend on n.
+//! A [`MomentOperator`] applies the normal operator `A^T diag(w) A` using moments of the weights, and a [`MomentGram`]
+//! computes the matrix itself. The cost of either doesn't depend on n.
 //!
 //! # Modules
 //!
@@ -23,8 +23,8 @@
 //! | [`transform`] | the plan of a transform, and its methods |
 //! | [`moments`] | the normal operator of scattered weighted directions, from their moments |
 //! | [`gram`] | the Gram matrix of scattered weighted directions, from their moments |
-//! | [`accumulator`] | moments and right-hand sides of samples that come in chunks |
-//! | [`nodal`] | the same of samples that are linear in values at nodes, for many of these |
+//! | [`accumulator`] | moments and right-hand sides of samples that arrive in chunks |
+//! | [`nodal`] | the same for samples that are linear in values at nodes, for many sets of such values |
 //! | `either` | [`synthesis`]: direct sums or a transform, whichever is faster |
 //! | `gridding` | the choice of grid size and kernel width |
 //! | `legendre` | coefficients to rings and back |
@@ -36,7 +36,7 @@
 //! | `cells`, `points` | the cells of directions; directions sorted by them |
 //! | `kernel` | the interpolation kernel |
 //! | `interpolation`, `interpolation_batch`, `interpolation_cells` | grid to directions and back, and its inner loops: direction by direction, cell by cell |
-//! | `batch` | the kernel values of some directions |
+//! | `batch` | the kernel values of a batch of directions |
 //! | `workspace` | working memory of calls and threads |
 //! | `lanes` | short arrays in vector registers |
 //!

@@ -10,19 +10,20 @@
 //! A^T diag(w) A x = A_g^T D A_g x,   D = diag(q_g S(g))
 //! ```
 //!
-//! Next to the poles, where high orders vanish, rings have fewer azimuths. [`MomentGram`](crate::MomentGram) has the
-//! matrix itself from the same moments. Moments of parts of a sampling add up to those of all of it.
+//! Next to the poles, where high orders vanish, rings have fewer azimuths. [`MomentGram`](crate::MomentGram) computes
+//! the matrix itself from the same moments. The moments of the parts of a sampling add up to those of the entire
+//! sampling.
 //!
 //! # Cost
 //!
-//! For a channel `L^3` fused products for Legendre sums, in pairs of rings; and Fourier transforms of some `11 L^2`
-//! points. Memory: see [`MomentOperator::bytes`].
+//! Per channel: `L^3` fused products for Legendre sums, in pairs of rings, and Fourier transforms of some `11 L^2`
+//! points. For memory see [`MomentOperator::bytes`].
 //!
 //! # Range
 //!
-//! L up to half of what a [`Transform`](crate::Transform) takes. Weights may be negative. Errors are a few eps times
-//! `sum |w|`: on samplings whose normal matrix has a large condition the directions of small eigenvalues lose digits, as
-//! they would with the matrix itself.
+//! L is at most half of the highest degree of a [`Transform`](crate::Transform). Weights may be negative. Errors are a
+//! few eps times `sum |w|`: if the normal matrix of a sampling has a large condition number, eigenvectors of small
+//! eigenvalues lose digits, as they would with the matrix itself.
 //!
 //! On the circle this is the Toeplitz matrix of H. G. Feichtinger, K. Gröchenig and T. Strohmer, "Efficient numerical
 //! methods in non-uniform sampling theory", Numer. Math. 69 (1995), multiplied by Fourier transforms.
@@ -59,25 +60,25 @@ pub use sums::SampleSums;
 
 /// The normal operator `A^T diag(w) A`, (K, K), of the canonical basis to degree L, from the moments of the weights.
 ///
-/// Methods run on the rayon pool that they are called in; results are the same bits on any number of threads. An
-/// operator can be used by several threads at once.
+/// Methods run on the rayon pool from which they are called; results are the same bits on any number of threads.
+/// Several threads can use an operator at once.
 #[derive(Debug)]
 pub struct MomentOperator {
-    /// With `q_g S(g)`.
+    /// Applies the product with `q_g S(g)` on the grid.
     on_grid: OnGrid,
     norm: f64,
 }
 
 impl MomentOperator {
-    /// Channels that a product takes at a time: these share Legendre functions and stay in a cache together.
+    /// Channels that a product processes together: they share Legendre functions and fit a cache together.
     pub const CHANNELS: usize = ring_grid::CHANNELS;
 
-    /// Makes the operator to degree L = `max_degree` from the moments `sum_i w_i S_{lm}(x_i)` to degree 2L, `(2L + 1)^2`
-    /// values in canonical order.
+    /// Builds the operator to degree L = `max_degree` from the moments `sum_i w_i S_{lm}(x_i)` to degree 2L, `(2L +
+    /// 1)^2` values in canonical order.
     ///
     /// # Errors
     ///
-    /// - [`TransformError::MomentCount`]: there aren't `(2L + 1)^2` moments.
+    /// - [`TransformError::MomentCount`]: the number of moments isn't `(2L + 1)^2`.
     /// - [`TransformError::MomentNotFinite`]: a moment is NaN or infinite.
     /// - [`TransformError::Harmonics`]: L is above [`MAX_DEGREE`](spharm_harmonics::MAX_DEGREE).
     pub fn new(max_degree: usize, moments: &[f64]) -> Result<Self, TransformError> {
@@ -92,9 +93,9 @@ impl MomentOperator {
         Ok(Self { on_grid: OnGrid::new(grid, density), norm })
     }
 
-    /// Returns the most bytes that an operator takes, while it is made or with the working memory of calls with so many
-    /// channels on `threads` threads: about `240 (L + 1)^2` while it is made, then `90 (L + 1)^2` and for each channel,
-    /// of up to 3 on each thread, `72 (L + 1)^2`.
+    /// Returns the peak bytes of an operator, either during construction or with the working memory of calls with
+    /// `channels` channels on `threads` threads: about `240 (L + 1)^2` during construction, then `90 (L + 1)^2` plus
+    /// `72 (L + 1)^2` for each channel, of up to 3 on each thread.
     pub const fn bytes(max_degree: usize, channels: usize, threads: usize) -> usize {
         let Sizes { held, made, called } = Self::sizes(max_degree, channels, threads);
         held + if made > called { made } else { called }
@@ -115,7 +116,8 @@ impl MomentOperator {
         basis_size(self.max_degree())
     }
 
-    /// Returns a bound on the largest eigenvalue in size: the largest `|S(g)|`, as `A_g^T diag(q_g) A_g` is the identity.
+    /// Returns a bound on the largest absolute eigenvalue: the largest `|S(g)|`, as `A_g^T diag(q_g) A_g` is the
+    /// identity.
     pub fn norm(&self) -> f64 {
         self.norm
     }
@@ -130,7 +132,7 @@ impl MomentOperator {
     }
 }
 
-/// Checks number and values of the moments to twice a degree.
+/// Checks the number and the values of the moments to twice a degree.
 pub(crate) fn check(max_degree: usize, moments: &[f64]) -> Result<(), TransformError> {
     let degree = 2 * max_degree;
     let expected = basis_size(degree);

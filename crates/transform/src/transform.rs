@@ -1,7 +1,7 @@
 //! The plan of a transform: synthesis, adjoint synthesis and the normal operator at scattered directions.
 //!
 //! Channels are transformed in groups of [`TransformParams::channels`]. A call takes its working memory from the plan
-//! and leaves it there for the next call.
+//! and returns it to the plan for the next call.
 
 mod steps;
 
@@ -26,16 +26,16 @@ use crate::sorting::{Columns, sort, unsort};
 use crate::workspace::{Sizes, Uses, Workspace};
 use crate::{TransformError, TransformParams};
 
-/// Samples that a task sorts.
+/// Samples that one task sorts.
 const RUN: usize = 1 << 12;
-/// Bytes of samples of several groups of channels that are sorted together: rows of many channels are so long that sorting one
-/// group after the other reads as many lines of the cache for each as for all of them.
+/// Bytes of samples, of several groups of channels, that are sorted together. If rows have many channels, sorting a
+/// single group reads as many cache lines as sorting all groups at once.
 const SORTED: usize = 16 << 20;
 
 /// A plan for transforms between coefficients to one degree and samples at one list of directions.
 ///
-/// It holds everything that depends on degree, accuracy and directions alone. Methods run on the rayon pool that they
-/// are called in; results are the same bits on any number of threads. A plan can be used by several threads at once.
+/// It holds everything that depends only on degree, accuracy and directions. Methods run on the rayon pool from which
+/// they are called; results are the same bits on any number of threads. Several threads can use a plan at once.
 #[derive(Debug)]
 pub struct Transform {
     max_degree: usize,
@@ -48,7 +48,7 @@ pub struct Transform {
     points: Arc<Points>,
     /// `1 / (2 p_m)`.
     order_factor: Vec<f64>,
-    /// Working memory of earlier calls, for later ones and for those of plans that share the sorting.
+    /// Working memory of earlier calls, reused by later ones and by those of plans that share the sorting.
     spaces: Arc<Pool<Workspace>>,
 }
 
@@ -61,13 +61,13 @@ impl Transform {
     /// - [`TransformError::Accuracy`]: the accuracy is out of range.
     /// - [`TransformError::TooManyDirections`]: there are more than 2^32 - 1 directions.
     /// - [`TransformError::Harmonics`]: the degree is above twice [`MAX_DEGREE`](spharm_harmonics::MAX_DEGREE). (Twice,
-    ///   as the [moments of a Gram matrix](crate::gram) go to twice its degree.)
+    ///   because the [moments of a Gram matrix](crate::gram) go to twice its degree.)
     pub fn new(directions: &Directions, params: &TransformParams) -> Result<Self, TransformError> {
         let gridding = Gridding::choose(params.max_degree, directions.len(), params.accuracy)?;
         Self::on(gridding, directions.as_slice(), params)
     }
 
-    /// Plans transforms on a gridding of the caller's choice.
+    /// Plans transforms on a gridding chosen by the caller.
     pub(crate) fn on(
         gridding: Gridding,
         directions: &[[f64; 3]],
@@ -79,8 +79,9 @@ impl Transform {
         Ok(Self::over(points, gridding, &recurrence, params))
     }
 
-    /// Plans transforms to another degree for the same directions, which share their sorting and the grid: to a lower
-    /// degree at least as accurate as this one. Where directions are many this costs next to nothing.
+    /// Plans transforms to another, at most equal, degree for the same directions. Both plans share the sorted
+    /// directions and the grid, so the new one is at least as accurate as this one. If there are many directions, this
+    /// costs almost nothing.
     ///
     /// # Errors
     ///
@@ -114,8 +115,7 @@ impl Transform {
         }
     }
 
-    /// Returns the bytes that a plan for n = `directions` directions and one call with `channels` channels take
-    /// together.
+    /// Returns the total bytes of a plan for n = `directions` directions and of one call with `channels` channels.
     ///
     /// # Errors
     ///
@@ -143,8 +143,8 @@ impl Transform {
         self.points.len()
     }
 
-    /// Synthesis, `A x`: returns the samples, (n, c), at the directions of the c functions with the canonical
-    /// coefficients `coefficients`, (K, c).
+    /// Computes the synthesis `A x`: returns the samples, (n, c), at the directions of the c functions with the
+    /// canonical coefficients `coefficients`, (K, c).
     ///
     /// # Errors
     ///
@@ -172,8 +172,8 @@ impl Transform {
         Ok(samples)
     }
 
-    /// Adjoint synthesis, `A^T r`: returns (K, c) for the samples `samples`, (n, c). This is the transpose of
-    /// [`synthesis`](Self::synthesis) to rounding, whatever the accuracy; it is not its inverse.
+    /// Computes the adjoint synthesis `A^T r`: returns (K, c) for the samples `samples`, (n, c). This is the transpose
+    /// of [`synthesis`](Self::synthesis) to rounding, whatever the accuracy; it is not its inverse.
     ///
     /// # Errors
     ///
@@ -188,14 +188,14 @@ impl Transform {
         }))
     }
 
-    /// Sums over weighted samples, `A^T diag(w) [1 f]`: returns (K, 1 + c), first the sums of the weights alone, for samples
-    /// f, (n, c), and weights w, (n), all one where there are none.
+    /// Computes sums over weighted samples, `A^T diag(w) [1 f]`: returns (K, 1 + c), with the sums of the weights alone
+    /// in the first column, for samples f, (n, c), and weights w, (n); without weights, w = 1.
     ///
-    /// Faster than an adjoint synthesis for either: each direction's kernel is evaluated once.
+    /// This is faster than two adjoint syntheses, since each direction's kernel is evaluated once.
     ///
     /// # Errors
     ///
-    /// [`TransformError::Shape`]: there aren't n samples or n weights.
+    /// [`TransformError::Shape`]: the number of samples or of weights isn't n.
     pub fn weighted_sums(
         &self,
         samples: ArrayView2<'_, f64>,
@@ -217,12 +217,13 @@ impl Transform {
         }))
     }
 
-    /// Adjoint synthesis of samples that `fill` gives, for a direction from a column on.
+    /// Computes the adjoint synthesis of samples supplied by `fill`, which writes the values of a direction starting
+    /// from a given column.
     fn adjoint_of(&self, channels: usize, fill: &(impl Fn(usize, usize, &mut [f64]) + Sync)) -> Array2<f64> {
         let mut coefficients = Array2::zeros((basis_size(self.max_degree), channels));
         self.grouped(channels, self.sorted_together(), Uses::ADJOINT, |space, block| {
             let (count, length) = self.group(&block);
-            // The same run of each group.
+            // The same run of samples in every group.
             let mut runs: Vec<Vec<&mut [f64]>> = self.points.order().chunks(RUN).map(|_| Vec::new()).collect();
             for sorted in space.samples.chunks_exact_mut(length.max(1)) {
                 runs.iter_mut().zip(sorted.chunks_mut(RUN * count)).for_each(|(run, sorted)| run.push(sorted));
@@ -242,8 +243,8 @@ impl Transform {
         coefficients
     }
 
-    /// Adjoint synthesis of samples that `spread` adds to a grid: for a range of columns it writes the grid, in this layout and
-    /// with its margins, whatever that held before.
+    /// Computes the adjoint synthesis of samples that `spread` adds to a grid. For a range of columns, `spread` writes
+    /// the entire grid, in the given layout and including its margins, whatever the grid held before.
     pub(crate) fn adjoint_of_grid(
         &self,
         channels: usize,
@@ -258,15 +259,15 @@ impl Transform {
         coefficients
     }
 
-    /// The normal operator, `A^T diag(w) A x`: returns (K, c) for the coefficients `coefficients`, (K, c). Without
-    /// weights, w = 1.
+    /// Applies the normal operator, `A^T diag(w) A x`: returns (K, c) for the coefficients `coefficients`, (K, c).
+    /// Without weights, w = 1.
     ///
-    /// Faster than synthesis and adjoint synthesis one after the other: each direction's kernel is evaluated once.
+    /// This is faster than synthesis followed by adjoint synthesis, since each direction's kernel is evaluated once.
     /// Weights come from [`sorted_weights`](Self::sorted_weights) of the same plan.
     ///
     /// # Errors
     ///
-    /// [`TransformError::Shape`]: `coefficients` doesn't have `K = (L + 1)^2` rows, or there aren't n weights.
+    /// [`TransformError::Shape`]: `coefficients` doesn't have `K = (L + 1)^2` rows, or the number of weights isn't n.
     pub fn normal(
         &self,
         coefficients: ArrayView2<'_, f64>,
@@ -295,7 +296,7 @@ impl Transform {
     ///
     /// # Errors
     ///
-    /// [`TransformError::Shape`]: there aren't n weights.
+    /// [`TransformError::Shape`]: the number of weights isn't n.
     pub fn sorted_weights(&self, weights: &[f64]) -> Result<SortedWeights, TransformError> {
         self.expect("weights", self.points.len(), weights.len())?;
         Ok(SortedWeights((0..weights.len()).map(|place| weights[self.points.direction(place)]).collect()))
@@ -309,25 +310,27 @@ impl Transform {
         Layout::new(self.gridding.grid, self.gridding.reach, channels)
     }
 
-    /// The number of groups of channels whose samples are sorted together.
+    /// Returns the number of groups of channels whose samples are sorted together.
     fn sorted_together(&self) -> usize {
         SORTED / (8 * self.points.len() * self.channels).max(1)
     }
 
-    /// For a block of channels: the number of channels of each of its groups, and the number of samples of a group.
+    /// Returns, for a block of channels, the number of channels in each of its groups and the number of samples of a
+    /// group.
     fn group(&self, block: &Range<usize>) -> (usize, usize) {
         let count = block.len().min(self.channels);
         (count, count * self.points.len())
     }
 
-    /// The groups of a block of channels.
+    /// Returns the groups of a block of channels.
     fn groups(&self, block: &Range<usize>) -> impl Iterator<Item = Range<usize>> + use<> {
         let count = block.len().min(self.channels);
         block.clone().step_by(count.max(1)).map(move |first| first..first + count)
     }
 
-    /// Calls `work` for blocks of channels: up to `together` whole groups, and in the end what is less than a group. Its working
-    /// memory has the parts that `uses` names: samples of all groups of the block, the rest of one group.
+    /// Calls `work` for blocks of channels: blocks of up to `together` complete groups, then one block of the channels
+    /// left over. The working memory has the parts that `uses` names: samples for all groups of the block, everything
+    /// else for one group.
     fn grouped(
         &self,
         channels: usize,
@@ -356,8 +359,8 @@ impl Transform {
     }
 }
 
-/// Cosine and sine of the colatitude `(j + 1/2) pi / rings` of a northern ring. The angle is measured from the nearer
-/// of pole and equator, since its rounding error is multiplied by the degree.
+/// Returns cosine and sine of the colatitude `(j + 1/2) pi / rings` of a northern ring. The angle is measured from the
+/// nearer of pole and equator, since its rounding error is multiplied by the degree.
 fn ring_angle(j: usize, rings: usize) -> [f64; 2] {
     let angle = |numerator: usize| numerator as f64 * std::f64::consts::PI / (2 * rings) as f64;
     if 4 * j + 2 < rings {

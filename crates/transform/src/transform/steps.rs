@@ -12,7 +12,8 @@ use crate::legendre::SomeColumns;
 use crate::workspace::{ThreadWorkspace, Workspace};
 
 impl Transform {
-    /// Computes coefficients, (K, c), from a grid with its margins to which the values of c channels have been spread.
+    /// Computes coefficients, (K, c), from a grid, with its margins, to which the values of c channels have been
+    /// spread.
     pub(crate) fn coefficients_of_grid(&self, grid: Vec<f64>, channels: usize) -> Array2<f64> {
         let layout = self.layout(channels);
         let complex = Complex64::default();
@@ -64,7 +65,7 @@ impl Transform {
         layout
     }
 
-    /// Computes coefficients from the second grid with its margins: the transpose of [`grid_of`](Self::grid_of).
+    /// Computes coefficients from the second grid, with its margins: the transpose of [`grid_of`](Self::grid_of).
     pub(super) fn coefficients_of(&self, layout: Layout, space: &mut Workspace, out: ndarray::ArrayViewMut2<'_, f64>) {
         let channels = layout.channels;
         let (columns, rings) = (2 * channels, self.legendre.rings());
