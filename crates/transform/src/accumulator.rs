@@ -1,18 +1,18 @@
 //! Sums over weighted samples that a least-squares fit needs, accumulated chunk by chunk.
 //!
 //! For samples at directions `x_i` with weights `w_i` and values `f_i` these are the moments `s_{lm} = sum_i w_i
-//! S_{lm}(x_i)` to degree 2L, from which [`gram`](crate::gram) has `A^T W A`, the right-hand sides `A^T W f` to degree L,
-//! and a few numbers. They add up over parts of the data, and none is as large as the data.
+//! S_{lm}(x_i)` to degree 2L, from which [`gram`](crate::gram) computes `A^T W A`, the right-hand sides `A^T W f` to
+//! degree L, and a few numbers. The sums of parts of the data add up, and none of them is as large as the data.
 //!
-//! A sample costs what spreading it costs: w and w f go to the oversampled grids of two
-//! [adjoint syntheses](crate::Transform::adjoint_synthesis), of degree 2L and of degree L, which are turned into
-//! coefficients once, at the end. The second grid is every second point of the first in either direction, so that samples are
-//! placed and sorted once for both. Samples are gathered in *blocks* that fit a cache, each sorted by strips of the
-//! grids; when enough of them have come, all samples of a strip are spread together.
+//! A sample costs as much as spreading it to a grid: w and w f go to the oversampled grids of two [adjoint
+//! syntheses](crate::Transform::adjoint_synthesis), of degree 2L and of degree L, which are turned into coefficients
+//! once, at the end. The second grid is every second point of the first in either direction, so that samples are placed
+//! and sorted once for both. Samples are gathered in *blocks* that fit a cache, each sorted by strips of the grids.
+//! Once enough samples have been gathered, all samples of a strip are spread together.
 //!
-//! Memory: the grids, `4 M^2 + c M^2` bytes for M points around and c channels, with M from 2.4 to 5.6 times 2L, and
-//! up to 8 million samples of `32 + 8 c` bytes; at the end spectra of some `16 L M` bytes. At L = 1,000 that is some
-//! 1 GB. Results are the same bits on any number of threads.
+//! Memory: the grids take `4 M^2 + c M^2` bytes for M points around and c channels, with M from 2.4 to 5.6 times 2L. Up
+//! to 8 million samples take `32 + 8 c` bytes each, and at the end spectra take some `16 L M` bytes. At L = 1,000 the
+//! total is some 1 GB. Results are the same bits on any number of threads.
 
 mod blocks;
 mod griddings;
@@ -31,7 +31,7 @@ pub use crate::accumulator::occupied::Occupied;
 use crate::kernel::Kernel;
 use crate::{FINEST, SampleSums, Transform, TransformError, TransformParams};
 
-/// Accumulates the sums of weighted samples, see the [module](self).
+/// Accumulates the sums of weighted samples; see the [module](self).
 ///
 /// ```
 /// use ndarray::array;
@@ -52,12 +52,12 @@ pub struct Accumulator {
     channels: usize,
     griddings: Griddings,
     kernels: [Kernel; 2],
-    /// The grid of the weights, and the one of the weighted values.
+    /// The grid of the weights, and that of the weighted values.
     grids: [Vec<f64>; 2],
-    /// Blocks that haven't been spread yet, and after them those that can be filled.
+    /// First the `full` blocks that haven't been spread yet, then blocks that can be refilled.
     blocks: Vec<Block>,
     full: usize,
-    /// Samples in them, and how many there may be.
+    /// Number of samples in the full blocks, and its limit.
     held: usize,
     most_held: usize,
     count: u64,
@@ -73,23 +73,24 @@ pub struct Accumulator {
 pub struct SumsSeconds {
     /// Placing samples on the grids, and sorting them in blocks.
     pub place: f64,
-    /// Spreading them.
+    /// Spreading the samples to the grids.
     pub spread: f64,
 }
 
-/// What has been accumulated; see [`Accumulator`].
+/// Result of an [`Accumulator`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Accumulated {
     /// The sums.
     pub sums: SampleSums,
-    /// Number of samples, those of weight 0 among them.
+    /// Number of samples, including those of weight 0.
     pub rows: u64,
-    /// Where samples with weight are.
+    /// Cells of the sphere that contain samples with weight.
     pub occupied: Occupied,
 }
 
 impl Accumulator {
-    /// Starts sums for fits to degree L = `max_degree` of `channels` channels; of the weights alone without any.
+    /// Starts sums for fits to degree L = `max_degree` of `channels` channels; with 0 channels, sums of the weights
+    /// alone.
     ///
     /// # Errors
     ///
@@ -120,7 +121,7 @@ impl Accumulator {
         })
     }
 
-    /// Returns the most bytes that sums take, their result among them.
+    /// Returns the peak bytes of the sums, including their result.
     pub fn bytes(max_degree: usize, channels: usize) -> usize {
         let griddings = Griddings::choose(max_degree, channels);
         let [fine, coarse] = griddings.layouts(channels).map(|layout| 8 * layout.len());
@@ -134,12 +135,12 @@ impl Accumulator {
         self.max_degree
     }
 
-    /// Adds samples at unit vectors, (n, 3), with weights, (n), 1 where there are none, and values, (n, c). The values
-    /// have to be finite, and the weights finite and at least 0.
+    /// Adds samples at unit vectors, (n, 3), with weights, (n), and values, (n, c); without weights, w = 1. The values
+    /// must be finite, and the weights finite and at least 0.
     ///
     /// # Errors
     ///
-    /// [`TransformError::Shape`]: not all have n rows, or there aren't c channels.
+    /// [`TransformError::Shape`]: an array doesn't have n rows, or the number of channels isn't c.
     pub fn add(
         &mut self,
         directions: &[[f64; 3]],
@@ -159,7 +160,7 @@ impl Accumulator {
         let values = values.as_standard_layout();
         let values = values.as_slice().unwrap_or_default();
         let starts: Vec<usize> = (0..n).step_by(BLOCK).collect();
-        // As many blocks at a time as may still be held.
+        // Take as many blocks at a time as may still be held.
         let mut at = 0;
         while at < starts.len() {
             let most = (self.most_held - self.held).div_ceil(BLOCK);
@@ -195,13 +196,13 @@ impl Accumulator {
         Ok(())
     }
 
-    /// Returns the time that accumulating has taken so far.
+    /// Returns the time spent accumulating so far.
     pub fn seconds(&self) -> SumsSeconds {
         self.seconds
     }
 
-    /// Spreads the samples that are held. [`add`](Self::add) does so when there are enough of them, and
-    /// [`finish`](Self::finish) in the end.
+    /// Spreads the samples that are held. [`add`](Self::add) calls this when there are enough samples, and
+    /// [`finish`](Self::finish) calls it at the end.
     pub fn spread(&mut self) {
         let started = Instant::now();
         let blocks = &self.blocks[..self.full];
@@ -210,18 +211,18 @@ impl Accumulator {
         self.seconds.spread += started.elapsed().as_secs_f64();
     }
 
-    /// Spreads what is left, and returns the sums.
+    /// Spreads the remaining samples and returns the sums.
     ///
     /// # Errors
     ///
-    /// Those of planning the transforms, which can't occur where the degree was accepted.
+    /// Errors of planning the transforms, which can't occur once [`new`](Self::new) has accepted the degree.
     pub fn finish(mut self) -> Result<Accumulated, TransformError> {
         self.spread();
         self.blocks = Vec::new();
         let [fine, coarse] = std::mem::take(&mut self.grids);
         let degrees = [2 * self.max_degree, self.max_degree];
         let channels = [1, self.channels];
-        // One after the other: the working memory of the first is given back before the second takes its own.
+        // One after the other: the working memory of the first is freed before the second allocates its own.
         let mut found = Vec::with_capacity(2);
         for (which, grid) in [fine, coarse].into_iter().enumerate() {
             if channels[which] == 0 {

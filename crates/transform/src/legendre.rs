@@ -10,16 +10,16 @@
 //! with a, b and the scale of 2^930, by which `u^m` is multiplied, from [`spharm_harmonics::rings`]. The factors `s`
 //! make the second coefficient of the recurrence one, so that a step is a product and a fused product; the coefficients
 //! are multiplied by them once. Rings come in pairs: the southern one has `(-1)^(l-m)` times the values of the northern
-//! one, so the sums over even and over odd `l - m` are kept apart and give both.
+//! one, so the sums over even and over odd `l - m` are kept separately and give both.
 //!
 //! The work is cut into blocks of rings and chunks of degrees: the values of r go to a [table](crate::ring_table) that
-//! stays in the L1 cache and serves all channels. A value costs two fused products, and one more for the cosine and one
-//! for the sine of each channel: with three channels 8 fused products in 4 cycles for eight rings, of which six are the
-//! sums. From degree 256 on one value serves a [pair of degrees](crate::degree_pairs) on most rings, at half of that. Next to
-//! the equator degrees are taken one by one, next to the poles in [double-double](crate::polar_rings).
+//! stays in the L1 cache and serves all channels. A value costs two fused products, plus one for the cosine and one for
+//! the sine of each channel: with three channels 8 fused products in 4 cycles for eight rings, six of them for the
+//! sums. From degree 256 on, one value serves a [pair of degrees](crate::degree_pairs) on most rings, at half that
+//! cost. Next to the equator degrees are processed one by one, next to the poles in
+//! [double-double](crate::polar_rings).
 //!
-//! Near the poles, where `u` is so small that all `P_{l,m}` of an order are negligible, rings are skipped
-//! (`first_ring`).
+//! Rings so close to a pole that `u` makes all `P_{l,m}` of an order negligible are skipped (`first_ring`).
 
 use std::ops::Range;
 
@@ -35,7 +35,7 @@ use crate::ring_sums::{
 };
 use crate::ring_table::{ADJOINT, LANES, RingTable, SYNTHESIS};
 
-/// Coefficients that a task brings into canonical order.
+/// Number of coefficients that one task brings into canonical order.
 const RUN: usize = 1024;
 
 /// Coefficients in canonical order, (K, all) row-major, from the column `first` on.
@@ -57,21 +57,21 @@ pub(crate) struct Legendre {
     z: Vec<f64>,
     /// `2^930 u^m`, (rings, L + 1) column-major.
     power: Vec<f64>,
-    /// For each order, the first ring that counts; a multiple of [`LANES`].
+    /// For each order, the first ring on which it isn't negligible, rounded down to a multiple of [`LANES`].
     first_ring: Vec<usize>,
-    /// The rings next to the pole, a multiple of [`LANES`] of them.
+    /// The rings next to the pole; their number is a multiple of [`LANES`].
     polar: PolarRings,
-    /// The first of the rings next to the equator, a multiple of [`LANES`], and not before the end of the polar ones.
+    /// Index of the first ring next to the equator: a multiple of [`LANES`], at or after the end of the polar rings.
     equatorial: usize,
-    /// Where there are rings between the two.
+    /// Present if there are rings between the polar and the equatorial ones.
     pairs: Option<DegreePairs>,
     /// `cos^2 theta` of the rings.
     squares: Vec<f64>,
 }
 
 impl Legendre {
-    /// Prepares the transforms for rings with these cosines and sines of the colatitude, (rings, 2), which go from the
-    /// north pole at most to the equator. Values of `P_{l,m}` below `negligible` need not be computed.
+    /// Prepares the transforms for rings with these cosines and sines of the colatitude, (rings, 2), from the north
+    /// pole to the equator at most. Values of `P_{l,m}` below `negligible` need not be computed.
     pub(crate) fn new(recurrence: &MonicRecurrence, angles: &[[f64; 2]], negligible: f64) -> Self {
         let max_degree = recurrence.max_degree();
         let rings = angles.len().next_multiple_of(LANES);
@@ -91,7 +91,7 @@ impl Legendre {
             }
         });
         drop(columns);
-        // The first ring that counts for an order counts for all below.
+        // A ring on which an order isn't negligible isn't negligible for any lower order either.
         let mut first = 0;
         let first_ring: Vec<usize> = (0..=max_degree)
             .map(|m| {
@@ -103,7 +103,7 @@ impl Legendre {
             .collect();
         let polar = PolarRings::new(recurrence, angles, &first_ring);
         let equatorial = degree_pairs::end(max_degree, &z) / LANES * LANES;
-        // Rounded once: next to a pole an error would add up from step to step.
+        // Rounded once: next to a pole an error would accumulate from step to step.
         let square = |[cosine, sine]: &[f64; 2]| if sine < cosine { 1.0 - sine * sine } else { cosine * cosine };
         let mut squares: Vec<f64> = angles.iter().map(square).collect();
         z.resize(rings, 0.0);
@@ -129,41 +129,42 @@ impl Legendre {
         Self { max_degree, alpha, scale, z, power, first_ring, polar, equatorial, pairs, squares }
     }
 
-    /// Number of pairs of rings, padded to a multiple of [`LANES`].
+    /// Returns the number of pairs of rings, padded to a multiple of [`LANES`].
     pub(crate) fn rings(&self) -> usize {
         self.z.len()
     }
 
-    /// The first ring that counts for order m; a multiple of [`LANES`].
+    /// Returns the first ring on which order m isn't negligible, rounded down to a multiple of [`LANES`].
     pub(crate) fn first_ring(&self, m: usize) -> usize {
         self.first_ring[m]
     }
 
-    /// Number of orders, from 0 on, that count on a ring.
+    /// Returns the number of orders, from 0 on, that aren't negligible on a ring.
     pub(crate) fn orders(&self, ring: usize) -> usize {
         self.first_ring.partition_point(|first| *first <= ring)
     }
 
-    /// Index of (m, m) where degrees follow each other order by order.
+    /// Returns the index of (m, m) in a list of degrees sorted by order.
     fn start(&self, m: usize) -> usize {
         m * (2 * self.max_degree + 3 - m) / 2
     }
 
-    /// `alpha` and `s` of order m, from degree m on.
+    /// Returns `alpha` and `s` of order m, from degree m on.
     fn order(&self, m: usize) -> (&[f64], &[f64]) {
         let start = self.start(m);
         let count = self.max_degree + 1 - m;
         (&self.alpha[start..start + count], &self.scale[start..start + count])
     }
 
-    /// Factors `s` of order m, from degree m on. The caller multiplies the coefficients that
-    /// [`synthesis`](Self::synthesis) takes, and those that [`adjoint`](Self::adjoint) returns, by them.
+    /// Returns the factors `s` of order m, from degree m on. The caller multiplies the coefficients passed to
+    /// [`synthesis`](Self::synthesis), and those returned by [`adjoint`](Self::adjoint), by them.
     pub(crate) fn scale(&self, m: usize) -> &[f64] {
         self.order(m).1
     }
 
-    /// Writes the coefficients of order m of `channels` columns as [`synthesis`](Self::synthesis) takes them, multiplied by
-    /// [`scale`](Self::scale) and a factor: x is (L + 1 - m, 2 c) row-major, cosine and sine of each channel. Sines of order 0 are 0.
+    /// Writes the coefficients of order m of `channels` columns in the form that [`synthesis`](Self::synthesis)
+    /// expects, multiplied by [`scale`](Self::scale) and a factor: x is (L + 1 - m, 2 c) row-major, cosine and sine of
+    /// each channel. Sines of order 0 are 0.
     pub(crate) fn scaled(&self, m: usize, factor: f64, from: SomeColumns<'_>, channels: usize, x: &mut [f64]) {
         let SomeColumns { values, all, first } = from;
         for ((x, scale), l) in x.chunks_exact_mut(2 * channels).zip(self.scale(m)).zip(m..) {
@@ -176,7 +177,8 @@ impl Legendre {
         }
     }
 
-    /// Brings coefficients order by order, for each m (L + 1 - m, 2 c) row-major, into canonical order, (K, c).
+    /// Brings coefficients that are sorted by order, (L + 1 - m, 2 c) row-major for each m, into canonical order, (K,
+    /// c).
     pub(crate) fn to_canonical(&self, by_order: &[f64], mut out: ArrayViewMut2<'_, f64>) {
         let columns = 2 * out.ncols();
         out.axis_chunks_iter_mut(Axis(0), RUN).into_par_iter().enumerate().for_each(|(run, mut rows)| {
@@ -246,8 +248,8 @@ impl Legendre {
         self.weigh(m, columns, even, odd);
     }
 
-    /// The transpose of [`synthesis`](Self::synthesis). `even` and `odd`, (rings, columns) column-major, are used as
-    /// scratch space; `x` is overwritten.
+    /// Applies the transpose of [`synthesis`](Self::synthesis). `even` and `odd`, (rings, columns) column-major, are
+    /// used as scratch space; `x` is overwritten.
     pub(crate) fn adjoint(
         &self,
         m: usize,
@@ -301,7 +303,7 @@ impl Legendre {
         work.mixed = mixed;
     }
 
-    /// Multiplies the columns by `u^m`, those of odd `l - m` by z where pairs of degrees take that out.
+    /// Multiplies the columns by `u^m`, and those of odd `l - m` also by the factor z that pairs of degrees leave out.
     fn weigh(&self, m: usize, columns: usize, even: &mut [f64], odd: &mut [f64]) {
         let rings = self.rings();
         let power = &self.power[m * rings..(m + 1) * rings];
@@ -315,7 +317,8 @@ impl Legendre {
         }
     }
 
-    /// Calls `block` with the first ring, the number of rings and the zone of each block that counts for order m.
+    /// Calls `block` with the first ring, the number of rings and the zone of each block on which order m isn't
+    /// negligible.
     fn blocks(&self, m: usize, size: usize, mut block: impl FnMut(usize, usize, Zone)) {
         let mut first = self.first_ring[m];
         let ends = [self.polar.count(), self.equatorial, self.rings()];
@@ -328,7 +331,7 @@ impl Legendre {
         }
     }
 
-    /// Fills the table with the values of a chunk of degrees on a block of rings, which aren't in the middle.
+    /// Fills the table with the values of a chunk of degrees on a block of rings outside the middle zone.
     fn fill(&self, m: usize, chunk: usize, rings: Range<usize>, zone: Zone, alpha: &[f64], work: &mut Work) {
         let Work { polar, table, .. } = work;
         if zone == Zone::Polar {
@@ -339,7 +342,7 @@ impl Legendre {
     }
 }
 
-/// How rings are taken.
+/// How the Legendre functions on a ring are computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Zone {
     /// In double-double.
@@ -355,7 +358,8 @@ enum Zone {
 pub(crate) struct Work {
     polar: PolarState,
     table: RingTable,
-    /// Mixed coefficients of an order, (pairs of degrees, 2 columns): for each channel those of even degrees and those of odd ones.
+    /// Mixed coefficients of an order, (pairs of degrees, 2 columns): for each channel those of even, then those of odd
+    /// degrees.
     mixed: Vec<f64>,
 }
 
@@ -365,8 +369,8 @@ impl Work {
     }
 }
 
-/// Bound on `-ln P_{l,m}`, l <= L, at colatitude `acos z`: the WKB action across the classically forbidden zone
-/// `sin theta < m / L`; zero outside of that zone.
+/// Returns a bound on `-ln P_{l,m}`, l <= L, at colatitude `acos z`: the WKB action across the classically forbidden
+/// zone `sin theta < m / L`; zero outside that zone.
 fn decay(m: usize, max_degree: usize, z: f64) -> f64 {
     let (m, l) = (m as f64, max_degree as f64 + 0.5);
     let k = m / l;

@@ -64,7 +64,7 @@ pub use sums::SampleSums;
 /// Several threads can use an operator at once.
 #[derive(Debug)]
 pub struct MomentOperator {
-    /// Applies the product with `q_g S(g)` on the grid.
+    /// The product with `A_g^T D A_g`, where D has the elements `q_g S(g)`.
     on_grid: OnGrid,
     norm: f64,
 }

@@ -1,24 +1,24 @@
-//! Sums over samples that are linear in values at nodes, as those of a surface are in its vertices.
+//! Sums over samples that are linear in values at nodes, as samples of a surface are in the values at its vertices.
 //!
-//! A sample of a triangle has the value `f_i = sum_k lambda_ik X_{v_ik}` of its three corners. The right-hand sides of a least
-//! squares are then linear in X, too:
+//! A sample in a triangle has the value `f_i = sum_k lambda_ik X_{v_ik}` of its three corners. The right-hand sides of
+//! a least-squares fit are then linear in X as well:
 //!
 //! ```text
 //! A^T W f = sum_v X_v h_v,   h_v = sum_i w_i lambda_iv S(x_i)
 //! ```
 //!
-//! On the oversampled grid of an [adjoint synthesis](crate::Transform::adjoint_synthesis) `h_v` is a *patch*: the kernels of
-//! the samples around a node, added up, over a few grid points more than one kernel has. With three samples a triangle a node
-//! has 18 kernels and one patch, so that spreading values at nodes takes a quarter of the products that spreading samples takes,
-//! and the samples' values are never made. Patches don't depend on the values: [`NodalSums::keep`] makes them once for many
-//! surfaces over one sphere. Without that they are made where they are added, and forgotten. The bits are the same
-//! either way, and depend neither on other channels nor on the number of threads.
-//!
+//! On the oversampled grid of an [adjoint synthesis](crate::Transform::adjoint_synthesis) `h_v` is a *patch*: the sum
+//! of the kernels of the samples around a node, which covers a few grid points more than a single kernel. With three
+//! samples per triangle a node has 18 kernels and one patch, so spreading values at nodes takes a quarter of the
+//! products that spreading samples takes, and the samples' values are never computed. Patches don't depend on the
+//! values: [`NodalSums::keep`] computes them once for many surfaces over one sphere. Otherwise they are computed when
+//! they are added, and then discarded. The bits are the same either way, and depend neither on other channels nor on
+//! the number of threads.
 //! # Cost
 //!
-//! For a channel a fused product for each value of a patch: some 400 for a node whose triangles are smaller than the
-//! kernel. Patches have `3 w^2` products for each sample. Memory: 48 bytes a sample and 120 a triangle, 8 bytes for each value
-//! of a patch that is kept, and a grid.
+//! Per channel: a fused product for each value of a patch, some 400 for a node whose triangles are smaller than the
+//! kernel. Computing patches takes `3 w^2` products per sample. Memory: 48 bytes per sample and 120 per triangle, 8
+//! bytes for each value of a patch that is kept, and a grid.
 
 mod incidence;
 mod kernels;
@@ -39,11 +39,11 @@ use crate::grid::Layout;
 use crate::gridding::Gridding;
 use crate::{Accumulator, FINEST, SampleSums, Transform, TransformError, TransformParams};
 
-/// Pieces of patches that are made at a time where they aren't kept.
+/// Pieces of patches that are computed at a time if they aren't kept.
 const TOGETHER: usize = 128;
 
-/// Channels that are transformed at a time: with more of them caches don't hold the grid, with fewer the patches are read more
-/// often.
+/// Channels that are transformed at a time: with more of them the grid doesn't fit the caches, with fewer the patches
+/// are read more often.
 const CHANNELS: usize = 32;
 
 /// Elements whose squares are summed at a time.
@@ -58,20 +58,21 @@ pub struct NodalSumsBuilder {
     incidence: Incidence,
 }
 
-/// Samples of a sphere, ready to be summed for any values at its nodes; see the [module](self).
+/// Samples of a sphere, prepared for summing with any values at its nodes; see the [module](self).
 #[derive(Debug)]
 pub struct NodalSums {
     nodes: usize,
-    /// The sums for no values.
+    /// The sums without any values, that is with zero channels.
     plain: SampleSums,
     transform: Transform,
     incidence: Incidence,
-    /// The patches of each strip of the grid, where they are kept.
+    /// The patches of each strip of the grid, if they are kept.
     kept: Option<Vec<Patches>>,
 }
 
 impl NodalSumsBuilder {
-    /// Starts sums for fits to degree L = `max_degree` of values at so many nodes, over about so many triangles and samples.
+    /// Starts sums for fits to degree L = `max_degree` of values at `nodes` nodes, over about `triangles` triangles and
+    /// `samples` samples.
     ///
     /// # Errors
     ///
@@ -82,11 +83,11 @@ impl NodalSumsBuilder {
         Ok(Self { nodes, weights, incidence: Incidence::new(gridding, max_degree, triangles, samples) })
     }
 
-    /// Adds samples. Those of a triangle come one after another.
+    /// Adds samples. Those of one triangle must follow each other.
     ///
     /// # Errors
     ///
-    /// [`TransformError::Shape`]: not all have n rows, or a node isn't there.
+    /// [`TransformError::Shape`]: an array doesn't have n rows, or a node's index is out of range.
     pub fn add(&mut self, samples: NodalSamples<'_>) -> Result<(), TransformError> {
         let NodalSamples { directions, weights, nodes, shares } = samples;
         let n = directions.len();
@@ -103,11 +104,11 @@ impl NodalSumsBuilder {
         Ok(())
     }
 
-    /// Sorts the samples by their nodes, and sums their weights.
+    /// Sorts the samples by their nodes and sums their weights.
     ///
     /// # Errors
     ///
-    /// Those of planning transforms, which can't occur where the degree was accepted.
+    /// Errors of planning transforms, which can't occur once [`new`](Self::new) has accepted the degree.
     pub fn finish(self) -> Result<NodalSums, TransformError> {
         let Self { nodes, weights, mut incidence } = self;
         let max_degree = weights.max_degree();
@@ -120,11 +121,12 @@ impl NodalSumsBuilder {
 }
 
 impl NodalSums {
-    /// Returns the most bytes that so many samples on so many triangles take, the making of them and of sums for c = `channels`
-    /// channels among them; without patches that are kept.
+    /// Returns the peak bytes for `samples` samples on `triangles` triangles, including those of preparing them and of
+    /// computing sums for c = `channels` channels, but without patches that are kept.
     #[must_use]
     pub fn bytes(max_degree: usize, nodes: usize, triangles: usize, samples: usize, channels: usize) -> usize {
-        // Places and shares; triangles, and those of each node; where these and the patches of nodes begin.
+        // Per sample, its place and shares. Per triangle, itself and its entries in the lists of its nodes. Per node,
+        // the starts of its list and of its patches.
         let own = 48 * samples + (size_of::<Element>() + 24) * triangles + 128 * nodes;
         let scratch = (1 << 20) * rayon::current_num_threads();
         let params = TransformParams { max_degree, accuracy: FINEST, channels: CHANNELS };
@@ -132,13 +134,13 @@ impl NodalSums {
         own + scratch + Accumulator::bytes(max_degree, 0).max(transform)
     }
 
-    /// Returns the bytes that all patches take.
+    /// Returns the bytes of all patches.
     #[must_use]
     pub fn patch_bytes(&self) -> usize {
         8 * self.incidence.patch_values()
     }
 
-    /// Makes the patches, which [`sums`](Self::sums) then takes as they are.
+    /// Computes the patches once, for all later calls of [`sums`](Self::sums).
     pub fn keep(&mut self) {
         let strips = 0..self.incidence.strips();
         let of_strip = |strip: usize| {
@@ -149,11 +151,11 @@ impl NodalSums {
         self.kept = Some(strips.into_par_iter().with_max_len(1).map(of_strip).collect());
     }
 
-    /// Returns the sums over all samples for values at the nodes, (nodes, c).
+    /// Computes the sums over all samples for values at the nodes, (nodes, c).
     ///
     /// # Errors
     ///
-    /// [`TransformError::Shape`]: there is another number of rows.
+    /// [`TransformError::Shape`]: the number of rows isn't that of the nodes.
     pub fn sums(&self, values: ArrayView2<'_, f64>) -> Result<SampleSums, TransformError> {
         if values.nrows() != self.nodes {
             return Err(TransformError::Shape { what: "values at nodes", expected: self.nodes, found: values.nrows() });
@@ -167,7 +169,8 @@ impl NodalSums {
         Ok(SampleSums { right_sides, squares: self.squares(values, channels), ..self.plain.clone() })
     }
 
-    /// Writes the grid of the patches of all nodes times some of their values, the layout's channels from channel `first` on.
+    /// Writes the sum of all nodes' patches, each times its node's values, to a grid: the layout's channels, starting
+    /// from channel `first` of the values.
     fn spread(&self, layout: Layout, first: usize, values: &[f64], channels: usize, grid: &mut [f64]) {
         let strips = grid.par_chunks_mut(ROWS * layout.row()).enumerate().with_max_len(1);
         strips.for_each_init(Patches::default, |scratch, (strip, grid)| {
@@ -185,7 +188,7 @@ impl NodalSums {
         });
     }
 
-    /// `sum_i w_i f_i^2` of each channel.
+    /// Returns `sum_i w_i f_i^2` of each channel.
     fn squares(&self, values: &[f64], channels: usize) -> Vec<f64> {
         let row = |node: u32| -> &[f64] {
             let row: Range<usize> = node as usize * channels..(node as usize + 1) * channels;
@@ -206,7 +209,7 @@ impl NodalSums {
         for part in parts {
             squares.iter_mut().zip(part).for_each(|(square, part)| *square += part);
         }
-        // A sum of squares, but for rounding.
+        // A sum of squares, so negative only by rounding.
         squares.iter_mut().for_each(|square| *square = square.max(0.0));
         squares
     }

@@ -79,7 +79,7 @@ impl Transform {
         Ok(Self::over(points, gridding, &recurrence, params))
     }
 
-    /// Plans transforms to another, at most equal, degree for the same directions. Both plans share the sorted
+    /// Plans transforms to a degree that is at most this plan's, for the same directions. Both plans share the sorted
     /// directions and the grid, so the new one is at least as accurate as this one. If there are many directions, this
     /// costs almost nothing.
     ///

@@ -10,13 +10,13 @@ use crate::TransformError;
 use crate::legendre::SomeColumns;
 use crate::pool::Pool;
 
-/// Bytes.
+/// Sizes in bytes.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sizes {
     pub(super) held: usize,
-    /// Beside these, while it is made from a function of degree 2L.
+    /// Additional bytes during construction from a function of degree 2L.
     pub(super) made: usize,
-    /// Beside these, in calls.
+    /// Additional bytes in calls.
     pub(super) called: usize,
 }
 
@@ -26,7 +26,7 @@ pub(super) struct OnGrid {
     grid: RingGrid,
     /// D, northern rings as real and southern ones as imaginary parts.
     diagonal: Vec<Complex64>,
-    /// Working memory of earlier calls, for later ones.
+    /// Working memory of earlier calls, reused by later ones.
     spaces: Pool<Workspace>,
     tasks: Pool<Task>,
 }
@@ -36,7 +36,7 @@ impl OnGrid {
         Self { grid, diagonal, spaces: Pool::default(), tasks: Pool::default() }
     }
 
-    /// Bytes with a grid of so many pairs of rings, a multiple of 8, of up to so many points.
+    /// Returns the bytes with a grid of `rings` pairs of rings, a multiple of 8, of up to `points` points each.
     pub(super) const fn sizes(
         max_degree: usize,
         rings: usize,
@@ -45,9 +45,9 @@ impl OnGrid {
         threads: usize,
     ) -> Sizes {
         let orders = max_degree + 1;
-        // alpha, scale, pairs of degrees and powers, and the points of all pairs of rings.
+        // `alpha`, `scale`, pairs of degrees and powers, and the points of all pairs of rings.
         let held = 18 * orders * (orders + 1) + 80 * orders + 8 * orders * rings + 16 * rings * points;
-        // The same of twice the degree, and its sums.
+        // The same for twice the degree, and its sums.
         let made =
             18 * 2 * orders * (2 * orders + 1) + 160 * orders + 2 * 8 * orders * rings + 2 * 8 * orders * 4 * rings;
         let group = if channels < CHANNELS { channels } else { CHANNELS };
@@ -62,7 +62,7 @@ impl OnGrid {
         self.grid.max_degree()
     }
 
-    /// `A_g^T D A_g x` for x, (K, c).
+    /// Computes `A_g^T D A_g x` for x, (K, c).
     pub(super) fn apply(&self, x: ArrayView2<'_, f64>) -> Result<Array2<f64>, TransformError> {
         let (expected, found) = (basis_size(self.max_degree()), x.nrows());
         if found != expected {
@@ -72,7 +72,7 @@ impl OnGrid {
         let all = x.ncols();
         let x = x.as_standard_layout();
         let x = x.as_slice().unwrap_or_default();
-        // Groups of channels are independent: with several of them each thread has its own.
+        // Groups of channels are independent: if there are several, each thread processes its own.
         out.axis_chunks_iter_mut(Axis(1), CHANNELS).into_par_iter().enumerate().with_max_len(1).for_each(
             |(group, out)| {
                 let x = SomeColumns { values: x, all, first: group * CHANNELS };

@@ -1,13 +1,13 @@
 //! The Gauss-Legendre grid of a [`MomentOperator`](super::MomentOperator) or an [`InverseDensity`](super::InverseDensity):
 //! coefficients to rings, a product at the grid's points, and rings to coefficients.
 //!
-//! Rings come in pairs, a northern one and its mirror: the sums over even and over odd `l - m` that
-//! [`Legendre`] gives are their sum and difference. Both are real, so one complex Fourier transform serves a pair: the
-//! northern ring is the real part and the southern one the imaginary part.
+//! Rings come in pairs, a northern one and its mirror: their values are the sum and the difference of the sums over
+//! even and over odd `l - m` that [`Legendre`] computes. Both are real, so one complex Fourier transform serves a pair:
+//! the northern ring is the real part and the southern one the imaginary part.
 //!
-//! On a ring next to a pole orders above some `m(theta)` are negligible. A product of functions of orders up to a, b and
-//! a with one needs `2 a + b + 1` points to be integrated exactly, so such a ring has fewer points than the equator:
-//! over the sphere a third less. Where it needn't be exact rings and points may be fewer.
+//! On a ring next to a pole orders above some `m(theta)` are negligible. A product of three functions of orders up to
+//! a, b and a needs `2 a + b + 1` points to be integrated exactly, so such a ring has fewer points than the equator: a
+//! third fewer over the sphere. If the integration needn't be exact, there can be fewer rings and points.
 
 use std::sync::Arc;
 
@@ -24,35 +24,35 @@ use crate::legendre::{Legendre, SomeColumns, Work};
 use crate::pool::Pool;
 use crate::ring_table::LANES;
 
-/// Values of `P_{l,m}` below this are zero to all digits of a sum.
+/// Values of `P_{l,m}` below this don't change any digit of a sum.
 const NEGLIGIBLE: f64 = 1e-18;
-/// Channels that share Legendre functions and stay in a cache together.
+/// Channels that share Legendre functions and fit a cache together.
 pub(super) const CHANNELS: usize = 3;
-/// A ring's number of points is the next smooth multiple of this: few sizes, which have few plans.
+/// A ring's number of points is the next smooth multiple of this, so that there are few sizes and few plans.
 const STEP: usize = 4;
 
-/// The grid and everything that depends on the degree alone.
+/// The grid and everything that depends only on the degree.
 pub(super) struct RingGrid {
     max_degree: usize,
     legendre: Legendre,
     pairs: Vec<RingPair>,
     gauss: GaussLegendre,
-    /// Complex numbers that a Fourier transform of any pair takes beside its points.
+    /// Complex numbers of scratch space that a Fourier transform of any pair needs besides its points.
     scratch: usize,
 }
 
-/// How fine a grid is.
+/// Resolution of a grid.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Size {
     /// Products of two functions of degree L and one of degree 2L are integrated exactly.
     Exact,
-    /// 5/4 of the rings and points that functions of degree L have digits on: a product with a function is near to the exact
-    /// one, at some half of the cost.
+    /// 5/4 of the rings and points that resolve functions of degree L: a product with a function is close to the exact
+    /// one, at about half the cost.
     Coarse,
 }
 
 impl Size {
-    /// The pair that is the equator; pairs are counted from the pole on.
+    /// Returns the index of the pair that is the equator; pairs are counted from the pole.
     pub(super) const fn last_pair(self, max_degree: usize) -> usize {
         match self {
             Self::Exact => max_degree,
@@ -60,7 +60,8 @@ impl Size {
         }
     }
 
-    /// The points that a ring needs for functions of so many orders and a density of so many.
+    /// Returns the number of points that a ring needs for functions of `orders` orders and a density of `of_density`
+    /// orders.
     const fn points(self, orders: usize, of_density: usize) -> usize {
         match self {
             Self::Exact => 2 * (orders - 1) + of_density,
@@ -69,13 +70,13 @@ impl Size {
     }
 }
 
-/// A northern ring and its mirror; the equator is its own.
+/// A northern ring and its mirror; the equator is its own mirror.
 struct RingPair {
     /// Points of each of the two rings.
     points: usize,
-    /// First of its points among those of all pairs.
+    /// Index of its first point among those of all pairs.
     first: usize,
-    /// Orders that count: all below this.
+    /// Number of orders, from 0 on, that aren't negligible.
     orders: usize,
     forward: Arc<dyn Fft<f64>>,
     inverse: Arc<dyn Fft<f64>>,
@@ -84,15 +85,17 @@ struct RingPair {
 /// Working memory of a product.
 #[derive(Debug, Default)]
 pub(super) struct Workspace {
-    /// From Legendre sums: for each order the sums over even and then those over odd `l - m`, (pairs of rings, 2 c).
+    /// Input of the Fourier transforms, from Legendre sums: for each order the sums over even and then those over odd
+    /// `l - m`, (pairs of rings, 2 c).
     by_order: Vec<f64>,
-    /// To Legendre sums: for each run of [`LANES`] pairs and each order, (pair, 4 c), even sums first.
+    /// Output of the Fourier transforms, for Legendre sums: for each run of [`LANES`] pairs and each order, (pair, 4
+    /// c), even sums first.
     by_ring: Vec<f64>,
     /// Coefficients by order: for each m, (L + 1 - m, 2 c) row-major.
     coefficients: Vec<f64>,
 }
 
-/// Working memory of a task: an order, or a run of rings.
+/// Working memory of a task, which processes an order or a run of rings.
 #[derive(Debug)]
 pub(super) struct Task {
     /// Coefficients of an order, (L + 1 - m, 2 c) row-major.
@@ -117,7 +120,7 @@ impl RingGrid {
     ///
     /// # Errors
     ///
-    /// [`TransformError::Harmonics`] where 2L is too high.
+    /// [`TransformError::Harmonics`]: 2L is too high.
     pub(super) fn new(max_degree: usize, size: Size) -> Result<(Self, Legendre), TransformError> {
         let last = size.last_pair(max_degree);
         let gauss = gauss_legendre(2 * last + 1);
@@ -142,13 +145,13 @@ impl RingGrid {
         self.max_degree
     }
 
-    /// Number of points of all pairs.
+    /// Returns the number of points of all pairs.
     pub(super) fn points(&self) -> usize {
         self.pairs.iter().map(|pair| pair.points).sum()
     }
 
-    /// The function S with the moments s to degree 2L, each times the factor of its degree, at the points: northern rings as real
-    /// and southern ones as imaginary parts.
+    /// Returns, at the points, the function S with the moments s to degree 2L, each times the factor of its degree:
+    /// northern rings as real and southern ones as imaginary parts.
     pub(super) fn function(&self, twice: &Legendre, moments: &[f64], factors: Option<&[f64]>) -> Vec<Complex64> {
         let mut values = vec![Complex64::default(); self.points()];
         let (degree, rings) = (2 * self.max_degree, twice.rings());
@@ -169,7 +172,8 @@ impl RingGrid {
             let pair = &self.pairs[j];
             for m in 0..twice.orders(j) {
                 let at = |column: usize| sums[(4 * m + column) * rings + j];
-                // Orders that the points don't tell apart add up, so that values are right at the points.
+                // Orders that are aliases of each other on the points add up, so that the values at the points are
+                // right.
                 let [plus, minus] = pair.spectrum(m, [at(0), at(1), at(2), at(3)]);
                 points[m % pair.points] += plus;
                 if m > 0 {
@@ -181,18 +185,18 @@ impl RingGrid {
         values
     }
 
-    /// Calls `change` with the quadrature weights and the values of each point and its mirror; zero is the weight of a mirror that
-    /// counts already.
+    /// Calls `change` with the quadrature weights of each point and its mirror, and with their values. The equator's
+    /// mirror has weight zero, since it is the equator itself.
     pub(super) fn weigh(&self, values: &mut [Complex64], change: impl Fn([f64; 2], &mut Complex64) + Sync) {
         self.of_pairs(values).into_par_iter().enumerate().for_each(|(j, points)| {
             let weight = self.gauss.weights[j] * std::f64::consts::TAU / points.len() as f64;
-            // The equator counts once.
+            // The equator is its own mirror, and is weighed once.
             let mirror = if j + 1 == self.pairs.len() { 0.0 } else { weight };
             points.iter_mut().for_each(|point| change([weight, mirror], point));
         });
     }
 
-    /// The parts of each pair of rings.
+    /// Splits the points into those of each pair of rings.
     fn of_pairs<'a>(&self, mut points: &'a mut [Complex64]) -> Vec<&'a mut [Complex64]> {
         let mut parts = Vec::with_capacity(self.pairs.len());
         for pair in &self.pairs {
@@ -203,7 +207,8 @@ impl RingGrid {
         parts
     }
 
-    /// `A_g^T diag(density) A_g x` for the columns of the coefficients x from the first on that `out` has, (K, c).
+    /// Computes `A_g^T diag(density) A_g x` for the columns of the coefficients x that correspond to those of `out`,
+    /// (K, c), starting from the column `x.first`.
     pub(super) fn product(
         &self,
         density: &[Complex64],
@@ -224,7 +229,7 @@ impl RingGrid {
         self.legendre.to_canonical(&space.coefficients, out);
     }
 
-    /// Working memory of a task.
+    /// Creates the working memory of a task.
     fn task(&self) -> Task {
         let columns = 2 * CHANNELS;
         let points = self.pairs.iter().map(|pair| pair.points).max().unwrap_or(0);
@@ -237,7 +242,7 @@ impl RingGrid {
         }
     }
 
-    /// Legendre sums of all orders.
+    /// Computes the Legendre sums of all orders.
     fn to_rings(&self, x: SomeColumns<'_>, channels: usize, by_order: &mut [f64], tasks: &Pool<Task>) {
         let (columns, rings) = (2 * channels, self.legendre.rings());
         by_order.par_chunks_mut(2 * columns * rings).enumerate().with_max_len(1).for_each(|(m, sums)| {
@@ -252,7 +257,7 @@ impl RingGrid {
         });
     }
 
-    /// To the points of the rings, times the density, and back to sums for each order.
+    /// Transforms to the points of the rings, multiplies by the density, and transforms back to sums for each order.
     fn multiply(
         &self,
         density: &[Complex64],
@@ -264,7 +269,7 @@ impl RingGrid {
         let (orders, rings) = (self.max_degree + 1, self.legendre.rings());
         let run = |(run, by_ring): (usize, &mut [f64]), Task { circle, fourier, .. }: &mut Task| {
             if (run + 1) * LANES > self.pairs.len() {
-                // Lanes without a ring count with a factor of zero; what another call left there may be no number.
+                // Lanes without a ring are multiplied by zero, but values left there by another call could be NaN.
                 by_ring.fill(0.0);
             }
             for lane in 0..LANES.min(self.pairs.len() - run * LANES) {
@@ -273,7 +278,7 @@ impl RingGrid {
                 let circle = &mut circle[..pair.points];
                 let density = &density[pair.first..][..pair.points];
                 for cosine in (0..columns).step_by(2) {
-                    // Where the even sums of cosines and sines are, and the odd ones.
+                    // Columns of the even sums of cosines and sines, and of the odd ones.
                     let places = [cosine, cosine + 1, columns + cosine, columns + cosine + 1];
                     circle.fill(Complex64::default());
                     for m in 0..pair.orders {
@@ -297,7 +302,7 @@ impl RingGrid {
         runs.for_each(|item| tasks.with(|| self.task(), |task| run(item, task)));
     }
 
-    /// The transpose of [`to_rings`](Self::to_rings).
+    /// Applies the transpose of [`to_rings`](Self::to_rings).
     fn to_coefficients(&self, columns: usize, by_ring: &[f64], coefficients: &mut [f64], tasks: &Pool<Task>) {
         let (orders, rings) = (self.max_degree + 1, self.legendre.rings());
         let mut rest = coefficients;
@@ -327,8 +332,8 @@ impl RingGrid {
 }
 
 impl RingPair {
-    /// The spectrum of the pair at m and -m, from even and odd sums of cosines and sines, `[even cosine, even sine, odd
-    /// cosine, odd sine]`.
+    /// Returns the spectrum of the pair at m and -m, from even and odd sums of cosines and sines, `[even cosine, even
+    /// sine, odd cosine, odd sine]`.
     #[inline(always)]
     fn spectrum(&self, m: usize, [even_cosine, even_sine, odd_cosine, odd_sine]: [f64; 4]) -> [Complex64; 2] {
         let north = Complex64::new(even_cosine + odd_cosine, -even_sine - odd_sine);
@@ -336,7 +341,7 @@ impl RingPair {
         if m == 0 {
             return [Complex64::new(north.re, south.re); 2];
         }
-        // North plus i south, each with half of its order on either side.
+        // North plus i south, each with half of its order at m and half at -m.
         [
             Complex64::new(0.5 * (north.re - south.im), 0.5 * (north.im + south.re)),
             Complex64::new(0.5 * (north.re + south.im), 0.5 * (south.re - north.im)),
@@ -353,7 +358,7 @@ impl RingPair {
         }
     }
 
-    /// The transpose of [`put`](Self::put).
+    /// Reads order m from the spectrum of the pair: the transpose of [`put`](Self::put).
     #[inline(always)]
     fn take(&self, m: usize, spectrum: &[Complex64]) -> [f64; 4] {
         if m == 0 {

@@ -1,12 +1,12 @@
-//! What a least-squares fit needs of its samples.
+//! Sums over the samples that a least-squares fit needs.
 
 use ndarray::{Array2, ArrayView2, s};
 use spharm_harmonics::{Directions, basis_size};
 
 use crate::{Transform, TransformError, TransformParams};
 
-/// The sums over samples that determine a least-squares fit to degree L: whatever the number of samples, `(2L + 1)^2 +
-/// c (L + 1)^2` values and a few more. Sums over parts of the samples add up.
+/// The sums over samples that determine a least-squares fit to degree L: `(2L + 1)^2 + c (L + 1)^2` values and a few
+/// more, whatever the number of samples. Sums over parts of the samples add up.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SampleSums {
     /// Highest degree of a fit, L.
@@ -24,14 +24,14 @@ pub struct SampleSums {
 }
 
 impl SampleSums {
-    /// Computes the sums of samples `values`, (n, c), at `directions`, with weights (n), all one where there are none; to
-    /// the relative accuracy of a [`Transform`].
+    /// Computes the sums of samples `values`, (n, c), at `directions`, with weights (n), to the relative accuracy of a
+    /// [`Transform`]. Without weights, w = 1.
     ///
-    /// One pass: samples are sorted and kernels evaluated once for moments and right-hand sides.
+    /// Takes one pass: samples are sorted and kernels evaluated once for moments and right-hand sides.
     ///
     /// # Errors
     ///
-    /// [`TransformError::Shape`] for numbers of values or weights other than n; those of [`Transform::new`] to degree
+    /// [`TransformError::Shape`]: the number of values or weights isn't n; and those of [`Transform::new`] to degree
     /// 2L.
     pub fn new(
         directions: &Directions,
