@@ -1,7 +1,8 @@
 //! The Legendre recurrence over pairs of degrees: one value for two degrees.
 //!
-//! For `z` not near zero the functions of odd `k = l - m` are z times polynomials in `z^2`, and each of even k is a sum of two
-//! neighbours of these. With the values r and alpha of [`legendre`](crate::legendre), `A_k = alpha_{m+k}`,
+//! For `z` not near zero the functions of odd `k = l - m` are z times polynomials in `z^2`, and each function of even k
+//! is a sum of two neighbours of these. With the values r and alpha of [`legendre`](crate::legendre), `A_k =
+//! alpha_{m+k}`,
 //!
 //! ```text
 //! r_{m+2j+1} = z sigma_j t_j,   r_{m+2j} = (sigma_j t_j + sigma_{j-1} t_{j-1}) / A_{2j+1},   t_0 = r_m
@@ -16,24 +17,25 @@
 //! sum_k x_k r_{m+k} = sum_j t_j sigma_j (x_{2j} / A_{2j+1} + x_{2j+2} / A_{2j+3})  +  z sum_j t_j sigma_j x_{2j+1}
 //! ```
 //!
-//! A value costs two fused products for two degrees, where r costs a product and a fused one for each: of one channel's Legendre
-//! sums a quarter is saved. K. Ishioka, "A new recurrence formula for efficient computation of spherical harmonic transform", J.
-//! Meteorol. Soc. Japan 96 (2018).
+//! A value costs two fused products for two degrees, whereas r costs a product and a fused product for each degree.
+//! That saves a quarter of the Legendre sums of one channel. K. Ishioka, "A new recurrence formula for efficient
+//! computation of spherical harmonic transform", J. Meteorol. Soc. Japan 96 (2018).
 //!
-//! Next to the equator the two neighbours nearly cancel, and rounding errors grow by `1 / z` as they do by `1 / sin theta` next to
-//! the poles: rings there take one degree at a time.
+//! Next to the equator the two neighbours nearly cancel, and rounding errors grow by `1 / z` as they do by `1 / sin
+//! theta` next to the poles. Rings there are therefore computed one degree at a time.
 
 use rayon::prelude::*;
 
-/// Degree from which on pairs of degrees pay: mixing coefficients takes as long as some ten rings, and so does a zone of its own.
+/// Degree from which on pairs of degrees pay: mixing coefficients takes as long as some ten rings, and so does an
+/// additional zone.
 const PAIRS_FROM: usize = 256;
-/// Rings with a cosine of the colatitude below this, and some of each degree, are next to the equator: pairs of degrees
-/// lose a digit there, and at high degrees more.
+/// A ring is next to the equator if the cosine of its colatitude is below the first constant plus the second times the
+/// degree: there pairs of degrees lose a digit, and more at high degrees.
 const EQUATORIAL_COSINE: f64 = 0.05;
 const EQUATORIAL_COSINE_PER_DEGREE: f64 = 5e-5;
 
-/// The number of rings, with these cosines of the colatitude from the pole to the equator, that come before those next to the equator;
-/// none where the degree is too low.
+/// Returns the number of rings before those next to the equator, for rings with these cosines of the colatitude from
+/// the pole to the equator; 0 if the degree is too low for pairs.
 pub(crate) fn end(max_degree: usize, cosines: &[f64]) -> usize {
     let least = EQUATORIAL_COSINE + EQUATORIAL_COSINE_PER_DEGREE * max_degree as f64;
     if max_degree < PAIRS_FROM { 0 } else { cosines.partition_point(|z| *z >= least) }
@@ -47,14 +49,14 @@ pub(crate) struct DegreePairs {
 
 #[derive(Debug)]
 struct Order {
-    /// `a_{j-1}` and `b_{j-1}`, with which t_j comes from the two before; zero for j = 0.
+    /// `a_{j-1}` and `b_{j-1}`, with which t_j is computed from the two values before; zero for j = 0.
     steps: Vec<[f64; 2]>,
     /// `sigma_j / A_{2j+1}`, `sigma_j / A_{2j+3}` and `sigma_j`.
     mixing: Vec<[f64; 3]>,
 }
 
 impl DegreePairs {
-    /// Takes `alpha_l` of each order to degree L, from degree m on.
+    /// Computes the tables from `alpha_l` of each order to degree L, from degree m on.
     pub(crate) fn new<'a>(max_degree: usize, alpha: impl Fn(usize) -> &'a [f64] + Sync) -> Self {
         Self { orders: (0..=max_degree).into_par_iter().map(|m| order(m, alpha(m))).collect() }
     }
@@ -64,8 +66,8 @@ impl DegreePairs {
         &self.orders[m].steps
     }
 
-    /// Mixes coefficients of order m, (L + 1 - m, columns) row-major, to (pairs, 2 columns): for each channel, cosine and sine of even
-    /// degrees and then those of odd ones.
+    /// Mixes coefficients of order m, (L + 1 - m, columns) row-major, to (pairs, 2 columns): for each channel, cosine
+    /// and sine of even degrees and then those of odd ones.
     pub(crate) fn mix(&self, m: usize, x: &[f64], columns: usize, mixed: &mut Vec<f64>) {
         let Order { mixing, .. } = &self.orders[m];
         mixed.clear();
@@ -86,7 +88,7 @@ impl DegreePairs {
         }
     }
 
-    /// The transpose of [`mix`](Self::mix), added to x.
+    /// Adds the transpose of [`mix`](Self::mix) to x.
     pub(crate) fn unmix(&self, m: usize, mixed: &[f64], columns: usize, x: &mut [f64]) {
         let Order { mixing, .. } = &self.orders[m];
         for ((j, factors), mixed) in mixing.iter().enumerate().zip(mixed.chunks_exact(2 * columns)) {
@@ -101,8 +103,8 @@ impl DegreePairs {
     }
 }
 
-/// With `l = m + 2j`, `alpha_l alpha_{l+1} = (4 l^2 - 1) / (l^2 - m^2)`: a and b are rounded from that but for the last bit, as their
-/// errors add up from step to step.
+/// Computes the tables of one order. With `l = m + 2j`, `alpha_l alpha_{l+1} = (4 l^2 - 1) / (l^2 - m^2)`: a and b are
+/// computed from that to the last bit, since their errors accumulate from step to step.
 fn order(m: usize, alpha: &[f64]) -> Order {
     let count = alpha.len().div_ceil(2);
     let mut order = Order { steps: Vec::with_capacity(count), mixing: Vec::with_capacity(count) };
@@ -115,7 +117,7 @@ fn order(m: usize, alpha: &[f64]) -> Order {
         let ((above, below), (above_before, below_before)) = (square(m + 2 * j), square(m + 2 * j - 1));
         (above * below_before, below * above_before)
     };
-    // A_{2j+1}; the one beyond the highest degree from the one before.
+    // A_{2j+1}; the one beyond the highest degree is computed from the previous one.
     let odd = |j: usize| match (alpha.get(2 * j + 1), j) {
         (Some(alpha), _) => *alpha,
         (None, 0) => 1.0,
@@ -134,14 +136,14 @@ fn order(m: usize, alpha: &[f64]) -> Order {
             order.steps.push([a, -b]);
             (before, sigma) = (sigma, next);
         }
-        // What would come after the highest degree has no coefficient.
+        // A value beyond the highest degree has no coefficient.
         let next = if 2 * j + 2 < alpha.len() { sigma / odd(j + 1) } else { 0.0 };
         order.mixing.push([sigma / odd(j), next, sigma]);
     }
     order
 }
 
-/// A quotient and what it is off by.
+/// Returns a quotient and its rounding error.
 #[inline(always)]
 fn quotient(a: f64, b: f64) -> [f64; 2] {
     let q = a / b;
@@ -167,7 +169,7 @@ mod tests {
         pairs: DegreePairs,
     }
 
-    /// Of one order; the others are there for the index.
+    /// Only order m is tested; the others fill the index.
     fn problem(max_degree: usize, m: usize) -> Problem {
         let recurrence = MonicRecurrence::new(max_degree).unwrap();
         let of = |m: usize| {
@@ -181,7 +183,8 @@ mod tests {
         Problem { alpha, scale, pairs }
     }
 
-    /// `r_l` for all degrees at a colatitude, in double-double, each with its scale: as P is, but for `u^m`.
+    /// Returns `r_l` for all degrees at a colatitude, in double-double, each with its scale: P except for the factor
+    /// `u^m`.
     fn exact(max_degree: usize, m: usize, theta: f64, scale: &[f64]) -> Vec<f64> {
         let alpha = MonicRecurrence::new(max_degree).unwrap().exact_order::<false>(m);
         let z = unit::<false>([theta.sin(), 0.0, theta.cos()])[2];
@@ -205,7 +208,8 @@ mod tests {
         pairs.steps(m).iter().map(step).collect()
     }
 
-    /// Each function by mixing its unit coefficient, beside double-double: the largest error relative to the largest value.
+    /// Computes each function by mixing its unit coefficient and compares with double-double: the largest error
+    /// relative to the largest value.
     fn off(max_degree: usize, m: usize, theta: f64) -> f64 {
         let Problem { alpha, scale, pairs } = problem(max_degree, m);
         let expected = exact(max_degree, m, theta, &scale);
@@ -232,7 +236,8 @@ mod tests {
         }
     }
 
-    /// Errors grow with the degree, and next to poles and equator: as what a rounding of z does to the phase `l theta`.
+    /// Errors grow with the degree and next to poles and equator, as the effect of a rounding of z on the phase `l
+    /// theta` does.
     #[test]
     fn high_degrees_keep_their_digits() {
         const DEGREE: usize = 1000;

@@ -16,12 +16,12 @@
 //! Jackson et al., "Selection of a convolution function for Fourier inversion using gridding", IEEE Trans. Med. Imaging
 //! 10 (1991).
 //!
-//! `phi` is one polynomial on each of the w grid steps. All have the same argument, so the w values of a point take one
-//! Horner scheme over lanes.
+//! `phi` is one polynomial on each of the w grid steps. All have the same argument, so a single Horner scheme over
+//! lanes computes the w values of a point.
 
 use multiversion::{multiversion, target::target_cfg_f};
 
-/// The widest kernel; a point's kernel values are padded to this number of lanes.
+/// Width of the widest kernel; a point's kernel values are padded to this number of lanes.
 pub(crate) const MAX_WIDTH: usize = 16;
 /// Chebyshev nodes per piece; more than any accuracy needs.
 const NODES: usize = 24;
@@ -34,7 +34,7 @@ pub(crate) struct Kernel {
     /// `width` rounded up to a multiple of four: 4, 8, 12 or 16.
     pub(crate) padded: usize,
     beta: f64,
-    /// Polynomial coefficients by falling power; lane k is the piece over the k-th grid point.
+    /// Polynomial coefficients by falling power; lane k is the piece over the k-th grid point under the kernel.
     coefficients: Vec<[f64; MAX_WIDTH]>,
 }
 
@@ -49,7 +49,8 @@ impl Kernel {
             .collect();
         let pieces: Vec<[f64; NODES]> = (0..width)
             .map(|piece| {
-                // Argument t in [-1, 1]: the grid point's place left of the kernel's left end plus (t + 1) / 2 steps.
+                // For an argument t in [-1, 1] the grid point is `piece + (t + 1) / 2` steps from the kernel's left
+                // end.
                 let values: [f64; NODES] = std::array::from_fn(|i| {
                     let s = (piece as f64 + (cosines[1][i] + 1.0) / 2.0) - half;
                     bessel_ratio(beta, 1.0 - (s / half) * (s / half))
@@ -79,8 +80,8 @@ impl Kernel {
         transform(self.width, self.beta, k as f64 / grid as f64)
     }
 
-    /// For a point in cell `cell` at position `fraction` in it: the first grid point under its kernel, which may lie up
-    /// to `width / 2` before the grid, and the argument of the polynomials.
+    /// Returns, for a point in cell `cell` at position `fraction` in it, the first grid point under its kernel, which
+    /// may lie up to `width / 2` before the grid, and the argument of the polynomials.
     #[inline(always)]
     pub(crate) fn place(&self, cell: u32, fraction: f64) -> (isize, f64) {
         let cell = cell as isize - (self.width / 2) as isize;
@@ -138,7 +139,7 @@ fn shape_parameter(width: usize, max_degree: usize, grid: usize) -> f64 {
     std::f64::consts::PI * width as f64 * (1.0 - inverse_sigma / 2.0)
 }
 
-/// The transform p at `xi = k / M`, without the factor `e^beta / I0(beta)`, which `bessel_ratio` leaves out as well.
+/// Returns the transform p at `xi = k / M`, without the factor `e^beta / I0(beta)`, which `bessel_ratio` omits as well.
 fn transform(width: usize, beta: f64, xi: f64) -> f64 {
     let w = width as f64;
     let square = beta * beta - (std::f64::consts::PI * w * xi).powi(2);

@@ -6,12 +6,12 @@
 //! G[(l, m, s), (l', m', s')] = sum_j P_{l,m}(j) W_{m,m'}^{s,s'}(j) P_{l',m'}(j).
 //! ```
 //!
-//! A lane is an order m, which is the order of the matrix' own rows. Up to three degrees l of equal parity, two l' of
-//! equal parity and the four (s, s') make a tile of 24 sums in registers. A step along the rings loads 9 vectors and
-//! makes 4 additions for W, 8 products with P_{l',m'}(j) and 24 fused products: two thirds of the rate of a matrix
-//! product's kernel, but without packing, scaled copies of the tables and scattering of results. Over all rings, a tile
-//! loads 45 kB at degree 100, about an L1 cache. Every sum runs over the rings in the same order in any tile, so its
-//! bits don't depend on the tiling.
+//! A lane is an order m; the rows of the matrix are stored in that sequence, too. Up to three degrees l of equal
+//! parity, two l' of equal parity and the four (s, s') make a tile of 24 sums in registers. A step along the rings
+//! loads 9 vectors and performs 4 additions for W, 8 products with P_{l',m'}(j) and 24 fused products. That is two
+//! thirds of the rate of a matrix product's kernel, but needs no packing, scaled copies of the tables or scattering of
+//! results. Over all rings, a tile loads 45 kB at degree 100, about an L1 cache. Every sum runs over the rings in the
+//! same order in any tile, so its bits don't depend on the tiling.
 
 use std::ops::Range;
 
@@ -19,7 +19,7 @@ use multiversion::{multiversion, target::match_target};
 
 /// Orders in a vector.
 pub(super) const LANES: usize = 8;
-/// Degrees l that a tile takes.
+/// Degrees l in a tile.
 pub(super) const ROWS: usize = 3;
 /// (s, s') in the order (cos, cos), (sin, cos), (cos, sin), (sin, sin).
 pub(super) const KINDS: usize = 4;
@@ -62,8 +62,8 @@ struct Factors<'a, const R: usize, const C: usize> {
 /// The sums of eight lanes: (l, l', kind).
 type Tile<const R: usize, const C: usize> = [[[[f64; LANES]; KINDS]; C]; R];
 
-/// Index at which [`products`] writes the sum of row degree `row`, column degree `column`, `kind` and the first of
-/// `blocks` blocks.
+/// Returns the index at which [`products`] writes the sum of row degree `row`, column degree `column`, `kind` and the
+/// first of `blocks` blocks.
 #[inline(always)]
 pub(super) fn strip(row: usize, columns: usize, column: usize, kind: usize, blocks: usize) -> usize {
     ((row * columns + column) * KINDS + kind) * blocks
@@ -90,7 +90,7 @@ pub(super) fn products(
             &waves.sine[minus..][..rings],
             &waves.sine[plus..][..rings],
         ];
-        // Degrees below the block's first order have no functions in it; they are the first ones.
+        // Rows of degrees below the block's first order have no functions in the block; these rows come first.
         let none = rows.iter().filter(|row| row.degree < block * LANES).count();
         let legendre = |i: usize| &rows[none + i].legendre[block * rings..][..rings];
         for first in (0..columns.len()).step_by(together) {
@@ -147,8 +147,8 @@ fn plain<const R: usize, const C: usize>(factors: Factors<'_, R, C>) -> Tile<R, 
     tile
 }
 
-/// Tiles with the processor's vector instructions: from the plain form the compiler makes code that moves the 24 sums
-/// between registers and is 15 times slower.
+/// Tiles with the processor's vector instructions: the compiler's code for the plain form moves the 24 sums between
+/// registers and is 15 times slower.
 #[cfg(target_arch = "x86_64")]
 mod x86 {
     use std::arch::x86_64::{
@@ -164,13 +164,13 @@ mod x86 {
         ($name:ident, $features:literal, $vector:ty, [$all:ident, $plus:ident, $minus:ident, $times:ident, $fused:ident]) => {
             #[target_feature(enable = $features)]
             pub(super) fn $name<const R: usize, const C: usize>(factors: Factors<'_, R, C>) -> Tile<R, C> {
-                /// Vectors in eight lanes, and lanes in one.
+                /// Vectors per eight lanes, and lanes per vector.
                 const PARTS: usize = 8 * LANES / size_of::<$vector>();
                 const WIDTH: usize = LANES / PARTS;
                 let Factors { mut legendre, mut columns, mut waves } = factors;
                 let rings = waves[0].len();
-                // Sliced once, so that no bounds are checked along the rings. Loops in place of closures, which the
-                // compiler does not inline here.
+                // Sliced once, so that no bounds are checked along the rings. Loops are used instead of closures, which
+                // the compiler does not inline here.
                 for legendre in &mut legendre {
                     *legendre = &legendre[..rings];
                 }

@@ -17,7 +17,7 @@ use spharm_harmonics::{Recurrence, Sweep, column, gauss_legendre};
 use super::kernel::{LANES, Lanes, Waves};
 use crate::TransformError;
 
-/// Rings of a run: the harmonics of degree 2L on them stay in a thread's cache.
+/// Rings of a run: few enough that the harmonics of degree 2L on them stay in a thread's cache.
 const RUN: usize = 16;
 
 /// The tables for one degree and one list of moments.
@@ -83,7 +83,7 @@ impl Measure {
         let all = gauss_legendre(2 * max_degree + 1);
         let rings = max_degree + 1;
         let directions: Vec<_> = (0..rings).map(|j| all.direction(j)).collect();
-        // Every ring but the equator also counts for its mirror.
+        // Every ring except the equator also stands for its mirror.
         let factors: Vec<_> = (0..rings).map(|j| all.weights[j] * if j < max_degree { 2.0 } else { 1.0 }).collect();
         let mut legendre = vec![Lanes::default(); blocks_before(rings) * rings];
         let zeros = || vec![0.0; rings * (2 * max_degree + 1)];

@@ -1,10 +1,11 @@
-//! Panels: the rows that the columns of a few orders m' need, taken so that caches are used well, and the sums' places.
+//! Panels: the rows needed by the columns of a few orders m', in an order that uses caches well, and the places of
+//! their sums.
 //!
-//! The orders m of the rows are taken in panels: the c and d of a panel for all the m', and the Legendre functions of
-//! three degrees l, then stay in a core's L2 cache while they meet every l'. The Legendre table, which may be larger
-//! than any cache, is gone through once. Rows of one degree and sign lie together in the matrix, so a panel's sums go
-//! down a column in runs as long as the panel: 40 orders at degree 100 where there is one m' at a time, as in the whole
-//! matrix.
+//! The orders m of the rows are processed in panels: the c and d of a panel for all the m', and the Legendre functions
+//! of three degrees l, then stay in a core's L2 cache while they are multiplied with every l'. The Legendre table,
+//! which may be larger than any cache, is read once. Rows of one degree and sign are contiguous in the matrix, so a
+//! panel's sums are written down a column in runs as long as the panel: 40 orders at degree 100 if there is one m' at a
+//! time, as for the entire matrix.
 
 use std::ops::Range;
 
@@ -29,8 +30,8 @@ pub(super) struct Rows {
 #[derive(Debug)]
 pub(super) struct Part<'a> {
     pub(super) degree: usize,
-    /// The output columns of the cosine and of the sine, where they are requested, each from the first row that is
-    /// written to the last of the range.
+    /// The output columns of the cosine and of the sine, if requested; each starts with the first row that is written
+    /// and ends with the last row of the range.
     pub(super) signs: [Option<&'a mut [f64]>; 2],
 }
 
@@ -47,13 +48,13 @@ pub(super) struct Columns<'a> {
     pub(super) parts: Vec<Part<'a>>,
 }
 
-/// Largest number of orders of a task whose c and d, of both parities, fit a panel of eight orders m.
+/// Returns the largest number of orders in a task for which c and d, of both parities, fit a panel of eight orders m.
 pub(super) const fn most_orders(rings: usize) -> usize {
     let orders = WAVE_BYTES / window_bytes(rings);
     if orders == 0 { 1 } else { orders }
 }
 
-/// Bytes of c and d of both parities, in the windows at m - m' and at m + m'.
+/// Returns the bytes of c and d of both parities, in the windows at m - m' and at m + m'.
 const fn window_bytes(rings: usize) -> usize {
     8 * rings * size_of::<Lanes>()
 }
@@ -106,7 +107,7 @@ pub(super) fn fill(measure: &Measure, rows: &Rows, orders: &mut [Columns<'_>]) {
     }
 }
 
-/// Up to [`ROWS`] degrees of equal parity, ascending, and the blocks of eight orders that any of them needs.
+/// Up to [`ROWS`] degrees of equal parity, ascending, and the blocks of eight orders that at least one of them needs.
 #[derive(Debug)]
 struct Group {
     degrees: Vec<usize>,
@@ -128,7 +129,7 @@ impl Rows {
         groups
     }
 
-    /// The blocks of eight |orders| in which degree `l` has rows of the range.
+    /// Returns the blocks of eight |orders| in which degree `l` has rows of the range.
     fn blocks(&self, l: usize) -> Range<usize> {
         let (centre, low, high) = (column(l, 0), column(l, -(l as isize)), column(l, l as isize));
         let (start, end) = (low.max(self.range.start), high.min(self.range.end - 1));

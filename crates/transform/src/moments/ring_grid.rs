@@ -1,5 +1,6 @@
-//! The Gauss-Legendre grid of a [`MomentOperator`](super::MomentOperator) or an [`InverseDensity`](super::InverseDensity):
-//! coefficients to rings, a product at the grid's points, and rings to coefficients.
+//! The Gauss-Legendre grid of a [`MomentOperator`](super::MomentOperator) or an
+//! [`InverseDensity`](super::InverseDensity): coefficients to rings, a product at the grid's points, and rings to
+//! coefficients.
 //!
 //! Rings come in pairs, a northern one and its mirror: their values are the sum and the difference of the sums over
 //! even and over odd `l - m` that [`Legendre`] computes. Both are real, so one complex Fourier transform serves a pair:

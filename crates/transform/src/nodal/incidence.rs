@@ -1,4 +1,4 @@
-//! Which samples are a node's, where on the grid their kernels lie, and the sums of these.
+//! The samples of each node, the places of their kernels on the grid, and the sums of these kernels.
 
 use std::ops::Range;
 
@@ -14,10 +14,10 @@ use crate::grid::{Layout, MARGIN};
 use crate::gridding::Gridding;
 use crate::kernel::Kernel;
 
-/// Directions that are placed by a task.
+/// Directions placed by one task.
 const RUN: usize = 4096;
 
-/// Where pieces begin: at every eighth column. The size of the grid and its margin are multiples of that.
+/// Columns from one possible start of a piece to the next. The grid's size and its margin are multiples of this.
 const STEP: usize = 8;
 
 /// A part of a node's patch: columns from `COLUMNS * part` on, of one strip's rows.
@@ -37,12 +37,12 @@ struct Extent {
     rows: u32,
     /// First column, a multiple of [`STEP`] from 0 to the grid's size.
     column: u32,
-    /// Number of pieces; they may go around the sphere.
+    /// Number of pieces; they may extend around the sphere.
     pieces: u32,
 }
 
 impl Extent {
-    /// Its rows on a strip, counted from that strip's first one.
+    /// Returns the rows within a strip, counted from the strip's first row.
     fn rows_of(&self, strip: usize) -> Range<usize> {
         let first = strip * ROWS;
         let (start, end) = (self.row as usize, (self.row + self.rows) as usize);
@@ -54,13 +54,13 @@ impl Extent {
 #[derive(Debug)]
 pub(super) struct Element {
     pub(super) nodes: [u32; 3],
-    /// `sum_i w_i lambda_ij lambda_ik` for its corners, by rows of the lower half.
+    /// `sum_i w_i lambda_ij lambda_ik` for its corners j and k, row by row of the lower triangle.
     pub(super) products: [f64; 6],
-    /// Its first sample; the last one is that before the next element's.
+    /// Index of its first sample; its samples end where those of the next element begin.
     first: usize,
 }
 
-/// Samples on the grid, and those of each node.
+/// Samples on the grid, and the samples of each node.
 #[derive(Debug)]
 pub(super) struct Incidence {
     gridding: Gridding,
@@ -68,12 +68,12 @@ pub(super) struct Incidence {
     /// Row and column of each sample's cell, and its position in it.
     cells: Vec<[u32; 2]>,
     fractions: Vec<[f64; 2]>,
-    /// What each corner of a sample's triangle counts, times the weight.
+    /// Weight of each corner of a sample's triangle in its value, times the sample's weight.
     shares: Vec<[f64; 3]>,
     elements: Vec<Element>,
-    /// Where the triangles of each node begin in the list that follows.
+    /// For each node, where its triangles begin in `elements_of`.
     first: Vec<usize>,
-    /// Triangles, and which of their corners the node is.
+    /// Triangles of each node, and which of their corners the node is.
     elements_of: Vec<(u32, u32)>,
     extents: Vec<Extent>,
     /// The pieces on each strip of the grid, from west to east.
@@ -108,7 +108,7 @@ impl Incidence {
         self.gridding
     }
 
-    /// Values of all patches.
+    /// Returns the number of values of all patches.
     pub(super) fn patch_values(&self) -> usize {
         self.extents.iter().map(|extent| extent.rows as usize * extent.pieces as usize * COLUMNS).sum()
     }
@@ -118,12 +118,12 @@ impl Incidence {
         (layout.core_rows() + 2 * layout.margin).div_ceil(ROWS)
     }
 
-    /// The pieces on a strip.
+    /// Returns the pieces on a strip.
     pub(super) fn pieces(&self, strip: usize) -> &[Piece] {
         self.strips.get(strip).map_or(&[], Vec::as_slice)
     }
 
-    /// Adds samples; those without weight are left out.
+    /// Adds samples, except those without weight.
     pub(super) fn add(&mut self, NodalSamples { directions, weights, nodes, shares }: NodalSamples<'_>) {
         const PAIRS: [(usize, usize); 6] = [(0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2)];
         let mut places = vec![([0; 2], [0.0; 2]); directions.len()];
@@ -150,7 +150,7 @@ impl Incidence {
         }
     }
 
-    /// Sorts the triangles by their nodes, of which there are so many.
+    /// Lists the triangles of each of the `nodes` nodes, and the pieces of their patches on each strip.
     pub(super) fn sort(&mut self, nodes: usize) {
         self.first = vec![0; nodes + 1];
         for &node in self.elements.iter().flat_map(|element| &element.nodes) {
@@ -182,7 +182,7 @@ impl Incidence {
         self.strips.par_iter_mut().for_each(|pieces| pieces.sort_unstable());
     }
 
-    /// Calls `found` for each of a node's samples with what the node counts in it.
+    /// Calls `found` for each of a node's samples with the node's weight in it.
     #[inline]
     fn each_sample(&self, node: usize, mut found: impl FnMut(usize, f64)) {
         for &(element, corner) in &self.elements_of[self.first[node]..self.first[node + 1]] {
@@ -193,7 +193,7 @@ impl Incidence {
         }
     }
 
-    /// Row, with a margin of so many, and column of the first grid point under a sample's kernel.
+    /// Returns row, with a margin of `margin` rows, and column of the first grid point under a sample's kernel.
     fn corner(&self, sample: usize, margin: usize) -> [isize; 2] {
         let ([row, column], [across, along]) = (self.cells[sample], self.fractions[sample]);
         [self.kernel.place(row, across).0 + margin as isize, self.kernel.place(column, along).0]
@@ -205,7 +205,7 @@ impl Incidence {
         self.each_sample(node, |sample, _| {
             let [row, column] = self.corner(sample, margin);
             rows = [rows[0].min(row), rows[1].max(row)];
-            // The shorter way around from the first one.
+            // The shorter way around, from the first sample.
             let away = column - *origin.get_or_insert(column);
             let away = within(away + around / 2, around) - around / 2;
             columns = [columns[0].min(away), columns[1].max(away)];
@@ -222,7 +222,7 @@ impl Incidence {
         }
     }
 
-    /// Makes some of the pieces on a strip.
+    /// Computes some of the pieces on a strip.
     pub(super) fn patches(&self, strip: usize, pieces: &[Piece], out: &mut Patches) {
         out.tiles.clear();
         out.nodes.clear();
@@ -250,8 +250,8 @@ impl Incidence {
         }
     }
 
-    /// Adds the kernels of a node's samples to the rows of a piece: from row `first_row` of a strip on, which are at `places`
-    /// among the values.
+    /// Adds the kernels of a node's samples to the rows of a piece, starting with row `first_row` of a strip. `places`
+    /// are the indices of these rows among the values.
     fn add_kernels(
         &self,
         piece: Piece,
@@ -276,7 +276,7 @@ impl Incidence {
             let [row, column] = self.corner(sample, layout.margin);
             let along = within(column - first_column, around) - first_of_piece;
             let down = row - (strip * ROWS) as isize;
-            // Kernels beside the piece.
+            // Skip kernels that don't reach the piece.
             let beside = |from: isize, end: usize| from <= -width || from >= end as isize;
             if beside(along, COLUMNS) || beside(down, ROWS) {
                 return;
@@ -293,7 +293,8 @@ impl Incidence {
     }
 }
 
-/// A column from 0 to `around` that is the same on the sphere, of one that is less than twice as many away.
+/// Maps a column to the equivalent one from 0 to `around`. The loops are short, as columns are never far outside that
+/// range.
 fn within(mut column: isize, around: isize) -> isize {
     while column < 0 {
         column += around;

@@ -1,4 +1,4 @@
-//! The kernels of a node's samples, added up in registers: a small matrix product for each piece of a patch.
+//! Sums of the kernels of a node's samples, formed in registers: a small matrix product for each piece of a patch.
 
 use multiversion::{multiversion, target::target_cfg_f};
 
@@ -7,10 +7,11 @@ use crate::batch::{BATCH, Batch};
 use crate::kernel::MAX_WIDTH;
 use crate::lanes::{fused, load};
 
-/// Kernels of some samples over the rows of a strip and the columns of a piece, with room for what reaches beyond.
+/// Kernels of some samples over the rows of a strip and the columns of a piece, with space for the parts that extend
+/// beyond.
 pub(super) struct Kernels {
     pub(super) batch: Batch,
-    /// Times what the samples count.
+    /// Kernel values along rows, times the node's weights in the samples.
     rows: [[f64; MAX_WIDTH + ROWS + MAX_WIDTH]; BATCH],
     columns: [[f64; MAX_WIDTH + COLUMNS + MAX_WIDTH]; BATCH],
 }
@@ -24,7 +25,7 @@ impl Kernels {
         }
     }
 
-    /// Puts the batch's kernels where their samples are, at row and column `corners` of the piece.
+    /// Moves the batch's kernels to the places of their samples, at rows and columns `corners` of the piece.
     pub(super) fn shift(&mut self, corners: &[[isize; 2]], counts: &[f64]) {
         for (i, (&[down, along], count)) in corners.iter().zip(counts).enumerate() {
             let at = |from: isize| MAX_WIDTH.saturating_add_signed(from);
@@ -40,7 +41,8 @@ impl Kernels {
     }
 }
 
-/// Adds so many kernels to the rows of a piece, from row `first_row` of the strip on, which are at `places` among the values.
+/// Adds `count` kernels to the rows of a piece, starting with row `first_row` of the strip. `places` are the indices of
+/// these rows among the values.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
 pub(super) fn add_kernels(
     kernels: &Kernels,
@@ -79,7 +81,7 @@ fn add_to_rows<const R: usize, const FMA: bool>(
     for (rows, columns) in kernels.rows[..count].iter().zip(&kernels.columns) {
         let rows: [f64; R] = load(rows, MAX_WIDTH + row);
         let columns: [f64; COLUMNS] = load(columns, MAX_WIDTH);
-        // Rows within columns: the other way round the compiler gathers.
+        // The inner loop is over rows; the other way round the compiler emits gathers.
         for (k, column) in columns.iter().enumerate() {
             for (sums, row) in sums.iter_mut().zip(&rows) {
                 sums[k] = fused::<FMA>(*row, *column, sums[k]);

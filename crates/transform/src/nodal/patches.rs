@@ -1,18 +1,18 @@
-//! Patches as they are added to a grid: strip by strip, tile by tile, row by row.
+//! Patches in the order in which they are added to a grid: strip by strip, tile by tile, row by row.
 
 /// Columns of a piece: three vectors of eight.
 pub(super) const COLUMNS: usize = 24;
 
-/// Rows of the grid that are added to together.
+/// Rows of the grid that are processed together.
 pub(super) const ROWS: usize = 32;
 
-/// Pieces of patches on a strip of the grid: what nodes count there, in the order in which they are added.
+/// Pieces of patches on a strip of the grid: the weights of nodes there, in the order in which they are added.
 #[derive(Debug, Default)]
 pub(super) struct Patches {
     pub(super) tiles: Vec<Tile>,
     /// The nodes of the tiles' rows.
     pub(super) nodes: Vec<u32>,
-    /// What they count in each column, (nodes, [`COLUMNS`]).
+    /// Weights of these nodes in each column, (nodes, [`COLUMNS`]).
     pub(super) values: Vec<[f64; COLUMNS]>,
 }
 
@@ -21,6 +21,6 @@ pub(super) struct Patches {
 pub(super) struct Tile {
     /// First column, margin included.
     pub(super) column: usize,
-    /// Where the nodes of each row begin, and where those of the last one end.
+    /// For each row, where its nodes begin, and where those of the last row end.
     pub(super) first: [u32; ROWS + 1],
 }

@@ -1,6 +1,6 @@
-//! Samples that are linear in values at nodes, as they are given.
+//! Input samples that are linear in values at nodes.
 
-/// Samples and the nodes that they are linear in.
+/// Samples, and the nodes whose values determine theirs.
 #[derive(Debug, Clone, Copy)]
 pub struct NodalSamples<'a> {
     /// Unit vectors, (n, 3).
@@ -9,6 +9,6 @@ pub struct NodalSamples<'a> {
     pub weights: &'a [f64],
     /// The nodes of each sample's triangle, (n, 3).
     pub nodes: &'a [[u32; 3]],
-    /// What the value of each of these counts, (n, 3).
+    /// Weights of the values at these nodes in the sample's value, (n, 3).
     pub shares: &'a [[f64; 3]],
 }

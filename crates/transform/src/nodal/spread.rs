@@ -1,4 +1,4 @@
-//! Patches times the values of their nodes, added to a grid: for each row of a tile a small matrix product.
+//! Addition to a grid of patches times the values of their nodes: a small matrix product for each row of a tile.
 
 use multiversion::{multiversion, target::target_cfg_f};
 
@@ -6,8 +6,8 @@ use super::patches::{COLUMNS, Patches};
 use crate::grid::Layout;
 use crate::lanes::{fused, load};
 
-/// Adds each patch times the values of its node, of which those of the layout's channels are the first of every `stride` values,
-/// to the rows of a strip.
+/// Adds each patch times the values of its node to the rows of a strip. A node has `stride` values, of which the first
+/// are those of the layout's channels.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
 pub(super) fn add_patches(layout: Layout, grid: &mut [f64], patches: &Patches, values: &[f64], stride: usize) {
     for tile in &patches.tiles {
@@ -37,7 +37,7 @@ pub(super) fn add_patches(layout: Layout, grid: &mut [f64], patches: &Patches, v
     }
 }
 
-/// Adds to the lines of C channels what the nodes count times their values. Returns C.
+/// Adds the weights of the nodes times their values to the lines of C channels. Returns C.
 #[inline(always)]
 fn product<const W: usize, const C: usize, const FMA: bool>(
     layout: Layout,
