@@ -104,7 +104,7 @@ impl DegreePairs {
 }
 
 /// Computes the tables of one order. With `l = m + 2j`, `alpha_l alpha_{l+1} = (4 l^2 - 1) / (l^2 - m^2)`: a and b are
-/// computed from that to the last bit, since their errors accumulate from step to step.
+/// computed from that with errors in the last bit only, since these accumulate from step to step.
 fn order(m: usize, alpha: &[f64]) -> Order {
     let count = alpha.len().div_ceil(2);
     let mut order = Order { steps: Vec::with_capacity(count), mixing: Vec::with_capacity(count) };

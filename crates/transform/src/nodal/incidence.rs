@@ -293,8 +293,7 @@ impl Incidence {
     }
 }
 
-/// Maps a column to the equivalent one from 0 to `around`. The loops are short, as columns are never far outside that
-/// range.
+/// Maps a column, less than `2 around` outside that range, to the equivalent one from 0 to `around`.
 fn within(mut column: isize, around: isize) -> isize {
     while column < 0 {
         column += around;
