@@ -1,4 +1,4 @@
-//! Batches of points: the kernel values of some points and the places of these on the grid.
+//! Batches of points: kernel values of points, and their places on the grid.
 
 use std::ops::Range;
 
@@ -15,7 +15,7 @@ pub(crate) struct Batch {
     pub(crate) columns: [usize; BATCH],
     pub(crate) row_values: [[f64; MAX_WIDTH]; BATCH],
     pub(crate) column_values: [[f64; MAX_WIDTH]; BATCH],
-    /// Whether at least every second point's kernel lies over the same grid points as the one before.
+    /// Whether at least every second point's kernel covers the same grid points as the previous one.
     pub(crate) dense: bool,
 }
 
@@ -35,7 +35,8 @@ impl Batch {
         self.fill_at(layout, kernel, &points.cells[places.clone()], &points.fractions[places]);
     }
 
-    /// Computes the kernel values of points in these cells, at most [`BATCH`] of them, at these positions in them.
+    /// Computes the kernel values of points, at most [`BATCH`] of them, in these cells and at these positions within
+    /// them.
     pub(crate) fn fill_at(&mut self, layout: Layout, kernel: &Kernel, cells: &[[u32; 2]], fractions: &[[f64; 2]]) {
         let (mut row_arguments, mut column_arguments) = ([0.0; BATCH], [0.0; BATCH]);
         let count = cells.len();
@@ -47,12 +48,12 @@ impl Batch {
         }
         kernel.values(&row_arguments[..count], &mut self.row_values[..count]);
         kernel.values(&column_arguments[..count], &mut self.column_values[..count]);
-        // Narrow kernels read and write little.
+        // Narrow kernels read and write little, and gain nothing.
         self.dense = kernel.padded > 8
             && 2 * (1..count).filter(|&i| self.corner(i) == self.corner(i - 1)).count() >= count.max(1);
     }
 
-    /// Row and column of the first grid value under a point's kernel.
+    /// Returns row and column of the first grid value under a point's kernel.
     #[inline(always)]
     pub(crate) fn corner(&self, point: usize) -> [usize; 2] {
         [self.rows[point], self.columns[point]]

@@ -1,9 +1,9 @@
-//! The cells of the grid that directions are in.
+//! The grid cells that contain directions.
 //!
-//! Rows are colatitudes, columns azimuths; both are angles `atan2(y, x)` on a grid of a multiple of 8 points around. An angle is
-//! measured from the nearest multiple of `pi / 4`, which is a whole number of cells: its rounding error is then that of an angle
-//! of at most `pi / 8`, a sixteenth of that of an angle near 2 pi, which matters at high degrees. Eight directions at a time:
-//! the library's `atan` takes one, and is called.
+//! Rows are colatitudes, columns azimuths; both are angles `atan2(y, x)` on a grid of a multiple of 8 points around. An
+//! angle is measured from the nearest multiple of `pi / 4`, which is a whole number of cells: its rounding error is
+//! then that of an angle of at most `pi / 8`, a sixteenth of that of an angle near 2 pi, which matters at high degrees.
+//! Eight directions are processed at a time, whereas the library's `atan` is a function call for a single argument.
 
 use std::f64::consts::TAU;
 
@@ -19,8 +19,8 @@ const LANES: usize = 8;
 /// `tan(pi / 8)`.
 const TAN_EIGHTH: f64 = 0.414_213_562_373_095_03;
 
-/// `(atan(t) / t - 1) / t^2` as a polynomial in `t^2` on `[0, tan(pi / 8)^2]`, by falling power: interpolation at Chebyshev
-/// nodes in 60 digits. With it atan has a relative error of 5e-18 before rounding.
+/// `(atan(t) / t - 1) / t^2` as a polynomial in `t^2` on `[0, tan(pi / 8)^2]`, by falling power: interpolation at
+/// Chebyshev nodes in 60 digits. With it atan has a relative error of 5e-18 before rounding.
 const ATAN: [f64; 11] = [
     -0.019175404711104935,
     0.03923044778479309,
@@ -51,7 +51,7 @@ pub(crate) fn place(directions: &[[f64; 3]], grid: usize, places: &mut [Place]) 
     }
 }
 
-/// The rows alone of what [`place`] finds, at half its cost.
+/// Computes only the rows that [`place`] computes, at half the cost.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
 pub(crate) fn rows(directions: &[[f64; 3]], grid: usize, rows: &mut [u32]) {
     for (directions, rows) in directions.chunks(LANES).zip(rows.chunks_mut(LANES)) {
@@ -65,7 +65,7 @@ pub(crate) fn rows(directions: &[[f64; 3]], grid: usize, rows: &mut [u32]) {
     }
 }
 
-/// x, y and z of at most [`LANES`] directions, and the sines of their colatitudes.
+/// Returns x, y and z of at most [`LANES`] directions, and the sines of their colatitudes.
 #[inline(always)]
 fn lanes(directions: &[[f64; 3]]) -> ([[f64; LANES]; 3], [f64; LANES]) {
     let (mut x, mut y, mut z) = ([1.0; LANES], [0.0; LANES], [0.0; LANES]);
@@ -79,7 +79,8 @@ fn lanes(directions: &[[f64; 3]]) -> ([[f64; LANES]; 3], [f64; LANES]) {
     ([x, y, z], sine)
 }
 
-/// Cells of the angles `atan2(y, x)` in [0, 2 pi), and positions in them. At the origin any angle will do: it is zero.
+/// Returns the cells of the angles `atan2(y, x)` in [0, 2 pi), and the positions in them. At the origin, where the
+/// angle is arbitrary, it is zero.
 #[inline(always)]
 fn cells<const FMA: bool>(x: &[f64; LANES], y: &[f64; LANES], grid: usize) -> ([u32; LANES], [f64; LANES]) {
     let (mut cells, mut fractions) = ([0; LANES], [0.0; LANES]);
@@ -88,7 +89,7 @@ fn cells<const FMA: bool>(x: &[f64; LANES], y: &[f64; LANES], grid: usize) -> ([
         let (across, up) = (x[i].abs(), y[i].abs());
         let steep = up > across;
         let (short, long) = if steep { (across, up) } else { (up, across) };
-        // Beyond pi / 8 from the axis, from the diagonal.
+        // Beyond pi / 8 from the axis, measure from the diagonal.
         let far = short > TAN_EIGHTH * long;
         let (numerator, denominator) = if far { (short - long, short + long) } else { (short, long) };
         let t = numerator / if denominator > 0.0 { denominator } else { 1.0 };
@@ -97,14 +98,15 @@ fn cells<const FMA: bool>(x: &[f64; LANES], y: &[f64; LANES], grid: usize) -> ([
         for coefficient in &ATAN[1..] {
             sum = fused::<FMA>(sum, square, *coefficient);
         }
-        // Steps from a whole number of cells; mirrored at the diagonal, and at either axis.
+        // The angle is `steps` cells from a whole number of cells, `from`; both are mirrored at the diagonal and at
+        // either axis.
         let mut steps = fused::<FMA>(t * square, sum, t) * (around / TAU);
         let mut from = if far { around / 8.0 } else { 0.0 };
         for (mirrored, axis) in [(steep, around / 4.0), (x[i] < 0.0, around / 2.0), (y[i] < 0.0, around)] {
             (steps, from) = if mirrored { (-steps, axis - from) } else { (steps, from) };
         }
         let whole = steps.floor();
-        // The fraction of a tiny negative angle rounds to one; the double below one is as near.
+        // The fraction of a tiny negative angle rounds to one; the double just below one is equally close.
         fractions[i] = (steps - whole).min(1.0 - f64::EPSILON / 2.0);
         let cell = from + whole;
         let cell = if cell < 0.0 { cell + around } else { cell };

@@ -6,8 +6,8 @@ use spharm_harmonics::{Directions, HarmonicsError};
 
 use crate::{FINEST, Transform, TransformError, TransformParams};
 
-/// Up to this number of directions times coefficients, direct sums are faster than planning a transform; both take some
-/// milliseconds there.
+/// Up to this number of directions times coefficients, direct sums are faster than planning a transform; at this size
+/// both take some milliseconds.
 const DIRECT: usize = 3_000_000;
 
 /// Returns the samples, (n, c), at `directions` of the c functions with the canonical coefficients `coefficients`, (K,

@@ -1,13 +1,13 @@
 //! Fourier transforms from rings to the oversampled grid and back: along colatitude, then along azimuth.
 //!
-//! For order m, `Z_m = F_m^cos + i F_m^sin` continued over the poles, `Z_m(-theta) = (-1)^m Z_m(theta)`, is a
-//! trigonometric polynomial of degree L in theta. Its samples on N rings, `theta_j = (j + 1/2) pi / N`, give its
+//! For order m, `Z_m = F_m^cos + i F_m^sin`, continued over the poles by `Z_m(-theta) = (-1)^m Z_m(theta)`, is a
+//! trigonometric polynomial of degree L in theta. Its samples on N rings, `theta_j = (j + 1/2) pi / N`, determine its
 //! spectrum, which is divided by the kernel's and summed on the finer grid of M points around. Even orders have an even
-//! spectrum and odd orders an odd one, so one complex transform serves the sum of two of them, and symmetry separates
+//! spectrum and odd orders an odd one, so one complex transform serves the sum of two orders, and symmetry separates
 //! them afterwards: two orders of a channel take one transform of length 2 N and one of length M.
 //!
-//! Along azimuth, `f = Re sum_m (F_m^cos - i F_m^sin) e^{i m phi}` is a transform to reals. The coefficients have been
-//! divided by the kernel's transform in m already.
+//! Along azimuth, `f = Re sum_m (F_m^cos - i F_m^sin) e^{i m phi}` is a transform to reals. The coefficients have
+//! already been divided by the kernel's transform in m.
 //!
 //! Cost per channel: `5 (L + 1) N log2(2 N) + 2.5 (L + 1) M log2 M + 1.25 M^2 log2 M` flops.
 
@@ -22,9 +22,10 @@ use crate::grid::Layout;
 use crate::gridding::Gridding;
 use crate::kernel::Kernel;
 
-/// Rows of the grid that are gathered together: in memory the orders of a row are far apart, rows are not.
+/// Rows of the grid that are gathered together: in memory, the orders of one row are far apart, but neighbouring rows
+/// are not.
 const ROWS: usize = 8;
-/// Pairs of orders that [`Fourier::grid_to_circles`] takes together.
+/// Pairs of orders that [`Fourier::grid_to_circles`] processes together.
 const PAIRS: usize = 4;
 
 /// The Fourier transforms of one gridding.
@@ -85,7 +86,7 @@ impl Fourier {
         }
     }
 
-    /// Number of pairs of orders.
+    /// Returns the number of pairs of orders.
     pub(crate) fn order_pairs(&self) -> usize {
         self.max_degree / 2 + 1
     }
@@ -106,7 +107,7 @@ impl Fourier {
         }
     }
 
-    /// Transforms one pair of orders of one channel, given at the pairs of rings from the pole to the equator, to the M
+    /// Transforms one pair of orders of one channel, given on the pairs of rings from the pole to the equator, to the M
     /// points of a great circle, `out`.
     pub(crate) fn rings_to_circle(
         &self,
@@ -118,7 +119,7 @@ impl Fourier {
         let circle = &mut work.circle[..];
         for j in 0..n.div_ceil(2) {
             let RingPair { even_order: [ee, eo], odd_order: [oe, oo] } = ring(j);
-            // South first, so that the equator, which is both of a pair, keeps the northern value.
+            // South first, so that the equator, which is both rings of its pair, keeps the northern value.
             let (even, odd) = (ee - eo, oe - oo);
             (circle[n - 1 - j], circle[n + j]) = (even + odd, even - odd);
             let (even, odd) = (ee + eo, oe + oo);
@@ -134,7 +135,7 @@ impl Fourier {
         self.grid_inverse.process_with_scratch(out, &mut work.scratch);
     }
 
-    /// The transpose of [`rings_to_circle`](Self::rings_to_circle); overwrites `circle_of_grid`.
+    /// Applies the transpose of [`rings_to_circle`](Self::rings_to_circle); overwrites `circle_of_grid`.
     pub(crate) fn circle_to_rings(
         &self,
         circle_of_grid: &mut [Complex64],
@@ -198,7 +199,7 @@ impl Fourier {
         );
     }
 
-    /// The transpose of [`circles_to_grid`](Self::circles_to_grid); overwrites the grid and `spectra`.
+    /// Applies the transpose of [`circles_to_grid`](Self::circles_to_grid); overwrites the grid and `spectra`.
     pub(crate) fn grid_to_circles(
         &self,
         grid: &mut [f64],
@@ -207,7 +208,7 @@ impl Fourier {
         circles: &mut [Complex64],
     ) {
         let (m, channels, count) = (self.gridding.grid, layout.channels, self.max_degree + 1);
-        // First the rows' spectra, (rows, channels, orders), then the circles from them.
+        // First the rows' spectra, (rows, channels, orders), then the circles computed from them.
         layout.core_mut(grid, ROWS).zip(spectra.par_chunks_mut(ROWS * channels * count)).for_each_init(
             || self.work(),
             |work, (rows, spectra)| {
@@ -225,7 +226,7 @@ impl Fourier {
             },
         );
         let spectra = &*spectra;
-        // A few pairs together, which share the cache lines of a spectrum.
+        // A few pairs are processed together, since they share the cache lines of a spectrum.
         circles.par_chunks_mut(PAIRS * channels * m).enumerate().for_each(|(group, circles)| {
             for channel in 0..channels {
                 for i in 0..layout.core_rows() {
@@ -235,12 +236,13 @@ impl Fourier {
                         let circle = &mut circles[channel * m..(channel + 1) * m];
                         let mut even = spectrum[order];
                         if order == 0 {
-                            // The sines of order 0 are no coefficients.
+                            // Sines of order 0 aren't coefficients.
                             even.im = 0.0;
                         }
                         let odd = spectrum.get(order + 1).copied().unwrap_or_default();
                         if i == 0 || 2 * i == m {
-                            // Its own mirror image: twice the even order, nothing of the odd one.
+                            // The point is its own mirror image: the even order counts twice, and the odd order
+                            // cancels.
                             circle[i] = even + even;
                         } else {
                             (circle[i], circle[m - i]) = (even + odd, even - odd);

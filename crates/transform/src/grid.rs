@@ -1,9 +1,9 @@
 //! The oversampled grid of real values, with margins.
 //!
 //! Rows are colatitudes `2 pi i / M`, `i = 0..=M/2`, columns are azimuths `2 pi k / M`; both have margins, so that a
-//! kernel near an edge needs no special case. A row of the margin over a pole is the row as far below the pole, half a
-//! turn on; a column of the margin is the column a full turn on. The values of all channels of a row are together:
-//! (rows, channels, columns).
+//! kernel near an edge needs no special case. A margin row beyond a pole copies the row at the same distance on the
+//! near side of the pole, shifted by half a turn; a margin column copies the column a full turn away. The values of all
+//! channels of a row are contiguous: (rows, channels, columns).
 
 use std::ops::Range;
 
@@ -14,7 +14,7 @@ use crate::kernel::MAX_WIDTH;
 /// Columns of the margin before the first column: half of the widest kernel.
 pub(crate) const MARGIN: usize = MAX_WIDTH / 2;
 
-/// Sizes of a grid, and the places of its rows and columns in memory.
+/// Sizes of a grid, and the memory layout of its rows and columns.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Layout {
     /// Columns without margins, M: grid points around the sphere.
@@ -24,7 +24,7 @@ pub(crate) struct Layout {
     pub(crate) stride: usize,
     /// Rows of the margin before the first row and after the last one.
     pub(crate) margin: usize,
-    /// Rows of a strip; points are sorted by strips, and strips are shared out among threads.
+    /// Rows of a strip; points are sorted by strips, and strips are distributed among threads.
     pub(crate) strip: usize,
 }
 
@@ -32,41 +32,43 @@ impl Layout {
     /// Lays out a grid for kernels of `width` points.
     pub(crate) fn new(around: usize, width: usize, channels: usize) -> Self {
         let columns = (around + MARGIN + MAX_WIDTH + 1).next_multiple_of(8);
-        // An odd number of cache lines, so that a column of rows doesn't fall into few sets of the cache.
+        // An odd number of cache lines, so that the same column of successive rows doesn't map to a few sets of the
+        // cache.
         let stride = if (columns / 8).is_multiple_of(2) { columns + 8 } else { columns };
         let margin = width.div_ceil(2);
-        // Kernels of a strip's points reach a margin to either side: with its margins it is two strips high.
+        // Kernels of a strip's points extend beyond it by one margin on either side: with its margins it is two strips
+        // high.
         Self { around, channels, stride, margin, strip: 2 * margin }
     }
 
-    /// Number of rows from pole to pole, without margins.
+    /// Returns the number of rows from pole to pole, without margins.
     pub(crate) fn core_rows(&self) -> usize {
         self.around / 2 + 1
     }
 
-    /// Number of values of a row, with margins.
+    /// Returns the number of values of a row, with margins.
     pub(crate) fn row(&self) -> usize {
         self.channels * self.stride
     }
 
-    /// Number of values of the grid, with margins.
+    /// Returns the number of values of the grid, with margins.
     pub(crate) fn len(&self) -> usize {
-        // One row more, so that a row counted from any column on is whole.
+        // One more row, so that a row's length of values exists from any column of the last row on.
         (self.core_rows().next_multiple_of(self.strip) + self.strip + 1) * self.row()
     }
 
-    /// The rows of a grid from pole to pole, `count` at a time, each (channels, columns) with margins.
+    /// Returns the rows of a grid from pole to pole, `count` at a time, each (channels, columns) with margins.
     pub(crate) fn core_mut<'a>(&self, grid: &'a mut [f64], count: usize) -> rayon::slice::ChunksMut<'a, f64> {
         grid[self.margin * self.row()..][..self.core_rows() * self.row()].par_chunks_mut(count * self.row())
     }
 
-    /// The columns of a channel in rows that [`core_mut`](Self::core_mut) gives, without their margins.
+    /// Returns the columns of a channel, without margins, in rows from [`core_mut`](Self::core_mut).
     pub(crate) fn line(&self, row: usize, channel: usize) -> Range<usize> {
         let start = row * self.row() + channel * self.stride + MARGIN;
         start..start + self.around
     }
 
-    /// Starts of the lines over the poles and of the lines that they are copies of.
+    /// Returns the starts of the lines beyond the poles and of the lines that they copy.
     fn over_the_poles(&self) -> impl Iterator<Item = [usize; 2]> + use<> {
         let layout = *self;
         let last = layout.core_rows() - 1;
@@ -82,7 +84,7 @@ impl Layout {
         })
     }
 
-    /// Fills the margins with the values that they are copies of.
+    /// Fills the margins with the values that they copy.
     pub(crate) fn extend(&self, grid: &mut [f64]) {
         let m = self.around;
         let wrap = |line: &mut [f64]| {
@@ -99,7 +101,7 @@ impl Layout {
         }
     }
 
-    /// The transpose of [`extend`](Self::extend): adds the margins to the values that they are copies of.
+    /// Applies the transpose of [`extend`](Self::extend): adds the margins to the values that they copy.
     pub(crate) fn fold(&self, grid: &mut [f64]) {
         let m = self.around;
         let unwrap = |line: &mut [f64]| {

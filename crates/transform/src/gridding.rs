@@ -1,19 +1,19 @@
 //! The choice of grid size and kernel width: the cheapest pair that reaches the requested accuracy.
 //!
-//! On a finer grid a narrower kernel is enough. The cost of the Fourier transforms grows with the square of the grid
-//! size, the cost of the interpolation with the square of the kernel width and with the number of directions.
+//! A finer grid needs only a narrower kernel. The cost of the Fourier transforms grows with the square of the grid
+//! size, and the cost of the interpolation with the square of the kernel width and with the number of directions.
 
 use crate::TransformError;
 use crate::kernel::{MAX_WIDTH, aliasing, magnification};
 
-/// The finest accuracy that a transform can be planned for.
+/// The finest accuracy for which a transform can be planned.
 pub const FINEST: f64 = 1e-13;
-/// The coarsest accuracy that a transform can be planned for.
+/// The coarsest accuracy for which a transform can be planned.
 pub const COARSEST: f64 = 1e-3;
 
-/// The smallest grid: it has to have several strips of rows, for several threads.
+/// The smallest grid: it must have several strips of rows, to be shared by several threads.
 pub(crate) const MIN_GRID: usize = 64;
-/// The largest oversampling, grid points over the Nyquist number `2 L + 2`.
+/// The largest oversampling, the ratio of grid points to the Nyquist number `2 L + 2`.
 pub(crate) const MAX_OVERSAMPLING: f64 = 2.8;
 
 /// Grid sizes and kernel width of a transform.
@@ -23,7 +23,7 @@ pub(crate) struct Gridding {
     pub(crate) grid: usize,
     /// Grid points under the kernel in each direction, w.
     pub(crate) width: usize,
-    /// The width that strips of the grid are laid out for, at least w: that of the plan which sorted the directions.
+    /// The width for which strips of the grid are laid out, at least w: that of the plan that sorted the directions.
     pub(crate) reach: usize,
     /// Rings from pole to pole on which Legendre functions are summed, N; 2 N points around a great circle.
     pub(crate) rings: usize,
@@ -32,7 +32,7 @@ pub(crate) struct Gridding {
 impl Gridding {
     /// Chooses the cheapest gridding for `directions` directions at a relative accuracy.
     pub(crate) fn choose(max_degree: usize, directions: usize, accuracy: f64) -> Result<Self, TransformError> {
-        // Also refuses NaN.
+        // Also rejects NaN.
         if !(FINEST..=COARSEST).contains(&accuracy) {
             return Err(TransformError::Accuracy { found: accuracy, min: FINEST, max: COARSEST });
         }
@@ -57,13 +57,13 @@ impl Gridding {
         Ok(best.unwrap_or(Self { grid: grids[grids.len() - 1], width: MAX_WIDTH, reach: MAX_WIDTH, rings }))
     }
 
-    /// The same grid for a lower degree, for which it is finer and a narrower kernel enough.
+    /// Returns the same grid for a lower degree, for which it is finer, so that a narrower kernel is enough.
     pub(crate) fn of_degree(&self, max_degree: usize, accuracy: f64) -> Self {
         let width = (4..self.width).find(|&width| error(width, max_degree, self.grid) <= accuracy);
         Self { width: width.unwrap_or(self.width), rings: smooth(max_degree + 1, 1), ..*self }
     }
 
-    /// Estimated nanoseconds of one thread per channel; the constants were measured.
+    /// Returns the estimated nanoseconds of one thread per channel; the constants were measured.
     fn cost(&self, max_degree: usize, directions: usize) -> f64 {
         let (m, l) = (self.grid as f64, max_degree as f64 + 1.0);
         let fourier = m * m.log2() * (l / 2.0 + m / 4.0);
@@ -72,19 +72,22 @@ impl Gridding {
     }
 }
 
-/// Estimated nanoseconds of one thread for spreading a direction's values to a grid in the cache, among `density` directions
-/// that are sorted together for each point of it; the constants were measured.
+/// Returns the estimated nanoseconds in which one thread spreads a direction's values to a grid in the cache, if
+/// `density` directions per grid point are sorted together; the constants were measured.
 pub(crate) fn point_cost(width: usize, channels: usize, density: f64) -> f64 {
     let lanes = width.next_multiple_of(4) as f64 / 8.0;
-    // Kernels of a cell's directions lie over the same grid points where their width is even, else over any of four places.
+    // Kernels of a cell's directions cover the same grid points if their width is even, otherwise one of four sets of
+    // points.
     let density = if width.is_multiple_of(2) { density } else { density / 4.0 };
-    // Places that have directions, for each of these; what is summed there in registers goes to the grid once.
+    // Occupied places per direction: the values of a place's directions are summed in registers and go to the grid
+    // once.
     let places = if density > 0.0 { -(-density).exp_m1() / density } else { 1.0 };
     let product = (0.36 + places).min(0.9);
     width as f64 * lanes * product * channels as f64 + 12.0 * lanes + 4.0
 }
 
-/// The expected relative error of a width on a grid: the aliases in both directions, and magnified rounding errors.
+/// Returns the expected relative error of a width on a grid: the aliases in both directions, and magnified rounding
+/// errors.
 pub(crate) fn error(width: usize, max_degree: usize, grid: usize) -> f64 {
     if (2 * max_degree + 1) as f64 > 0.9 * grid as f64 {
         return f64::INFINITY;
@@ -92,7 +95,8 @@ pub(crate) fn error(width: usize, max_degree: usize, grid: usize) -> f64 {
     2.0 * aliasing(width, max_degree, grid) + 1e-16 * magnification(width, max_degree, grid)
 }
 
-/// The smallest multiple of `step`, at least `at_least`, whose prime factors are 2, 3, 5, 7 and those of `step`.
+/// Returns the smallest multiple of `step`, at least `at_least`, whose prime factors are 2, 3, 5, 7 and those of
+/// `step`.
 pub(crate) fn smooth(at_least: usize, step: usize) -> usize {
     let mut candidate = at_least.max(1).next_multiple_of(step);
     loop {

@@ -1,8 +1,8 @@
 //! Interpolation from the grid to the directions, and spreading from the directions to the grid.
 //!
-//! A direction costs `w^2` fused products a channel, and two Horner schemes of about `w + 4` steps over w lanes, which
-//! all channels share. Interpolation reads `8 w^2` bytes a channel and direction, spreading reads and writes them; they
-//! are in the L1 cache, as directions are sorted.
+//! Per channel, a direction costs `w^2` fused products. In addition it costs two Horner schemes of about `w + 4` steps
+//! over w lanes, which all channels share. Interpolation reads `8 w^2` bytes per channel and direction, and spreading
+//! reads and writes them; as directions are sorted, these bytes are in the L1 cache.
 
 use std::ops::Range;
 
@@ -17,7 +17,7 @@ use crate::points::Points;
 /// Interpolates from the grid to the points: `values` is (places, channels) row-major.
 pub(crate) fn interpolate(layout: Layout, grid: &[f64], kernel: &Kernel, points: &Points, values: &mut [f64]) {
     let channels = layout.channels;
-    // Places of a task: enough to be worth a task, few enough for every thread to have some.
+    // Places per task: enough to be worth a task, few enough that every thread gets some.
     const TASK: usize = 1024;
     values.par_chunks_mut(TASK * channels).enumerate().for_each_init(Batch::new, |batch, (task, values)| {
         for (i, values) in values.chunks_mut(BATCH * channels).enumerate() {
@@ -43,8 +43,8 @@ pub(crate) fn spread(layout: Layout, grid: &mut [f64], kernel: &Kernel, points: 
     });
 }
 
-/// Interpolates from the first grid, multiplies by the weights, (places) in sorted order, where there are any, and
-/// spreads to the second grid, which has to be zero. Each point's kernel values are computed once.
+/// Interpolates from the first grid, multiplies by the weights, (places) in sorted order, if any, and spreads to the
+/// second grid, which must be zero. Each point's kernel values are computed once.
 pub(crate) fn interpolate_and_spread(
     layout: Layout,
     [from, to]: [&mut [f64]; 2],
@@ -77,8 +77,8 @@ pub(crate) fn interpolate_and_spread(
 }
 
 /// Calls `work` for each strip with its places, its first row and the rows under its kernels. The rows of every second
-/// strip don't overlap, so they can go to different threads, and sums are formed in the same order on any number of
-/// threads.
+/// strip don't overlap, so that different threads can process them, and sums are formed in the same order on any number
+/// of threads.
 fn over_strips(
     layout: Layout,
     grid: &mut [f64],

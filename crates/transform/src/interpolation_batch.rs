@@ -1,7 +1,7 @@
 //! The products of the kernel values of a batch of points with the grid.
 //!
 //! There is a compiled kernel for every padded width and for one, two and three channels: the sums over a point's
-//! neighbourhood then stay in registers. Batches of which many points share a cell go to
+//! neighbourhood then stay in registers. Batches in which many points share a cell are passed to
 //! [`interpolation_cells`](crate::interpolation_cells).
 
 use multiversion::{multiversion, target::target_cfg_f};
@@ -12,7 +12,8 @@ use crate::interpolation_cells::{interpolate_cells, spread_cells};
 use crate::kernel::Kernel;
 use crate::lanes::fused;
 
-/// Interpolates the batch's points from `grid`, whose first row is row `first_row`: (points, channels) row-major.
+/// Interpolates the batch's points from `grid`, whose first row is row `first_row`, to `values`, (points, channels)
+/// row-major.
 pub(crate) fn interpolate_batch(
     layout: Layout,
     grid: &[f64],
@@ -120,7 +121,7 @@ kernels_for!(interpolate_16_1, spread_16_1, 16, 1);
 kernels_for!(interpolate_16_2, spread_16_2, 16, 2);
 kernels_for!(interpolate_16_3, spread_16_3, 16, 3);
 
-/// Values of C channels at one point.
+/// Returns the values of C channels at one point.
 #[inline(always)]
 fn gather<const W: usize, const C: usize, const FMA: bool>(
     layout: Layout,
@@ -143,7 +144,7 @@ fn gather<const W: usize, const C: usize, const FMA: bool>(
             }
         }
     }
-    // Loops throughout: a closure that isn't inlined is compiled for the oldest processor.
+    // Only loops: a closure that isn't inlined is compiled for the oldest processor.
     let columns = &batch.column_values[point];
     let mut result = [0.0; C];
     for (result, sums) in result.iter_mut().zip(&sums) {
@@ -178,7 +179,7 @@ fn scatter<const W: usize, const C: usize, const FMA: bool>(
         }
     }
     let start = (batch.rows[point] - first_row) * layout.row() + channel * layout.stride + batch.columns[point];
-    // The last row of a strip's kernels ends with its grid: it isn't whole, and counts.
+    // The last row under a strip's kernels ends with the strip's grid: it is incomplete, but belongs to the sums.
     let rows = grid[start..].chunks_mut(layout.row());
     for (weight, row) in batch.row_values[point][..width].iter().zip(rows) {
         let mut lines = row.chunks_mut(layout.stride);
@@ -196,7 +197,7 @@ mod tests {
     use super::*;
     use crate::kernel::MAX_WIDTH;
 
-    /// Points of three cells, in runs of one to several, against each point by itself.
+    /// Compares points of three cells, in runs of one to several, with each point by itself.
     #[test]
     fn points_of_a_cell_are_as_points_by_themselves() {
         for (width, channels) in [(4, 1), (7, 2), (8, 5), (11, 3), (12, 4), (14, 1), (16, 3)] {

@@ -1,9 +1,9 @@
 //! Products of kernel values with the grid for points that share cells.
 //!
-//! The kernels of points in one cell lie over the same grid points, where their width is even. Spreading sums their values in
-//! registers, and adds the sums to the grid once: a point costs its products, at the rate of a matrix product's kernel, in
-//! place of reading and writing `w^2` values across cache lines. Interpolation reads the grid once for several points. One
-//! channel at a time.
+//! The kernels of points in one cell cover the same grid points if their width is even. Spreading sums their values in
+//! registers and adds the sums to the grid once: a point costs its products, at the rate of a matrix product's kernel,
+//! instead of reading and writing `w^2` values across cache lines. Interpolation reads the grid once for several
+//! points. Channels are processed one at a time.
 
 use std::ops::Range;
 
@@ -17,7 +17,7 @@ use crate::lanes::{fused, load};
 /// Points of one cell that are interpolated together.
 const TOGETHER: usize = 4;
 
-/// Does what [`interpolate_batch`](crate::interpolation_batch::interpolate_batch) does.
+/// Computes the same as [`interpolate_batch`](crate::interpolation_batch::interpolate_batch).
 pub(crate) fn interpolate_cells(
     layout: Layout,
     grid: &[f64],
@@ -32,7 +32,7 @@ pub(crate) fn interpolate_cells(
     }
 }
 
-/// Does what [`spread_batch`](crate::interpolation_batch::spread_batch) does.
+/// Computes the same as [`spread_batch`](crate::interpolation_batch::spread_batch).
 pub(crate) fn spread_cells(
     layout: Layout,
     grid: &mut [f64],
@@ -47,7 +47,8 @@ pub(crate) fn spread_cells(
     }
 }
 
-/// Kernels for a padded width, which narrower ones use as well: sums of `$rows` by `$across` grid values fit the registers of AVX-512.
+/// Kernels for a padded width, which also serve narrower ones: sums of `$rows` by `$across` grid values fit the
+/// registers of AVX-512.
 macro_rules! kernels_for {
     ($interpolate:ident, $spread:ident, $lanes:literal, $rows:literal, $across:literal) => {
         #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
@@ -97,14 +98,15 @@ macro_rules! kernels_for {
 kernels_for!(interpolate_cells_12, spread_cells_12, 12, 12, 4);
 kernels_for!(interpolate_cells_16, spread_cells_16, 16, 16, 8);
 
-/// The place of the first value under a point's kernel, of the first channel, in a grid whose first row is row `first_row`.
+/// Returns the index of the first value under a point's kernel, of the first channel, in a grid whose first row is row
+/// `first_row`.
 #[inline(always)]
 fn start(layout: Layout, first_row: usize, batch: &Batch, point: usize) -> usize {
     let [row, column] = batch.corner(point);
     (row - first_row) * layout.row() + column
 }
 
-/// The first point after `point` whose kernel lies over other grid points, at most `count`.
+/// Returns the first point after `point` whose kernel covers other grid points, at most `count`.
 #[inline(always)]
 fn end_of_cell(batch: &Batch, point: usize, count: usize) -> usize {
     let mut end = point + 1;
@@ -114,8 +116,8 @@ fn end_of_cell(batch: &Batch, point: usize, count: usize) -> usize {
     end
 }
 
-/// Values of all channels at P points of one cell, `values` (points, channels) row-major from the first of them on, from the
-/// grid from the first value under their kernels on.
+/// Computes the values of all channels at P points of one cell. `values`, (points, channels) row-major, starts with the
+/// first of these points, and `grid` with the first value under their kernels.
 #[inline(always)]
 fn gather<const W: usize, const P: usize, const FMA: bool>(
     layout: Layout,
@@ -136,7 +138,7 @@ fn gather<const W: usize, const P: usize, const FMA: bool>(
                 }
             }
         }
-        // Loops throughout: a closure that isn't inlined is compiled for the oldest processor.
+        // Only loops: a closure that isn't inlined is compiled for the oldest processor.
         for (p, (sums, columns)) in sums.iter().zip(column_values).enumerate() {
             let mut four = [0.0; 4];
             for (columns, sums) in columns.chunks_exact(4).zip(sums.chunks_exact(4)) {
@@ -149,8 +151,8 @@ fn gather<const W: usize, const P: usize, const FMA: bool>(
     }
 }
 
-/// Adds values of all channels at points of one cell, `values` (points of the batch, channels) row-major, to the grid from the
-/// first value under their kernels on: R rows and L columns of their sums at a time.
+/// Adds values of all channels at points of one cell, `values` (points of the batch, channels) row-major, to the grid,
+/// which starts with the first value under their kernels. R rows and L columns of the sums are processed at a time.
 #[inline(always)]
 fn scatter<const W: usize, const R: usize, const L: usize, const FMA: bool>(
     layout: Layout,
@@ -179,7 +181,7 @@ fn scatter<const W: usize, const R: usize, const L: usize, const FMA: bool>(
     }
 }
 
-/// Sums over points of a value times R by L kernel values; the values of a channel are `stride` apart.
+/// Returns the sums over points of a value times R by L kernel values; the values of a channel are `stride` apart.
 #[inline(always)]
 fn sums<const R: usize, const L: usize, const FMA: bool>(
     batch: &Batch,
@@ -197,8 +199,8 @@ fn sums<const R: usize, const L: usize, const FMA: bool>(
         for column in &mut columns {
             *column *= value;
         }
-        // Rows inside: the optimiser unrolls them, and makes vectors of columns. The other way round it makes vectors of rows,
-        // which takes eight times as long.
+        // Rows are the inner loop: the optimiser unrolls it and makes vectors of columns. The other way round it makes
+        // vectors of rows, which takes eight times as long.
         for i in 0..L {
             for r in 0..R {
                 sums[r][i] = fused::<FMA>(weights[r], columns[i], sums[r][i]);

@@ -2,7 +2,7 @@
 //!
 //! Everything here is always inlined, so that it is compiled for the processor of the kernel that uses it.
 
-/// `W` values from `values[at]` on.
+/// Returns `W` values from `values[at]` on.
 #[inline(always)]
 pub(crate) fn load<const W: usize>(values: &[f64], at: usize) -> [f64; W] {
     let mut lanes = [0.0; W];
@@ -10,7 +10,7 @@ pub(crate) fn load<const W: usize>(values: &[f64], at: usize) -> [f64; W] {
     lanes
 }
 
-/// `a b + c`; with `FMA` rounded once, which is one instruction on processors that have it.
+/// Returns `a b + c`; with `FMA` it is rounded once, which is one instruction on processors that have it.
 #[inline(always)]
 pub(crate) fn fused<const FMA: bool>(a: f64, b: f64, c: f64) -> f64 {
     if FMA { a.mul_add(b, c) } else { a * b + c }

@@ -9,22 +9,24 @@ use rayon::prelude::*;
 use crate::TransformError;
 use crate::cells::{self, Place};
 
-/// Columns of a tile; points are sorted by tiles. A tile with the rows of its strip fits the L1 cache.
+/// Columns of a tile; points are sorted by tiles. A tile's part of its strip's rows fits the L1 cache.
 const TILE_COLUMNS: usize = 16;
 
-/// Runs that directions are sorted in, and the least length of one.
+/// Number of runs in which directions are sorted, and the minimum length of a run.
 const RUNS: usize = 16;
 const LEAST_RUN: usize = 1 << 13;
-/// Directions that are placed together: what is known of them stays in the L1 cache until it is sorted.
+/// Directions that are placed together: their positions stay in the L1 cache until they are sorted.
 const PLACED: usize = 256;
 
 /// The directions' positions on the grid, sorted. A *place* is an index in sorted order.
 ///
-/// Sorted by strips of rows, in a strip by tiles of columns, and in a tile by cells, so that directions in one cell follow
-/// each other; where cells outnumber the directions these are left as they come.
+/// Directions are sorted by strips of rows, within a strip by tiles of columns, and within a tile by cells, so that
+/// directions in one cell follow each other. If cells outnumber the directions, directions stay in input order within a
+/// tile.
 #[derive(Debug)]
 pub(crate) struct Points {
-    /// The place of each direction, once it is asked for. Threads write to each other's neighbourhood: a relaxed store is a plain one.
+    /// The place of each direction, computed on first use. Threads write to neighbouring elements, hence atomics; a
+    /// relaxed store costs no more than a plain one.
     ranks: OnceLock<Vec<AtomicU32>>,
     /// The direction at each place.
     order: Vec<u32>,
@@ -32,7 +34,7 @@ pub(crate) struct Points {
     pub(crate) cells: Vec<[u32; 2]>,
     /// At each place, the position in the cell along rows and columns, in [0, 1).
     pub(crate) fractions: Vec<[f64; 2]>,
-    /// First place of each strip, and at the end the number of places.
+    /// First place of each strip, followed by the number of places.
     pub(crate) strips: Vec<usize>,
 }
 
@@ -75,7 +77,8 @@ impl Points {
         self.order.len()
     }
 
-    /// Bytes held for a number of directions; `new` takes those of the longest strip of each thread beside it, at most twice that.
+    /// Returns the bytes held for a number of directions. During construction, those of the longest strip of each
+    /// thread are needed in addition; the total is at most twice the bytes held.
     pub(crate) const fn bytes(directions: usize) -> usize {
         directions * (2 * 4 + 8 + 16)
     }
@@ -90,12 +93,13 @@ impl Points {
         &self.order
     }
 
-    /// The place of each direction. It is made for the first who asks: samples that are only spread don't need it.
+    /// Returns the place of each direction. The list is computed on first use, since samples that are only spread don't
+    /// need it.
     pub(crate) fn ranks(&self) -> &[AtomicU32] {
         if let Some(ranks) = self.ranks.get() {
             return ranks;
         }
-        // Not within the cell, for which a thread that has taken up other work could wait.
+        // Not within `get_or_init`, on which a thread that has picked up other work could wait.
         let ranks: Vec<AtomicU32> = (0..self.len()).into_par_iter().map(|_| AtomicU32::new(0)).collect();
         self.order.par_iter().enumerate().for_each(|(place, direction)| {
             ranks[*direction as usize].store(place as u32, Ordering::Relaxed);
@@ -113,7 +117,7 @@ struct Slots<'a> {
 }
 
 impl<'a> Slots<'a> {
-    /// Takes the first `count` slots away.
+    /// Splits off the first `count` slots.
     fn split_off(&mut self, count: usize) -> Slots<'a> {
         Slots {
             order: self.order.split_off_mut(..count).unwrap_or_default(),
@@ -123,11 +127,11 @@ impl<'a> Slots<'a> {
     }
 }
 
-/// Places directions on the grid and writes them to the slots sorted by strips, stably: returns the first place of each strip,
-/// with their number at the end.
+/// Places directions on the grid and writes them to the slots, sorted by strips, stably. Returns the first place of
+/// each strip, followed by the number of places.
 ///
-/// A counting sort of runs of directions at once, each of which has slots of its own in every strip: they are placed twice, the
-/// first time their rows alone, which takes less than keeping what is found.
+/// This is a counting sort of several runs of directions in parallel; each run has its own slots in every strip.
+/// Directions are placed twice, the first time only by row, which costs less than storing the positions.
 fn by_strips(directions: &[[f64; 3]], grid: usize, strip_rows: usize, mut slots: Slots<'_>) -> Vec<usize> {
     let buckets = (grid / 2 + 1).div_ceil(strip_rows);
     let run = directions.len().div_ceil(RUNS).max(LEAST_RUN);
@@ -166,16 +170,16 @@ fn by_strips(directions: &[[f64; 3]], grid: usize, strip_rows: usize, mut slots:
     strips
 }
 
-/// Sorts the points of a strip, with memory that it keeps.
+/// Sorts the points of a strip, and reuses its memory for the next strip.
 #[derive(Debug, Default)]
 pub(crate) struct CellSorter {
     next: Vec<u32>,
 }
 
 impl CellSorter {
-    /// Calls `put` with each of `count` points and its place in their strip, which has these rows of a grid: by tiles of
-    /// columns, and in a tile by cells where the points are many for that, those of two by two cells together. The sort is
-    /// stable.
+    /// Calls `put` with each of `count` points and its place in their strip, which has the rows `rows` of a grid.
+    /// Points are sorted by tiles of columns, and within a tile by cells if there are enough points for that, with
+    /// those of two by two cells together. The sort is stable.
     pub(crate) fn sort<P>(
         &mut self,
         grid: usize,
@@ -187,7 +191,7 @@ impl CellSorter {
     ) {
         let tiles = grid.div_ceil(TILE_COLUMNS);
         let per_tile = rows.len().next_multiple_of(2) * TILE_COLUMNS;
-        // Else few cells have more than one, and counters cost more than they save.
+        // Otherwise few cells have more than one point, and counters cost more than they save.
         let by_cells = count > tiles * per_tile;
         let bucket = |[row, column]: [u32; 2]| {
             let (row, column) = (row as usize - rows.start, column as usize);

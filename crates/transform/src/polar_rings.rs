@@ -1,9 +1,9 @@
 //! The Legendre recurrence in double-double, for the rings next to the poles.
 //!
 //! Rounding errors of the plain recurrence, and those of `z` and `alpha`, grow like `min(l, 1 / sin theta)` from each
-//! degree on: at degree 2,000 to some 1e-11 next to the poles. Few rings are there, and only low orders count on them,
-//! so ten times the work for them is not noticeable. Which rings are polar is decided by
-//! [`is_polar`](spharm_harmonics::polar::is_polar), as for single directions.
+//! degree on: at degree 2,000 to some 1e-11 next to the poles. There are few rings there, and only low orders aren't
+//! negligible on them, so ten times the work for them is not noticeable. As for single directions,
+//! [`is_polar`](spharm_harmonics::polar::is_polar) decides which rings are polar.
 
 use std::ops::{Mul, Range, Sub};
 
@@ -15,14 +15,15 @@ use spharm_harmonics::rings::{MonicRecurrence, SEED};
 use crate::lanes::load;
 use crate::ring_table::{LANES, Tiling};
 
-/// Double-doubles as their leading parts and their remainders: rings are then the lanes of a vector.
+/// Double-doubles, stored as an array of leading parts and an array of remainders, so that rings are the lanes of a
+/// vector.
 type Pairs = [Vec<f64>; 2];
 
 /// The rings next to the north pole.
 #[derive(Debug)]
 pub(crate) struct PolarRings {
     z: Pairs,
-    /// For each order that counts on these rings: `alpha_l` from degree m on.
+    /// For each order that isn't negligible on these rings: `alpha_l` from degree m on.
     alpha: Vec<Vec<[f64; 2]>>,
 }
 
@@ -47,7 +48,7 @@ impl PolarRings {
         Self { z, alpha }
     }
 
-    /// Number of polar rings; a multiple of [`LANES`].
+    /// Returns the number of polar rings, a multiple of [`LANES`].
     pub(crate) fn count(&self) -> usize {
         self.z[0].len()
     }

@@ -1,8 +1,8 @@
-//! Memory that calls, or the tasks of a call, use one after another.
+//! Memory that calls, or the tasks of a call, reuse one after another.
 
 use std::sync::{Mutex, PoisonError};
 
-/// As many values as were in use at once, each for whoever comes next: a fresh page costs more than writing to it.
+/// Values for reuse, as many as were in use at the same time: touching a fresh page costs more than writing to it.
 #[derive(Debug)]
 pub(crate) struct Pool<T>(Mutex<Vec<T>>);
 
@@ -13,7 +13,8 @@ impl<T> Default for Pool<T> {
 }
 
 impl<T> Pool<T> {
-    /// Works with a value that isn't in use, which holds what its last user left in it, or with one that `make` gives.
+    /// Calls `work` with a value that isn't in use, which keeps the contents left by its last user, or with a new one
+    /// from `make`.
     pub(crate) fn with<R>(&self, make: impl FnOnce() -> T, work: impl FnOnce(&mut T) -> R) -> R {
         let free = self.0.lock().unwrap_or_else(PoisonError::into_inner).pop();
         let mut value = free.unwrap_or_else(make);

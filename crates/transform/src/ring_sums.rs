@@ -1,22 +1,23 @@
 //! Sums over degrees and sums over rings of a [ring table](crate::ring_table), for two to six columns at a time.
 //!
-//! A column is the cosine or the sine coefficients of a channel. Rings are taken 8 or 16 at a time, with all columns'
-//! sums in registers. The table's values are those of one degree, even and odd ones in turn, or of a
-//! [pair of degrees](crate::degree_pairs), with which the coefficients of both are multiplied.
+//! A column contains the cosine or the sine coefficients of a channel. Rings are processed 8 or 16 at a time, with the
+//! sums of all columns in registers. The table's values belong to single degrees, alternately even and odd, or to
+//! [pairs of degrees](crate::degree_pairs); the latter are multiplied with the coefficients of both.
 
 use multiversion::{multiversion, target::target_cfg_f};
 
 use crate::lanes::{fused, load};
 use crate::ring_table::{ADJOINT, LANES, SYNTHESIS};
 
-/// Coefficients of a chunk's degrees or pairs: those of one are together, `stride` apart from the next one's.
+/// Coefficients of a chunk's degrees or pairs of degrees: those of a degree or pair are contiguous, and `stride` values
+/// after those of the previous one.
 #[derive(Clone, Copy)]
 pub(crate) struct Coefficients<'a> {
     pub(crate) values: &'a [f64],
     pub(crate) stride: usize,
 }
 
-/// Values of a table: of every `step`-th degree or pair from `first` to `end`.
+/// Values of a table, for every `step`-th degree or pair from `first` to `end`.
 #[derive(Clone, Copy)]
 struct Rows<'a> {
     table: &'a [f64],
@@ -25,10 +26,10 @@ struct Rows<'a> {
     end: usize,
 }
 
-/// A kernel for each number of columns, with one call for each width of rings.
+/// A kernel for each number of columns, which calls a function for each width of rings.
 macro_rules! sums_for {
     ($degrees:ident, $columns:literal) => {
-        /// Sums over even degrees to `even` and over odd ones to `odd`.
+        /// Adds sums over even degrees to `even` and over odd ones to `odd`.
         #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
         pub(crate) fn $degrees(
             table: &[f64],
@@ -54,7 +55,7 @@ sums_for!(sums_2, 2);
 sums_for!(sums_4, 4);
 sums_for!(sums_6, 6);
 
-/// Sums over pairs of degrees for a channel: two columns for even and two for odd degrees.
+/// Adds sums over pairs of degrees for a channel: two columns for even and two for odd degrees.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
 pub(crate) fn pair_sums(
     table: &[f64],
@@ -73,7 +74,7 @@ pub(crate) fn pair_sums(
     }
 }
 
-/// The columns go to the arrays `out`, as many to each.
+/// Computes the sums of all rings; the columns are divided evenly among the arrays `out`.
 #[inline(always)]
 fn sums_of_rings<const C: usize, const FMA: bool, const N: usize>(
     rows: Rows<'_>,
@@ -84,7 +85,7 @@ fn sums_of_rings<const C: usize, const FMA: bool, const N: usize>(
 ) {
     let mut at = 0;
     while at < rings {
-        // Without fused products, on old processors, the wider one would be code for its own sake.
+        // Without fused products, on old processors, the wider kernel isn't worth its code size.
         if FMA && rings - at >= 16 {
             sums::<16, C, FMA, N>(rows, at, x, &mut out, leading);
             at += 16;
@@ -126,7 +127,7 @@ fn sums<const W: usize, const C: usize, const FMA: bool, const N: usize>(
 
 macro_rules! projections_for {
     ($degrees:ident, $columns:literal) => {
-        /// Sums of products with `even` for even degrees and with `odd` for odd ones.
+        /// Adds sums of products with `even` for even degrees and with `odd` for odd ones.
         #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
         #[allow(clippy::too_many_arguments, reason = "a kernel")]
         pub(crate) fn $degrees(
@@ -155,7 +156,7 @@ projections_for!(projections_2, 2);
 projections_for!(projections_4, 4);
 projections_for!(projections_6, 6);
 
-/// Sums of products for pairs of degrees for a channel: two columns for even and two for odd degrees.
+/// Adds sums of products for pairs of degrees for a channel: two columns for even and two for odd degrees.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
 #[allow(clippy::too_many_arguments, reason = "a kernel")]
 pub(crate) fn pair_projections(
@@ -223,12 +224,12 @@ fn projections<const C: usize, const FMA: bool>(
         }
         at += LANES;
     }
-    // A copy: the sums themselves never have an address.
+    // A copy, so that the sums themselves never have an address.
     across(&std::hint::black_box(lanes))
 }
 
-/// The sums over lanes, halves first. Not inlined: the optimiser then keeps the loop's sums in vectors, where it would
-/// take them apart for what comes after the loop (measured: a quarter of the speed).
+/// Returns the sums over lanes, adding halves first. This isn't inlined, so that the optimiser keeps the loop's sums in
+/// vectors; otherwise it takes them apart for the code after the loop (measured: a quarter of the speed).
 #[inline(never)]
 fn across<const C: usize>(lanes: &[[[f64; LANES]; C]; 2]) -> [[f64; C]; 2] {
     let mut sums = [[0.0; C]; 2];

@@ -1,16 +1,17 @@
 //! A table of Legendre values on a block of rings, for a chunk of degrees of one order.
 //!
-//! The values are those of the recurrence `r_l = alpha_l z r_{l-1} - r_{l-2}` (see [`legendre`](crate::legendre)), or those of
-//! [pairs of degrees](crate::degree_pairs). The table is 16 kB, so that it stays in the L1 cache while all channels are
-//! multiplied with it. Degrees follow each other from chunk to chunk: the table keeps the last two values of each ring.
+//! The values are those of the recurrence `r_l = alpha_l z r_{l-1} - r_{l-2}` (see [`legendre`](crate::legendre)), or
+//! those of [pairs of degrees](crate::degree_pairs). The table takes 16 kB, so that it stays in the L1 cache while all
+//! channels are multiplied with it. The recurrence continues from chunk to chunk: the table keeps the last two values
+//! of each ring.
 
 use multiversion::{multiversion, target::target_cfg_f};
 use spharm_harmonics::rings::SEED;
 
 use crate::lanes::{fused, load};
 
-/// Numbers of rings and of degrees that a table holds. Beside it, the L1 cache has to hold the block's sums. The number
-/// of degrees is even, so that every chunk starts with an even `l - m`.
+/// Numbers of rings and of degrees in a table. The L1 cache must hold the block's sums besides the table. The number of
+/// degrees is even, so that every chunk starts with an even `l - m`.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Tiling {
     /// Rings of a block; a multiple of [`LANES`].
@@ -21,7 +22,7 @@ pub(crate) struct Tiling {
 
 /// Tiling for sums over degrees, which stay in registers for a chunk.
 pub(crate) const SYNTHESIS: Tiling = Tiling { block: 128, chunk: 16 };
-/// Tiling for sums over rings, each of which ends with a sum across lanes for every block; that costs as much as five
+/// Tiling for sums over rings. For every block, each of these ends with a sum across lanes, which costs as much as five
 /// products.
 pub(crate) const ADJOINT: Tiling = Tiling { block: 256, chunk: 8 };
 /// The number of rings is padded to a multiple of this.
@@ -34,7 +35,7 @@ pub(crate) struct RingTable {
     /// `r_{l-2}` and `r_{l-1}` of the block's rings.
     older: Vec<f64>,
     newest: Vec<f64>,
-    /// Values of r, (rings of the block, degrees of the chunk) column-major with `tiling.block` values from column to
+    /// Values of r, (rings of the block, degrees of the chunk) column-major, with `tiling.block` values from column to
     /// column.
     pub(crate) values: Vec<f64>,
 }
@@ -49,7 +50,7 @@ impl RingTable {
         }
     }
 
-    /// Starts a block of `rings` rings: the first step gives `r_m = 2^-930` whatever alpha is.
+    /// Starts a block of `rings` rings: the first step computes `r_m = 2^-930`, whatever alpha is.
     pub(crate) fn start(&mut self, tiling: Tiling, rings: usize) {
         self.tiling = tiling;
         self.newest[..rings].fill(0.0);
@@ -61,7 +62,8 @@ impl RingTable {
         fill(z, alpha, self);
     }
 
-    /// Computes the next `steps.len()` [pairs of degrees](crate::degree_pairs) on rings with these squares of the cosine.
+    /// Computes the next `steps.len()` [pairs of degrees](crate::degree_pairs) on rings with these squares of the
+    /// cosine.
     pub(crate) fn advance_pairs(&mut self, squares: &[f64], steps: &[[f64; 2]]) {
         fill_pairs(squares, steps, self);
     }
@@ -83,7 +85,7 @@ macro_rules! fill_with {
                     (32, true) => fill_lanes::<32, true, _>(of_ring, steps, table, at, $factor::<true>),
                     (16, true) => fill_lanes::<16, true, _>(of_ring, steps, table, at, $factor::<true>),
                     (_, true) => fill_lanes::<8, true, _>(of_ring, steps, table, at, $factor::<true>),
-                    // On old processors: of any width by eights.
+                    // On old processors any width is processed in eights.
                     (step, false) => (at..at + step)
                         .step_by(8)
                         .for_each(|at| fill_lanes::<8, false, _>(of_ring, steps, table, at, $factor::<false>)),
@@ -96,13 +98,13 @@ macro_rules! fill_with {
 fill_with!(fill, f64, degree);
 fill_with!(fill_pairs, [f64; 2], pair);
 
-/// The factor of the newest value in the step to a degree.
+/// Returns the factor of the newest value in the step to a degree.
 #[inline(always)]
 fn degree<const FMA: bool>(z: f64, alpha: &f64) -> f64 {
     alpha * z
 }
 
-/// The same in the step to a pair of degrees.
+/// Returns the factor of the newest value in the step to a pair of degrees.
 #[inline(always)]
 fn pair<const FMA: bool>(square: f64, [a, b]: &[f64; 2]) -> f64 {
     fused::<FMA>(*a, square, *b)

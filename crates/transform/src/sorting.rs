@@ -1,14 +1,14 @@
-//! Samples from the order of the directions to that of the places, and back.
+//! Reorders samples from the order of the directions to that of the places, and back.
 //!
-//! Directions come in any order, so that each value is read from somewhere else: what counts is how many of these reads are under
-//! way at once, and that a row's lines are read once for all groups of channels.
+//! Directions come in any order, so each value is read from a different location. Speed depends on the number of these
+//! reads in flight at once, and on reading the cache lines of a row only once for all groups of channels.
 
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// Rows that are gone through for each group of channels: what they read together stays in the L1 cache.
+/// Rows that are processed for one group of channels after another: the data read for them stay in the L1 cache.
 const ROWS: usize = 64;
 
-/// Groups of channels that follow each other.
+/// Consecutive groups of channels.
 #[derive(Clone, Copy)]
 pub(crate) struct Columns {
     /// The first channel of the first group.
@@ -17,8 +17,8 @@ pub(crate) struct Columns {
     pub(crate) count: usize,
 }
 
-/// Fills the rows of each group, (places, channels of a group), of a run of places: `fill` gives the values of a direction from a
-/// channel on.
+/// Fills the rows of each group, (places, channels of a group), for a run of places: `fill` writes the values of a
+/// direction, starting from a channel.
 pub(crate) fn sort(
     order: &[u32],
     columns: Columns,
@@ -44,7 +44,7 @@ pub(crate) fn sort(
     }
 }
 
-/// Of a length that the compiler knows: the loops are a few instructions long.
+/// Sorts rows of a length known to the compiler: the loops are a few instructions long.
 #[inline(always)]
 fn sort_rows<const C: usize>(
     order: &[u32],
@@ -57,8 +57,8 @@ fn sort_rows<const C: usize>(
     }
 }
 
-/// Writes the columns of a run of directions, rows of `channels` values, from groups in sorted order, (groups, `length` / channels
-/// of a group, channels of a group).
+/// Writes the columns of a run of directions, rows of `channels` values, from groups in sorted order, (groups, `length`
+/// / channels of a group, channels of a group).
 pub(crate) fn unsort(
     ranks: &[AtomicU32],
     columns: Columns,

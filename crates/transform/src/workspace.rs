@@ -1,4 +1,4 @@
-//! Working memory: of a call, which the plan keeps for the next one, and of a thread.
+//! Working memory of a call, which the plan keeps for the next one, and of a thread.
 
 use rayon::prelude::*;
 use rustfft::num_complex::Complex64;
@@ -12,7 +12,7 @@ pub(crate) struct Workspace {
     pub(crate) circles: Vec<Complex64>,
     /// Spectra of the grid's rows, (rows, channels, L + 1).
     pub(crate) spectra: Vec<Complex64>,
-    /// The grid that is interpolated from, and the one that is spread to, with margins.
+    /// The grid for interpolation and the grid for spreading, with margins.
     pub(crate) grids: [Vec<f64>; 2],
     /// Samples in sorted order, (groups, n, channels of a group) row-major.
     pub(crate) samples: Vec<f64>,
@@ -20,10 +20,10 @@ pub(crate) struct Workspace {
     pub(crate) by_order: Vec<f64>,
 }
 
-/// What a call uses of its working memory: what isn't touched costs nothing.
+/// The parts of its working memory that a call uses; untouched parts cost nothing.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Uses {
-    /// The grid that is interpolated from; the one that is spread to, with what leads from it to coefficients.
+    /// The grid for interpolation; the grid for spreading, together with the parts for computing coefficients from it.
     grids: [bool; 2],
     samples: bool,
 }
@@ -45,7 +45,7 @@ pub(crate) struct Sizes {
 }
 
 impl Workspace {
-    /// Gives the parts that are used their lengths.
+    /// Resizes the parts that are used.
     pub(crate) fn resize(&mut self, sizes: &Sizes, uses: Uses) {
         lengthen(&mut self.circles, sizes.circles);
         for (grid, used) in self.grids.iter_mut().zip(uses.grids) {
@@ -63,11 +63,11 @@ impl Workspace {
     }
 }
 
-/// Gives an array a length; what it holds is overwritten by whoever uses it. A longer one is made by all threads, as new pages take
-/// longer than anything else that is done with them.
+/// Resizes an array; the user overwrites all values. If it grows, all threads create the new one, as touching new pages
+/// takes longer than any other work on the array.
 fn lengthen<T: Clone + Default + Send + Sync>(values: &mut Vec<T>, length: usize) {
     if length > values.capacity() {
-        // Nothing of the old one is copied.
+        // The old values need not be copied.
         *values = Vec::new();
         values.par_extend(rayon::iter::repeat_n(T::default(), length));
     } else {
@@ -79,7 +79,7 @@ fn lengthen<T: Clone + Default + Send + Sync>(values: &mut Vec<T>, length: usize
 pub(crate) struct ThreadWorkspace {
     /// Scaled coefficients of an order, (L + 1 - m, columns) row-major.
     pub(crate) x: Vec<f64>,
-    /// For the even and for the odd order of the pair: sums over even and over odd `l - m`, (rings, columns).
+    /// For the even and for the odd order of the pair: the sums over even and over odd `l - m`, (rings, columns).
     pub(crate) sums: [[Vec<f64>; 2]; 2],
     pub(crate) work: Work,
 }

@@ -3,10 +3,10 @@
 use crate::accumulator::griddings::Griddings;
 use crate::cells::{Place, place};
 
-/// Samples of a block: with their places they fit the L2 cache.
+/// Number of samples in a block: with their places they fit the L2 cache.
 pub(super) const BLOCK: usize = 1 << 14;
 
-/// Samples of a block, as they come: weights are 1 where there are none, values are (samples, c) row-major.
+/// Samples of a block, in input order. Without weights, w = 1; values are (samples, c) row-major.
 #[derive(Clone, Copy)]
 pub(super) struct Samples<'a> {
     pub(super) directions: &'a [[f64; 3]],
@@ -17,7 +17,7 @@ pub(super) struct Samples<'a> {
 /// Samples with weight, sorted by the strips of the grids.
 #[derive(Debug)]
 pub(super) struct Block {
-    /// Samples of the block, those without weight among them.
+    /// Number of samples of the block, including those without weight.
     pub(super) rows: usize,
     /// Row and column of the cell of the fine grid.
     pub(super) cells: Vec<[u32; 2]>,
@@ -25,7 +25,7 @@ pub(super) struct Block {
     pub(super) fractions: Vec<[f64; 2]>,
     /// Weight and weighted values of each sample, (samples, 1 + c) row-major.
     pub(super) values: Vec<f64>,
-    /// First sample of each strip, and at the end the number of samples.
+    /// First sample of each strip, followed by the number of samples.
     pub(super) first: Vec<u32>,
     /// Sum of the weights.
     pub(super) weight: f64,
@@ -34,15 +34,14 @@ pub(super) struct Block {
 }
 
 impl Block {
-    /// An empty block of samples with these channels.
+    /// Creates an empty block of samples with `channels` channels.
     pub(super) fn new(channels: usize) -> Self {
         let squares = vec![0.0; channels];
         let (cells, fractions, values, first) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         Self { rows: 0, cells, fractions, values, first, weight: 0.0, squares }
     }
 
-    /// Places and sorts samples. What the block held before
-    /// is lost, but for its memory.
+    /// Places and sorts samples. The previous contents of the block are lost; its memory is reused.
     pub(super) fn fill(
         &mut self,
         Samples { directions, weights, values }: Samples<'_>,

@@ -1,24 +1,24 @@
-//! Two grids for degrees 2L and L, of which the second is every second point of the first, with a kernel of one width.
+//! Two grids, for degrees 2L and L, with kernels of one width; the second grid is every second point of the first.
 
 use crate::FINEST;
 use crate::grid::Layout;
 use crate::gridding::{Gridding, MAX_OVERSAMPLING, MIN_GRID, error, point_cost, smooth};
 use crate::kernel::{Kernel, MAX_WIDTH};
 
-/// Samples that are held before they are spread: one for so many points of the grids, over all of which spreading goes, within
-/// these bounds.
+/// Grid points per sample that is held before spreading, and bounds on the number of samples held. Spreading passes
+/// over all points of the grids, so it should have enough samples.
 const POINTS_A_SAMPLE: usize = 8;
 const FEWEST_HELD: usize = 1 << 16;
 const MOST_HELD: usize = 1 << 23;
 
-/// The griddings of the weights, degree 2L, and of the weighted values, degree L.
+/// The griddings of the weights, of degree 2L, and of the weighted values, of degree L.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Griddings {
     pub(super) both: [Gridding; 2],
 }
 
 impl Griddings {
-    /// Chooses the pair that takes least time per sample at the finest accuracy.
+    /// Chooses the pair that takes the least time per sample at the finest accuracy.
     pub(super) fn choose(max_degree: usize, channels: usize) -> Self {
         let degrees = [2 * max_degree, max_degree];
         let rings = degrees.map(|degree| smooth(degree + 1, 1));
@@ -45,39 +45,40 @@ impl Griddings {
                 best = Some((cost, of(width, grid)));
             }
         }
-        // The widest kernel on the largest grid serves the finest accuracy.
+        // The widest kernel on the largest grid reaches the finest accuracy.
         best.map_or(last, |(_, best)| best)
     }
 
-    /// The layouts of both grids: one channel, and as many as there are values.
+    /// Returns the layouts of both grids: one channel, and `channels` channels.
     pub(super) fn layouts(&self, channels: usize) -> [Layout; 2] {
         let [fine, coarse] = self.both;
         [Layout::new(fine.grid, fine.width, 1), Layout::new(coarse.grid, coarse.width, channels)]
     }
 
-    /// The kernels of both grids.
+    /// Returns the kernels of both grids.
     pub(super) fn kernels(&self, max_degree: usize) -> [Kernel; 2] {
         let [fine, coarse] = self.both;
         let kernel = |gridding: Gridding, degree| Kernel::new(gridding.width, degree, gridding.grid, FINEST);
         [kernel(fine, 2 * max_degree), kernel(coarse, max_degree)]
     }
 
-    /// Samples that are held before they are spread.
+    /// Returns the number of samples that are held before they are spread.
     pub(super) fn held(&self, channels: usize) -> usize {
         held(self.both[0].grid, channels)
     }
 
-    /// Rows of the fine grid that are spread to by one task: a strip of the coarse grid, two of the fine one.
+    /// Returns the number of rows of the fine grid that one task spreads to: a strip of the coarse grid, two of the
+    /// fine one.
     pub(super) fn rows_together(&self) -> usize {
         2 * Layout::new(self.both[0].grid, self.both[0].width, 1).strip
     }
 
-    /// Number of such tasks.
+    /// Returns the number of such tasks.
     pub(super) fn strips(&self) -> usize {
         (self.both[0].grid / 2 + 1).div_ceil(self.rows_together())
     }
 
-    /// Bytes of tables and spectra with which the larger of the grids is turned into coefficients.
+    /// Returns the bytes of tables and spectra for computing coefficients from the grid that needs more.
     pub(super) fn spectra_bytes(&self, max_degree: usize, channels: usize) -> usize {
         let of = |gridding: Gridding, degree: usize, channels: usize| {
             let orders = degree + 1;
@@ -90,21 +91,22 @@ impl Griddings {
     }
 }
 
-/// Points of both grids, channel by channel, where the fine one has `grid` points around.
+/// Returns the number of points of both grids, summed over channels, if the fine one has `grid` points around.
 fn points(grid: usize, channels: usize) -> usize {
     grid * grid / 2 + channels * grid * grid / 8
 }
 
-/// Samples that are held before they are spread.
+/// Returns the number of samples that are held before they are spread.
 fn held(grid: usize, channels: usize) -> usize {
     (points(grid, channels) / POINTS_A_SAMPLE).clamp(FEWEST_HELD, MOST_HELD)
 }
 
-/// Estimated nanoseconds of a thread for a sample: its own products, and its share of reading and writing the grids.
+/// Returns the estimated nanoseconds of a thread per sample: its own products, and its share of reading and writing the
+/// grids.
 fn cost(width: usize, grid: usize, channels: usize) -> f64 {
-    /// Of a thread, beside another one.
+    /// Memory bandwidth of a thread while another one is running.
     const BYTES_PER_NANOSECOND: f64 = 6.0;
-    // Finer grids could be paid for by more samples that are held, which takes memory twice.
+    // Holding more samples could compensate for finer grids, but that takes memory twice.
     let traffic = 16.0 * points(grid, channels) as f64 / (MOST_HELD / 2) as f64;
     let density = held(grid, channels) as f64 / (grid * grid / 2) as f64;
     point_cost(width, 1, density) + point_cost(width, channels, 4.0 * density) + traffic / BYTES_PER_NANOSECOND

@@ -1,4 +1,4 @@
-//! Where on the sphere samples are, to a resolution of half a wavelength.
+//! The cells of the sphere that contain samples, at a resolution of half a wavelength.
 //!
 //! The sphere is cut into bands of equal height in colatitude, and each band into cells that are about as wide as high,
 //! `pi / (2 (L + 1))`. A bit for each cell says whether a sample with weight lies in it.
@@ -7,16 +7,16 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::sync::atomic::{AtomicU8, Ordering};
 
-/// A bit for each cell of the sphere: whether there is a sample in it.
+/// One bit for each cell of the sphere: whether it contains a sample.
 #[derive(Debug)]
 pub struct Occupied {
-    /// First cell of each band, and at the end the number of cells.
+    /// First cell of each band, followed by the number of cells.
     first: Vec<u32>,
     bits: Vec<AtomicU8>,
 }
 
 impl Occupied {
-    /// Makes the empty cells for fits to degree L = `max_degree`.
+    /// Creates empty cells for fits to degree L = `max_degree`.
     pub fn new(max_degree: usize) -> Self {
         let bands = 2 * (max_degree + 1);
         let height = std::f64::consts::PI / bands as f64;
@@ -29,7 +29,7 @@ impl Occupied {
         Self { first, bits: (0..bytes).map(|_| AtomicU8::new(0)).collect() }
     }
 
-    /// Takes the bits that [`bytes`](Self::bytes) gave for the same degree; `None` if there aren't as many.
+    /// Restores the bits from [`bytes`](Self::bytes) of the same degree; `None` if their number doesn't match.
     pub fn from_bytes(max_degree: usize, bytes: &[u8]) -> Option<Self> {
         let mut cells = Self::new(max_degree);
         let spare = 8 * bytes.len() - (cells.first[cells.first.len() - 1] as usize).min(8 * bytes.len());
@@ -41,7 +41,7 @@ impl Occupied {
         Some(cells)
     }
 
-    /// Returns the bits, bit i of the list in bit `i % 8` of byte `i / 8`. Cells go from the north pole to the south
+    /// Returns the bits; bit i of the list is bit `i % 8` of byte `i / 8`. Cells go from the north pole to the south
     /// pole, and along each band from azimuth 0.
     pub fn bytes(&self) -> Vec<u8> {
         self.bits.iter().map(|byte| byte.load(Ordering::Relaxed)).collect()
@@ -54,7 +54,7 @@ impl Occupied {
         }
     }
 
-    /// Marks samples at places of a grid of `grid` points around.
+    /// Marks the cells of samples at places of a grid of `grid` points around.
     pub(super) fn mark(&self, cells: &[[u32; 2]], fractions: &[[f64; 2]], grid: usize) {
         let bands = self.first.len() - 1;
         let turns = 1.0 / grid as f64;
@@ -65,17 +65,18 @@ impl Occupied {
             let column = ((turn(1) * f64::from(around)) as u32).min(around - 1);
             let at = (self.first[band] + column) as usize;
             let (byte, bit) = (&self.bits[at / 8], 1 << (at % 8));
-            // Most cells are marked already, and a cache line that is only read can be shared.
+            // Most cells are already marked, and a cache line that is only read can be shared between threads.
             if byte.load(Ordering::Relaxed) & bit == 0 {
                 byte.fetch_or(bit, Ordering::Relaxed);
             }
         }
     }
 
-    /// Returns the diameter of the largest cap without samples, in radians, to within three cells; 0 where all
-    /// cells have samples, and 2 pi where none has.
+    /// Returns the diameter of the largest cap without samples, in radians, to within three cells; 0 if all cells
+    /// contain samples, and 2 pi if none does.
     ///
-    /// Each cell takes its nearest neighbours' nearest sample, those next to samples first.
+    /// Cells are visited in the order of their distance from a sample; each takes over the nearest sample of the
+    /// neighbour from which it is reached.
     pub fn largest_gap(&self) -> f64 {
         let cells = self.first[self.first.len() - 1];
         let taken = |cell: u32| self.bits[cell as usize / 8].load(Ordering::Relaxed) >> (cell % 8) & 1 == 1;
@@ -91,7 +92,7 @@ impl Occupied {
                 if !reached[neighbour as usize] {
                     let to = self.centre(neighbour);
                     let chord: f64 = (0..3).map(|i| (to[i] - from[i]).powi(2)).sum();
-                    // Positive doubles are in the order of their bits.
+                    // The bits of positive doubles, as integers, have the same order as the doubles.
                     next.push((Reverse(chord.to_bits()), neighbour, source));
                 }
             });
@@ -120,7 +121,7 @@ impl Occupied {
         [sine * c, sine * s, cosine]
     }
 
-    /// Calls `visit` with the cells beside a cell, above and below it; across a pole with all of its band.
+    /// Calls `visit` with the cells beside, above and below a cell; across a pole, with all cells of its band.
     fn neighbours(&self, cell: u32, mut visit: impl FnMut(u32)) {
         let band = self.band(cell);
         let around = |band: usize| self.first[band + 1] - self.first[band];

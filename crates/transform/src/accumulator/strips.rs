@@ -1,4 +1,4 @@
-//! Spreading blocks to both grids, strip by strip.
+//! Spreads blocks to both grids, strip by strip.
 
 use std::iter::repeat_with;
 use std::ops::Range;
@@ -14,7 +14,8 @@ use crate::interpolation_batch::spread_batch;
 use crate::kernel::Kernel;
 use crate::points::CellSorter;
 
-/// Marks where the samples of all blocks are, and adds them to the grids, in an order that doesn't depend on the number of threads.
+/// Marks the cells of all blocks' samples and adds the samples to the grids, in an order that doesn't depend on the
+/// number of threads.
 pub(super) fn spread(
     griddings: &Griddings,
     channels: usize,
@@ -29,7 +30,7 @@ pub(super) fn spread(
     for colour in 0..2 {
         let rows = |i: usize| heights[i] * layouts[i].row();
         let fine = fine[colour * rows(0)..].chunks_mut(2 * rows(0));
-        // Without channels there is nothing to spread to it.
+        // Without channels the coarse grid is empty, and nothing is spread to it.
         let coarse = coarse[colour * rows(1)..].chunks_mut((2 * rows(1)).max(1)).chain(repeat_with(Default::default));
         let mut tasks: Vec<_> = fine
             .zip(coarse)
@@ -58,7 +59,7 @@ fn count(blocks: &[Block], strip: usize) -> usize {
     blocks.iter().map(|block| run(block, strip).len()).sum()
 }
 
-/// The samples of one strip, sorted by cells, or by tiles of columns where they are few.
+/// The samples of one strip, sorted by cells, or by tiles of columns if there are few samples.
 #[derive(Default)]
 struct Gathered {
     cells: Vec<[u32; 2]>,
@@ -87,7 +88,8 @@ impl Gathered {
         });
     }
 
-    /// Spreads to rows of the fine grid, and to rows of the coarse one, that begin with row `firsts` of each.
+    /// Spreads the samples to rows of the fine grid and to rows of the coarse grid; `firsts` are the indices of the
+    /// first rows.
     fn spread(
         &mut self,
         layouts: [Layout; 2],
@@ -107,7 +109,7 @@ impl Gathered {
             }
             for (cell, fraction) in cells.iter_mut().zip(fractions.iter_mut()) {
                 for (cell, fraction) in cell.iter_mut().zip(fraction) {
-                    // In the cell of twice the size.
+                    // Position in a cell of twice the size.
                     *fraction = 0.5 * (f64::from(*cell % 2) + *fraction);
                     *cell /= 2;
                 }
