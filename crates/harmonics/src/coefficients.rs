@@ -22,7 +22,7 @@ pub struct Coefficients {
 }
 
 impl Coefficients {
-    /// Takes an array, (K, c).
+    /// Wraps an array, (K, c).
     ///
     /// # Errors
     ///
@@ -53,7 +53,7 @@ impl Coefficients {
         self.values.slice(s![..basis_size(degree.min(self.max_degree)), ..])
     }
 
-    /// Returns the complex coefficients of Shen and Chung, (K, c), see the [module](self).
+    /// Returns the complex coefficients of Shen and Chung, (K, c); see the [module](self).
     pub fn to_complex(&self) -> Array2<Complex64> {
         let mut complex = Array2::zeros(self.values.raw_dim());
         for channel in 0..self.channels() {
@@ -71,7 +71,7 @@ impl Coefficients {
         complex
     }
 
-    /// Makes the canonical coefficients of the real part of `sum c_{l,m} Y_{l,m}`, for complex coefficients (K, c).
+    /// Computes the canonical coefficients of the real part of `sum c_{l,m} Y_{l,m}`, for complex coefficients (K, c).
     ///
     /// The complex coefficients need not be those of real functions. If they are, this is the inverse of
     /// [`to_complex`](Self::to_complex).

@@ -7,8 +7,8 @@ use crate::HarmonicsError;
 
 /// An ordered list of unit vectors, (n, 3).
 ///
-/// Vectors are normalised once, when the list is made. Vertices on spheres whose radii differ by a power of two give
-/// the same bits, those on other radii agree to rounding.
+/// Vectors are normalised once, when the list is created. Vertices on spheres whose radii differ by a power of two give
+/// the same bits; those on spheres of other radii agree to rounding.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Directions {
     vectors: Vec<[f64; 3]>,
@@ -32,7 +32,7 @@ impl Radii {
 }
 
 impl Directions {
-    /// Makes the directions in which the origin sees `vertices`, (n, 3), at any radius.
+    /// Computes the directions of `vertices`, (n, 3), as seen from the origin, whatever their radii.
     ///
     /// # Errors
     ///
@@ -54,7 +54,8 @@ impl Directions {
         Ok(Self { vectors, radii })
     }
 
-    /// Takes unit vectors, (n, 3), without changing a bit. For directions that have been stored, say in a model.
+    /// Wraps unit vectors, (n, 3), without changing a bit. Use this for directions that have been stored, for example
+    /// in a model.
     ///
     /// # Errors
     ///
@@ -69,7 +70,7 @@ impl Directions {
         Ok(Self { vectors, radii: checked.radii })
     }
 
-    /// Makes the directions of (colatitude, azimuth) pairs, (n, 2), in radians.
+    /// Computes the directions of (colatitude, azimuth) pairs, (n, 2), in radians.
     ///
     /// # Errors
     ///
@@ -83,7 +84,7 @@ impl Directions {
         Self::from_vertices(&vertices)
     }
 
-    /// Makes n directions spread evenly over the sphere, on a Fibonacci spiral.
+    /// Creates n directions spread evenly over the sphere, on a Fibonacci spiral.
     ///
     /// Direction i has `cos theta = 1 - (2 i + 1) / n` and azimuth `i pi (3 - sqrt 5)`, the golden angle times i. All
     /// are the centres of bands of equal area, and none is at a pole. R. Swinbank and R. J. Purser, "Fibonacci grids: a
@@ -118,7 +119,7 @@ impl Directions {
         self.vectors.len()
     }
 
-    /// Returns whether there are no directions, which is never the case.
+    /// Returns whether the list is empty, which is never the case.
     pub fn is_empty(&self) -> bool {
         self.vectors.is_empty()
     }
@@ -148,7 +149,7 @@ pub fn angles(direction: [f64; 3]) -> [f64; 2] {
     [x.hypot(y).atan2(z), if phi < 0.0 { phi + std::f64::consts::TAU } else { phi }]
 }
 
-/// Returns the direction of a vector, a unit vector, and its length. `index` is its number, for errors.
+/// Returns the direction of a vector, as a unit vector, and its length. `index` is the vector's position, for errors.
 ///
 /// # Errors
 ///

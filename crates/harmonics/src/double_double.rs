@@ -1,8 +1,8 @@
 //! Double-double arithmetic: a number as an unevaluated sum of two doubles, some 32 decimal digits.
 //!
-//! Used where a recurrence would amplify the rounding errors of doubles too much: next to the poles, and in the powers
-//! of the azimuth. After T. J. Dekker, "A floating-point technique for extending the available precision", Numer. Math.
-//! 18 (1971), with fused products where the processor has them.
+//! It is used where a recurrence would amplify the rounding errors of doubles too much: next to the poles, and in the
+//! powers of the azimuth. After T. J. Dekker, "A floating-point technique for extending the available precision",
+//! Numer. Math. 18 (1971), with fused products if the processor has them.
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 

@@ -18,7 +18,7 @@
 //! - Degrees go up to [`MAX_DEGREE`]. The recurrence is scaled and no factorial is ever formed, so nothing overflows or
 //!   underflows.
 //!
-//! Errors of values are below `1e-12 sqrt((2l + 1) / (4 pi))` at any direction, the poles included.
+//! Errors of values are below `1e-12 sqrt((2l + 1) / (4 pi))` at any direction, including the poles.
 //!
 //! # Modules
 //!

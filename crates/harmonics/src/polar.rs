@@ -1,9 +1,9 @@
 //! The recurrence in double-double, for the rows next to the poles.
 //!
-//! Near a pole the plain recurrence loses digits twice: `cos theta` as a double fixes theta only to `eps / sin theta`,
-//! and rounding errors, which grow like `min(l, 1 / sin theta)` from one degree on, add up to about `eps l^1.5`. At
-//! degree 2,000 that is a relative error of 1e-11. Very few directions of a sampling lie there, so ten times the work
-//! for these is not noticeable.
+//! Near a pole the plain recurrence loses digits in two ways: `cos theta` as a double determines theta only to `eps /
+//! sin theta`, and rounding errors, which grow like `min(l, 1 / sin theta)` from one degree on, add up to about `eps
+//! l^1.5`. At degree 2,000 that is a relative error of 1e-11. Very few directions of a sampling are near a pole, so ten
+//! times the work for these is not noticeable.
 
 use std::ops::{Add, Div, Mul, Sub};
 

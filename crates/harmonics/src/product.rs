@@ -1,8 +1,8 @@
 //! Products of a block, and of its transpose, with a few columns.
 //!
-//! Both read every value of the block once. With few columns, at 2 c flops a value, they are bound by memory bandwidth.
-//! Four columns of the block are taken together, so that the columns of the residual, which stay in the L1 cache, are
-//! read and written a quarter as often. For eight columns or more a BLAS matrix product is faster.
+//! Both read every value of the block once. With few columns they take 2 c flops per value and are bound by memory
+//! bandwidth. Four columns of the block are processed together, so that the columns of the residual, which stay in the
+//! L1 cache, are read and written a quarter as often. For eight columns or more a BLAS matrix product is faster.
 //!
 //! Matrices are column-major slices with a leading dimension, as in the BLAS.
 
@@ -141,7 +141,8 @@ adjoint_for!(adjoint_1, 1);
 adjoint_for!(adjoint_2, 2);
 adjoint_for!(adjoint_3, 3);
 
-/// Inner products of J columns with C others, summed in lanes and then across them, in the same order on any processor.
+/// Returns the inner products of J columns with C others, summed in lanes and then across them, in the same order on
+/// any processor.
 #[inline(always)]
 fn dots<const J: usize, const C: usize, const FMA: bool>(columns: [&[f64]; J], residual: [&[f64]; C]) -> [[f64; C]; J] {
     let rows = residual[0].len();

@@ -9,10 +9,10 @@
 //! for every polynomial p of degree up to `2n - 1`. On the sphere, n rings of more than 2n - 1 equidistant azimuths
 //! integrate every function of degree up to `2n - 1`.
 //!
-//! Newton's method from F. G. Tricomi's guess, `(1 - (n - 1)/(8 n^3)) cos(pi (4j + 3)/(4n + 2))` (Ann. Mat. Pura Appl.
-//! 31 (1950)), in doubles, with the last step in double-double: next to the poles the three-term recurrence of `P_n`
-//! has a relative error of some n^1.5 eps in the sine, which determines the colatitude there. Nodes, sines and weights
-//! have a relative error of a few eps at any practical n; tested to 4,001.
+//! Nodes are computed by Newton's method, from F. G. Tricomi's guess, `(1 - (n - 1)/(8 n^3)) cos(pi (4j + 3)/(4n + 2))`
+//! (Ann. Mat. Pura Appl. 31 (1950)). The method works in doubles, with the last step in double-double: next to the
+//! poles the three-term recurrence of `P_n` has a relative error of some n^1.5 eps in the sine, which determines the
+//! colatitude there. Nodes, sines and weights have a relative error of a few eps at any practical n; tested to 4,001.
 //!
 //! Cost: about 35 n^2 flops and 32 n bytes of tables; 0.05 s for 4,001 rings.
 
@@ -24,8 +24,8 @@ use crate::double_double::DoubleDouble;
 
 /// Nodes computed together: enough to hide the latency of the recurrence's dependent operations.
 const LANES: usize = 16;
-/// Steps of Newton's method in doubles. The guess is worst at the first node, about 1 % of a spacing, where 4 are
-/// enough.
+/// Steps of Newton's method in doubles. The guess is worst at the first node, where it is off by about 1 % of the
+/// spacing; 4 steps are enough there.
 const STEPS: usize = 5;
 
 /// Nodes and weights of Gauss-Legendre quadrature as rings of the sphere, from north to south.
@@ -33,7 +33,7 @@ const STEPS: usize = 5;
 pub struct GaussLegendre {
     /// `cos theta_j`, decreasing, (n).
     pub cosines: Vec<f64>,
-    /// `sin theta_j`, (n); the relative error is a few eps, next to the poles as well.
+    /// `sin theta_j`, (n); the relative error is a few eps, even next to the poles.
     pub sines: Vec<f64>,
     /// Weights of the integral over `cos theta`, (n); their sum is 2.
     pub weights: Vec<f64>,
@@ -77,7 +77,7 @@ pub fn gauss_legendre(n: usize) -> GaussLegendre {
         for (lane, [cosine, sine, weight]) in nodes(n, first).into_iter().enumerate().take(north - first) {
             let (j, mirror) = (first + lane, n - 1 - first - lane);
             rings.cosines[mirror] = -cosine;
-            // After the mirror's, so that the equator is at +0.
+            // Written after the mirror's cosine, so that the equator gets +0.
             rings.cosines[j] = cosine;
             (rings.sines[j], rings.sines[mirror]) = (sine, sine);
             (rings.weights[j], rings.weights[mirror]) = (weight, weight);
@@ -86,7 +86,7 @@ pub fn gauss_legendre(n: usize) -> GaussLegendre {
     rings
 }
 
-/// (cosine, sine, weight) of the nodes from `first` on. Those south of the equator are meaningless.
+/// Returns (cosine, sine, weight) of the nodes from `first` on. Those south of the equator are meaningless.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
 fn nodes(n: usize, first: usize) -> [[f64; 3]; LANES] {
     if target_cfg_f!(target_feature = "fma") { nodes_of::<true>(n, first) } else { nodes_of::<false>(n, first) }
@@ -116,7 +116,8 @@ fn nodes_of<const FMA: bool>(n: usize, first: usize) -> [[f64; 3]; LANES] {
         let one_minus = |square: DoubleDouble<FMA>| DoubleDouble::new(1.0).sub(square);
         let sine2 = one_minus(DoubleDouble::product(x, x)).value();
         let slope = degree * (previous[lane].value() - x * p) / sine2;
-        // From Legendre's equation. x is off by some eps, a large part of 1 - x^2 at the pole, so the slope moves too.
+        // From Legendre's equation. The error of x, some eps, is a large part of 1 - x^2 at the pole, so the slope
+        // changes as well.
         let curvature = (2.0 * x * slope - degree * (degree + 1.0) * p) / sine2;
         let step = -p / slope;
         let node = DoubleDouble::new(x).add(DoubleDouble::new(step));
@@ -126,7 +127,7 @@ fn nodes_of<const FMA: bool>(n: usize, first: usize) -> [[f64; 3]; LANES] {
     })
 }
 
-/// `P_{n-1}(x)` and `P_n(x)`, from `P_{k+1} = x P_k + k/(k+1) (x P_k - P_{k-1})`.
+/// Returns `P_{n-1}(x)` and `P_n(x)`, from `P_{k+1} = x P_k + k/(k+1) (x P_k - P_{k-1})`.
 #[inline(always)]
 fn legendre(n: usize, x: &[f64; LANES]) -> ([f64; LANES], [f64; LANES]) {
     let (mut older, mut old) = ([0.0; LANES], [1.0; LANES]);
@@ -140,7 +141,7 @@ fn legendre(n: usize, x: &[f64; LANES]) -> ([f64; LANES], [f64; LANES]) {
     (older, old)
 }
 
-/// The same in double-double.
+/// Computes the same in double-double.
 #[inline(always)]
 fn legendre_exact<const FMA: bool>(
     n: usize,

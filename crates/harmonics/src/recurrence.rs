@@ -11,10 +11,10 @@
 //! ```
 //!
 //! and `S_{l,m} + i S_{l,-m} = q_{l,m} u^m e^{i m phi}`. Seeds don't depend on the direction, so nothing underflows in
-//! the recurrence; `u^m` can, and is multiplied by 2^930, by which the seeds are divided, after S. A. Holmes and W. E.
-//! Featherstone, "A unified approach to the Clenshaw summation and the recursive computation of very high degree and
-//! order normalised associated Legendre functions", J. Geodesy 76 (2002), section 2.4. This is safe to degree 2,700;
-//! [`MAX_DEGREE`] is the highest degree that is tested.
+//! the recurrence. `u^m` could underflow; it is multiplied by 2^930, and the seeds are divided by that, after S. A.
+//! Holmes and W. E. Featherstone, "A unified approach to the Clenshaw summation and the recursive computation of very
+//! high degree and order normalised associated Legendre functions", J. Geodesy 76 (2002), section 2.4. This is safe to
+//! degree 2,700; [`MAX_DEGREE`] is the highest degree that is tested.
 //!
 //! Cost: 3 flops for each value of q, and one for each of its two harmonics.
 
@@ -93,7 +93,7 @@ pub(crate) fn squares(l: usize, m: usize) -> [f64; 4] {
     [4.0 * l * l - 1.0, denominator, b_numerator, (2.0 * l - 3.0).abs() * denominator]
 }
 
-/// `q_{m,m} / SCALE` for `m = 0..=max_degree`, in double-double, as it is a product of `max_degree` factors.
+/// Returns `q_{m,m} / SCALE` for `m = 0..=max_degree`, in double-double, since it is a product of `max_degree` factors.
 pub(crate) fn seeds<const FMA: bool>(max_degree: usize) -> Vec<DoubleDouble<FMA>> {
     // 1 / (4 pi) to 32 digits.
     let inverse_sphere = DoubleDouble { hi: 0.079_577_471_545_947_67, lo: -4.919_669_168_795_621_5e-18 };

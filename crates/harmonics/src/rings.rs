@@ -1,5 +1,4 @@
-//! The Legendre recurrence for one order at a time and all degrees, as transforms over rings of constant colatitude use
-//! it.
+//! The Legendre recurrence for one order at a time and all degrees, for transforms over rings of constant colatitude.
 //!
 //! The recurrence of [`recurrence`](crate::recurrence) for fixed m, divided by factors s that make its second
 //! coefficient one:
@@ -20,7 +19,7 @@ use crate::recurrence::{MAX_DEGREE, SCALE, seeds, squares};
 
 type Dd = DoubleDouble<false>;
 
-/// The start value of r in place of one: `2^-930`.
+/// The start value of r, instead of one: `2^-930`.
 pub const SEED: f64 = 1.0 / SCALE;
 
 /// The recurrences of all orders up to a degree.
@@ -71,7 +70,7 @@ impl MonicRecurrence {
     }
 
     /// Returns `alpha_l` of order m for `l = m..=L` in double-double, for the rings next to the poles, where the errors
-    /// of the doubles that [`order`](Self::order) gives would add up.
+    /// of the doubles from [`order`](Self::order) would accumulate.
     ///
     /// # Panics
     ///
@@ -91,8 +90,8 @@ impl MonicRecurrence {
     }
 }
 
-/// Writes `u^m / SEED` to `powers[m]`, where u is the sine of the colatitude with the given cosine and sine. These are
-/// normalised in double-double, and the powers are accurate to one rounding for any m.
+/// Writes `u^m / SEED` to `powers[m]`, where u is the sine of the colatitude with the given cosine and sine. Cosine and
+/// sine are normalised in double-double, and the powers are accurate to one rounding for any m.
 pub fn sine_powers(cosine: f64, sine: f64, powers: &mut [f64]) {
     let [u, _, _] = unit::<false>([sine, 0.0, cosine]);
     let mut power = Dd::new(SCALE);

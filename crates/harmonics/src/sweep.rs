@@ -101,8 +101,8 @@ impl<'r> Sweep<'r> {
     }
 }
 
-/// Computes `z` and the azimuth factors of each direction, as powers in double-double: for any m the error is one
-/// rounding.
+/// Computes `z` and the azimuth factors of each direction. The factors are powers in double-double, so that their error
+/// is one rounding for any m.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
 fn azimuth_factors(directions: &[[f64; 3]], z: &mut [f64], cos: &mut [f64], sin: &mut [f64]) {
     if target_cfg_f!(target_feature = "fma") {
@@ -114,7 +114,7 @@ fn azimuth_factors(directions: &[[f64; 3]], z: &mut [f64], cos: &mut [f64], sin:
 
 #[inline(always)]
 fn azimuth_factors_of<const FMA: bool>(directions: &[[f64; 3]], z: &mut [f64], cos: &mut [f64], sin: &mut [f64]) {
-    /// Rows taken together: their powers stay in registers and the L1 cache.
+    /// Rows processed together: their powers stay in registers and the L1 cache.
     const LANES: usize = 16;
     let rows = directions.len();
     for start in (0..rows).step_by(LANES) {

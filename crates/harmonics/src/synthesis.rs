@@ -1,7 +1,7 @@
-//! Synthesis, coefficients to samples at any directions, by direct sums.
+//! Synthesis by direct sums: coefficients to samples at any directions.
 //!
-//! Cost: `n K (1.5 + 2 c)` flops. Memory: one block `A_l` of 256 rows a thread. For many directions at high degrees the
-//! transforms of `spharm-transform` are faster.
+//! Cost: `n K (1.5 + 2 c)` flops. Memory: one block `A_l` of 256 rows per thread. For many directions at high degrees
+//! the transforms of `spharm-transform` are faster.
 
 use ndarray::{Array2, ArrayView2, Axis};
 use rayon::prelude::*;
@@ -18,7 +18,7 @@ const RUN: usize = 256;
 /// Returns the samples, (n, c), at `directions` of the c functions with the canonical coefficients `coefficients`, (K,
 /// c).
 ///
-/// Runs on the rayon pool that it is called in; the result is the same bits on any number of threads.
+/// Runs on the rayon pool from which it is called; the result is the same bits on any number of threads.
 ///
 /// # Errors
 ///

@@ -1,4 +1,4 @@
-//! The fast sweep against 50-digit references, the textbook form, and what the harmonics must satisfy.
+//! The fast sweep against 50-digit references, the textbook form, and identities that the harmonics satisfy.
 
 use proptest::prelude::*;
 use spharm_harmonics::textbook::harmonic;
@@ -144,7 +144,8 @@ proptest! {
         }
     }
 
-    /// A rotation maps the harmonics of one degree onto each other by an orthogonal matrix, so inner products stay.
+    /// A rotation maps the harmonics of one degree onto each other by an orthogonal matrix, so inner products are
+    /// preserved.
     #[test]
     fn inner_products_of_a_degree_survive_rotation(a in direction(), b in direction(), axis in direction(), angle in 0.0..6.3f64) {
         let recurrence = Recurrence::new(40).unwrap();
