@@ -41,8 +41,8 @@ fn a_density_that_varies_slowly_is_inverted() {
     assert!(off(&found, &x) < 2e-3, "{:e}", off(&found, &x));
 }
 
-/// The extreme eigenvalues of M N bound the number of iterations. They are computed by powers of M N and of its
-/// remainder without the largest eigenvalue.
+/// Returns the ratio of the extreme eigenvalues of M N, which bounds the number of iterations. It is computed by powers
+/// of M N, and of the difference between its largest eigenvalue and M N.
 fn spread(operator: impl Fn(&Array2<f64>) -> Array2<f64>, size: usize) -> f64 {
     let largest = |of: &dyn Fn(&Array2<f64>) -> Array2<f64>| {
         let mut x = numbers(3, size, 1);
