@@ -207,8 +207,8 @@ mod tests {
         assert_eq!(d.unwrap().duplicates(), 2);
     }
 
-    /// Every tenth of the sphere along x has a tenth of the directions (a random sample would be off by 13 or more), and
-    /// no two of them are close.
+    /// Every tenth of the sphere along x has a tenth of the directions (a random sample would be off by 13 or more),
+    /// and no two of them are close.
     #[test]
     fn a_fibonacci_spiral_is_even() {
         let n = 2_000;

@@ -1,9 +1,9 @@
 //! The C functions that the page's script calls.
 //!
-//! There is one [`View`]. `set_*` makes room for an array and returns where the script puts it; `plan`, `evaluate`, `refer`
-//! and `measure` return 1 when they are done and 0 when they refuse; the rest return where a result begins, until the next
-//! call. A pointer is an offset into the module's memory, which the script reads and writes itself: nothing here
-//! dereferences one.
+//! There is one [`View`]. `set_*` allocates an array and returns the address to which the script copies it. `plan`,
+//! `evaluate`, `refer` and `measure` return 1 on success and 0 on an error. The other functions return the address of a
+//! result, which is valid until the next call. A pointer is an offset into the module's memory, which the script reads
+//! and writes itself: nothing here dereferences one.
 #![expect(
     unsafe_code,
     reason = "a name that is exported unmangled is unsafe to state, as names might clash; these don't"
@@ -18,7 +18,7 @@ thread_local! {
     static REFERENCE: RefCell<Vec<f32>> = RefCell::default();
 }
 
-/// Room for `length` numbers, all zero.
+/// Allocates `length` numbers, all zero.
 fn room<T: Copy + Default>(array: &mut Vec<T>, length: usize) -> *mut T {
     array.clear();
     array.resize(length, T::default());
@@ -29,25 +29,25 @@ fn done(result: Result<(), ViewError>) -> u32 {
     u32::from(result.is_ok())
 }
 
-/// Room for n directions, f64 (n, 3).
+/// Allocates n directions, f64 (n, 3).
 #[unsafe(no_mangle)]
 pub extern "C" fn set_directions(count: usize) -> *mut f64 {
     VIEW.with_borrow_mut(|view| room(&mut view.directions, 3 * count))
 }
 
-/// Room for m triangles, u32 (m, 3).
+/// Allocates m triangles, u32 (m, 3).
 #[unsafe(no_mangle)]
 pub extern "C" fn set_faces(count: usize) -> *mut u32 {
     VIEW.with_borrow_mut(|view| room(&mut view.faces, 3 * count))
 }
 
-/// Room for K coefficients, f64 (K, 3).
+/// Allocates K coefficients, f64 (K, 3).
 #[unsafe(no_mangle)]
 pub extern "C" fn set_coefficients(rows: usize) -> *mut f64 {
     VIEW.with_borrow_mut(|view| room(&mut view.coefficients, 3 * rows))
 }
 
-/// Room for the reference's n offsets, i16 (n, 3).
+/// Allocates the reference's n offsets, i16 (n, 3).
 #[unsafe(no_mangle)]
 pub extern "C" fn set_offsets(count: usize) -> *mut i16 {
     VIEW.with_borrow_mut(|view| room(&mut view.offsets, 3 * count))
@@ -77,25 +77,25 @@ pub extern "C" fn measure(signed: u32) -> u32 {
     VIEW.with_borrow_mut(|view| done(view.measure(signed != 0)))
 }
 
-/// The positions, f32 (n, 3).
+/// Returns the positions, f32 (n, 3).
 #[unsafe(no_mangle)]
 pub extern "C" fn positions() -> *const f32 {
     VIEW.with_borrow(|view| view.positions().as_ptr())
 }
 
-/// The normals, f32 (n, 3).
+/// Returns the normals, f32 (n, 3).
 #[unsafe(no_mangle)]
 pub extern "C" fn normals() -> *const f32 {
     VIEW.with_borrow(|view| view.normals().as_ptr())
 }
 
-/// The distances, f32 (n).
+/// Returns the distances, f32 (n).
 #[unsafe(no_mangle)]
 pub extern "C" fn distances() -> *const f32 {
     VIEW.with_borrow(|view| view.distances().as_ptr())
 }
 
-/// The reference's positions, f32 (n, 3).
+/// Returns the reference's positions, f32 (n, 3).
 #[unsafe(no_mangle)]
 pub extern "C" fn reference() -> *const f32 {
     let reference = VIEW.with_borrow(View::reference);

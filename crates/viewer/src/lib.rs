@@ -1,8 +1,9 @@
 //! Models evaluated in a browser.
 //!
-//! This is what the pages of `spharm report` have as WebAssembly: a [`View`] holds one model's coefficients, directions and
-//! triangles, and evaluates the surface to any degree, with its normals and its distances from a reference surface. On
-//! `wasm32` the module `exports` makes it a library of C functions; elsewhere there is the type alone, for tests.
+//! The pages of `spharm report` contain this crate as WebAssembly: a [`View`] holds one model's coefficients,
+//! directions and triangles, and evaluates the surface to any degree, with its normals and its distances from a
+//! reference surface. On `wasm32` the module `exports` turns the crate into a library of C functions; on other targets,
+//! for tests, there is only the type.
 //!
 //! `./run report-assets` builds it into `crates/report/assets`.
 //!

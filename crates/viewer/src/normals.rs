@@ -1,9 +1,10 @@
 //! Normals at the vertices of a mesh.
 
-/// Returns the unit normals at vertices, (n, 3) row-major: the sum of the triangles' normals, weighted by their areas, so that
-/// they point outwards where triangles are counter-clockwise seen from outside. Zero where that sum is.
+/// Returns the unit normals at vertices, (n, 3) row-major: the direction of the sum of the normals of a vertex's
+/// triangles, weighted by their areas. They point outwards if triangles are counter-clockwise seen from outside. If the
+/// sum is zero, so is the normal.
 ///
-/// Triangles, (m, 3), must name vertices that are there.
+/// Triangles, (m, 3), must refer to existing vertices.
 #[must_use]
 pub fn vertex_normals(vertices: &[f64], faces: &[u32]) -> Vec<f32> {
     let mut sums = vec![0.0; vertices.len()];

@@ -1,4 +1,4 @@
-//! One model in a page: its surface to any degree, and how far that is from a reference.
+//! One model in a page: its surface to any degree, and the distance of that from a reference.
 
 use ndarray::{Array2, ArrayView2};
 use spharm_harmonics::Directions;
@@ -7,10 +7,10 @@ use spharm_transform::{Transform, TransformParams};
 
 use crate::normals::vertex_normals;
 
-/// Relative accuracy of the evaluation: what the page's f32 positions hold, and a little more.
+/// Relative accuracy of the evaluation: slightly better than the precision of the page's f32 positions.
 const ACCURACY: f64 = 1e-8;
 
-/// A model, where it is evaluated, and what was found last. Arrays are row-major.
+/// A model, the directions at which it is evaluated, and the latest results. Arrays are row-major.
 #[derive(Debug, Default)]
 pub struct View {
     /// Vectors of any length, (n, 3).
@@ -19,7 +19,7 @@ pub struct View {
     pub coefficients: Vec<f64>,
     /// Triangles, (m, 3).
     pub faces: Vec<u32>,
-    /// The reference surface less the model to its highest degree, (n, 3), in steps; empty without a reference.
+    /// The reference surface minus the model to its highest degree, (n, 3), in steps; empty without a reference.
     pub offsets: Vec<i16>,
     plan: Option<Transform>,
     evaluated: Vec<f64>,
@@ -30,53 +30,54 @@ pub struct View {
     distances: Vec<f32>,
 }
 
-/// What a [`View`] refuses.
+/// Errors of a [`View`].
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ViewError {
-    /// No plan was made yet.
+    /// [`View::plan`] hasn't succeeded yet.
     #[error("no model was given yet")]
     NoPlan,
-    /// An array of another length than the others ask for.
+    /// An array whose length doesn't match the others.
     #[error("{what}: expected {expected} numbers, found {found}")]
     Shape {
-        /// The array.
+        /// Name of the array.
         what: &'static str,
-        /// The length that fits the others.
+        /// Length that matches the other arrays.
         expected: usize,
-        /// Its length.
+        /// Length found.
         found: usize,
     },
-    /// A triangle of a vertex that isn't there.
+    /// A triangle that refers to a missing vertex.
     #[error("a triangle names vertex {vertex}, there are {vertices}")]
     Face {
-        /// The vertex.
+        /// Index of the vertex.
         vertex: u32,
-        /// How many there are.
+        /// Number of vertices.
         vertices: usize,
     },
     /// A degree above the model's.
     #[error("degree {degree} is above the model's {max_degree}")]
     Degree {
-        /// The degree asked for.
+        /// The requested degree.
         degree: usize,
-        /// The model's.
+        /// The model's degree.
         max_degree: usize,
     },
-    /// Directions that are none.
+    /// Invalid directions.
     #[error(transparent)]
     Directions(#[from] spharm_harmonics::HarmonicsError),
-    /// The transform refused.
+    /// An error of the transform.
     #[error(transparent)]
     Transform(#[from] spharm_transform::TransformError),
 }
 
 impl View {
-    /// Takes the directions and triangles that were filled in, for models of degree `max_degree`, L.
+    /// Plans the evaluation of models of degree `max_degree`, L, with the directions and triangles that have been
+    /// filled in.
     ///
     /// # Errors
     ///
-    /// [`ViewError`]: arrays that don't fit, directions that are none.
+    /// [`ViewError`]: arrays that don't match, or invalid directions.
     pub fn plan(&mut self, max_degree: usize) -> Result<(), ViewError> {
         let vectors: Vec<[f64; 3]> = self.directions.chunks_exact(3).map(|v| [v[0], v[1], v[2]]).collect();
         if let Some(&vertex) = self.faces.iter().find(|vertex| **vertex as usize >= vectors.len()) {
@@ -90,11 +91,11 @@ impl View {
         Ok(())
     }
 
-    /// Evaluates the coefficients that are filled in with the degrees up to `degree`.
+    /// Evaluates the coefficients that have been filled in, using the degrees up to `degree`.
     ///
     /// # Errors
     ///
-    /// [`ViewError`]: no plan, a degree above the plan's, coefficients that don't fit it.
+    /// [`ViewError`]: no plan, a degree above the plan's, or coefficients that don't match it.
     pub fn evaluate(&mut self, degree: usize) -> Result<(), ViewError> {
         let plan = self.plan.as_ref().ok_or(ViewError::NoPlan)?;
         let max_degree = plan.max_degree();
@@ -102,7 +103,7 @@ impl View {
             return Err(ViewError::Degree { degree, max_degree });
         }
         expect("coefficients", 3 * basis_size(max_degree), self.coefficients.len())?;
-        // A plan to a lower degree over the same sorted directions is cheap, and leaves out sums over zeros.
+        // A plan to a lower degree over the same sorted directions is cheap, and avoids sums over zeros.
         let lower = if degree == max_degree { None } else { Some(plan.to_degree(degree, 3)?) };
         let rows = basis_size(degree);
         let used = ArrayView2::from_shape((rows, 3), &self.coefficients[..3 * rows]);
@@ -114,11 +115,11 @@ impl View {
         Ok(())
     }
 
-    /// Makes the reference: the surface that was evaluated last, plus `offsets` times `step`.
+    /// Computes the reference: the surface that was evaluated last, plus `offsets` times `step`.
     ///
     /// # Errors
     ///
-    /// [`ViewError::Shape`]: not as many offsets as positions.
+    /// [`ViewError::Shape`]: the number of offsets isn't that of the positions.
     pub fn refer(&mut self, step: f64) -> Result<(), ViewError> {
         expect("offsets", self.evaluated.len(), self.offsets.len())?;
         let offsets = self.offsets.iter().map(|offset| f64::from(*offset) * step);
@@ -127,12 +128,12 @@ impl View {
         Ok(())
     }
 
-    /// Measures the distance of each vertex from the reference's: its length, or, if `signed`, how far it lies outside,
-    /// along the reference's normal.
+    /// Measures how far each vertex is from the corresponding vertex of the reference: the distance or, if `signed`,
+    /// the component of the displacement along the reference's normal, positive outside.
     ///
     /// # Errors
     ///
-    /// [`ViewError::Shape`]: there is no reference for the surface that was evaluated last.
+    /// [`ViewError::Shape`]: there is no reference of the same size as the surface that was evaluated last.
     pub fn measure(&mut self, signed: bool) -> Result<(), ViewError> {
         expect("reference", self.evaluated.len(), self.reference.len())?;
         let pairs = self.evaluated.chunks_exact(3).zip(self.reference.chunks_exact(3));
@@ -154,7 +155,7 @@ impl View {
         &self.positions
     }
 
-    /// Returns their normals, (n, 3), by the triangles.
+    /// Returns the normals at these positions, (n, 3), computed from the triangles.
     #[must_use]
     pub fn normals(&self) -> &[f32] {
         &self.normals
