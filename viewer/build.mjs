@@ -1,4 +1,4 @@
-// Bundles the page's script, as one classic script without imports, into the file named.
+// Bundles the page's script into the file named by the argument, as one classic script without imports.
 import { readFileSync } from 'node:fs';
 
 import { build } from 'esbuild';

@@ -1,23 +1,23 @@
-// Arrays in the page: base64, gzip, planes of bytes (crates/report/src/blocks.rs).
+// Decoding of the arrays in the page: base64, gzip, planes of bytes (crates/report/src/blocks.rs).
 
 const TYPES = { f32: Float32Array, i32: Int32Array, i16: Int16Array };
 
 const unpacked = new Map();
 
-/** The bytes of base64. */
+/** Decodes base64 to bytes. */
 function decode(text) {
   if (Uint8Array.fromBase64) return Uint8Array.fromBase64(text);
   return Uint8Array.from(atob(text), (character) => character.charCodeAt(0));
 }
 
-/** The bytes of a gzipped element. */
+/** Returns the decompressed bytes of an element. */
 export async function bytes(id) {
   const packed = decode(document.getElementById(id).textContent);
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream('gzip'));
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
-/** The numbers of a block, as a typed array, which is kept for the next call and must not be changed. */
+/** Returns the numbers of a block as a typed array, which is cached for later calls and must not be changed. */
 export function numbers(block) {
   const key = `${block.id} ${block.kind}`;
   if (!unpacked.has(key)) unpacked.set(key, unpack(block));

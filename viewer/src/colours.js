@@ -1,9 +1,9 @@
-// Colours for values: piecewise linear between stops, as crates/surface/src/metrics/colormap.rs.
+// Colours for values: piecewise linear between stops, as in crates/surface/src/metrics/colormap.rs.
 
 export const PLAIN = [222, 208, 196];
 const MISSING = [128, 128, 128];
 
-/** Colour for a value from 0 to 1. */
+/** Returns the colour for a value from 0 to 1. */
 export function colour(stops, value) {
   if (Number.isNaN(value)) return MISSING;
   const x = Math.min(Math.max(value, 0), 1) * (stops.length - 1);
@@ -12,7 +12,7 @@ export function colour(stops, value) {
   return [0, 1, 2].map((i) => Math.round(stops[cell][i] + t * (stops[cell + 1][i] - stops[cell][i])));
 }
 
-/** Writes the colours of values over a range into `tints`, (n, 4); those that `shown` leaves out are plain. */
+/** Writes the colours of values over a range into `tints`, (n, 4); vertices that `shown` rejects are plain. */
 export function paint(tints, values, [low, high], stops, shown) {
   const span = high > low ? high - low : Infinity;
   const last = stops.length - 1;
@@ -35,12 +35,12 @@ export function paint(tints, values, [low, high], stops, shown) {
   }
 }
 
-/** One colour for all. */
+/** Gives all vertices the plain colour. */
 export function plain(tints) {
   for (let i = 0; i < tints.length; i++) tints[i] = PLAIN[i % 4] ?? 255;
 }
 
-/** A number in four digits. */
+/** Formats a number to four digits. */
 export function short(x) {
   if (x === 0) return '0';
   if (!Number.isFinite(x)) return '–';

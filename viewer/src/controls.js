@@ -2,7 +2,7 @@
 
 import { byId, make, row } from './dom.js';
 
-/** Shows the controls of a kind, and hides the others. */
+/** Shows the controls of one kind of item and hides the others. */
 function only(kind) {
   for (const element of document.querySelectorAll('[data-of]')) element.hidden = element.dataset.of !== kind;
 }
@@ -110,7 +110,7 @@ export function mapsControls(view, again) {
   if (view.threshold !== null) byId('level-name').textContent = `Threshold, ${view.item.maps[view.threshold].name}`;
   slider.value = 0;
   slider.oninput = () => {
-    // 1 to the left, then 0.1, 0.05, 0.01 and on.
+    // 1 at the left end, then 0.1, 0.05, 0.01 and so on.
     view.level = 10 ** -Number(slider.value);
     view.paint();
     const level = Number(view.level.toPrecision(2));

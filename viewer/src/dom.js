@@ -2,7 +2,7 @@
 
 export const byId = (id) => document.getElementById(id);
 
-/** An element with properties and children. */
+/** Creates an element with properties and children. */
 export function make(tag, properties = {}, ...children) {
   const element = document.createElement(tag);
   for (const [name, value] of Object.entries(properties)) {
@@ -13,7 +13,7 @@ export function make(tag, properties = {}, ...children) {
   return element;
 }
 
-/** A row of a form: a label, and what it is of. */
+/** Creates a row of a form: a label and its controls. */
 export function row(label, id, ...controls) {
   return make('div', { className: 'row' }, make('label', { htmlFor: id }, label), ...controls);
 }
@@ -25,7 +25,7 @@ export function save(name, type, ...parts) {
   setTimeout(() => URL.revokeObjectURL(url), 10_000);
 }
 
-/** A name that every file system takes. */
+/** Converts a name to one that every file system accepts. */
 export function fileName(name) {
   return name.replace(/[^\p{L}\p{N}._-]+/gu, '_').slice(0, 80) || 'surface';
 }

@@ -1,4 +1,4 @@
-// Meshes that don't change: surfaces of other triangles than their model's, those of maps.
+// Meshes that don't change: surfaces whose triangles differ from their model's, and the meshes of maps.
 
 import { BufferAttribute } from 'three';
 
@@ -6,7 +6,7 @@ import { numbers } from './blocks.js';
 import { grid, normals } from './grid.js';
 import { Surface } from './stage.js';
 
-/** Positions and triangles of a mesh, from which any number of surfaces are made. */
+/** Loads positions and triangles of a mesh, from which `surface` creates any number of surfaces. */
 export async function drawn({ grid: given, positions: block }) {
   const [{ faces }, positions] = await Promise.all([grid(given), numbers(block)]);
   const index = new BufferAttribute(faces, 1);

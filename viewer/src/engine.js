@@ -13,7 +13,7 @@ export class Engine {
     this.vertices = 0;
   }
 
-  /** Directions (n, 3) and triangles (m, 3), for models of a degree. */
+  /** Plans the evaluation of models of a degree at directions (n, 3) with triangles (m, 3). */
   plan(directions, faces, degree) {
     this.vertices = directions.length / 3;
     this.#put(Float64Array, this.exports.set_directions(this.vertices), directions);
@@ -21,7 +21,7 @@ export class Engine {
     this.#done(this.exports.plan(degree));
   }
 
-  /** Coefficients (K, 3). */
+  /** Sets the coefficients (K, 3). */
   coefficients(values) {
     this.#put(Float64Array, this.exports.set_coefficients(values.length / 3), values);
   }
@@ -30,20 +30,20 @@ export class Engine {
     this.#done(this.exports.evaluate(degree));
   }
 
-  /** The reference: what was evaluated last, and offsets (n, 3) in steps from there; without offsets that itself. */
+  /** Sets the reference: the surface that was evaluated last plus, if given, offsets (n, 3) in units of `step`. */
   refer(offsets, step) {
     const at = this.exports.set_offsets(this.vertices);
     if (offsets) this.#put(Int16Array, at, offsets);
     this.#done(this.exports.refer(step));
   }
 
-  /** Distances of what was evaluated last from the reference, (n); `signed` along its normals. A copy. */
+  /** Returns a copy of the last evaluated surface's distances, (n), from the reference; `signed` along its normals. */
   distances(signed) {
     this.#done(this.exports.measure(signed ? 1 : 0));
     return this.#get(this.exports.distances(), this.vertices).slice();
   }
 
-  /** Views that the next call ends. */
+  /** Returns a view of the module's memory, as do the next two; it is valid until the next call. */
   positions() {
     return this.#get(this.exports.positions(), 3 * this.vertices);
   }

@@ -5,7 +5,7 @@ import { icosphere } from './icosphere.js';
 
 const made = new Map();
 
-/** Directions (n, 3), null where positions are given otherwise, and triangles (m, 3). */
+/** Returns directions (n, 3), or null if positions are given separately, and triangles (m, 3). */
 export async function grid({ icosphere: level, directions, faces }) {
   let sphere = null;
   if (level !== null) {
@@ -16,14 +16,14 @@ export async function grid({ icosphere: level, directions, faces }) {
   return { directions: given ?? sphere?.vertices ?? null, faces: sphere?.faces ?? sums(await numbers(faces)) };
 }
 
-/** Triangles from the differences of each and the one before. */
+/** Computes triangles from the differences between each and the previous one. */
 function sums(differences) {
   const faces = new Uint32Array(differences.length);
   for (let i = 0; i < faces.length; i++) faces[i] = differences[i] + (i < 3 ? 0 : faces[i - 3]);
   return faces;
 }
 
-/** Unit normals at vertices, (n, 3), for a mesh that doesn't change. Written out, as a page makes them before it is seen. */
+/** Returns unit normals at vertices, (n, 3), of a constant mesh. Unrolled for speed: they delay the first drawing. */
 export function normals(positions, faces) {
   const sums = new Float32Array(positions.length);
   for (let i = 0; i < faces.length; i += 3) {

@@ -1,6 +1,6 @@
 // The icosahedron with each triangle split in four, in the order of crates/surface/src/generate.
 
-/** Unit vectors (n, 3) and triangles (m, 3). */
+/** Returns unit vectors (n, 3) and triangles (m, 3). */
 export function icosphere(subdivisions) {
   let { vertices, faces } = icosahedron();
   for (let level = 0; level < subdivisions; level++) ({ vertices, faces } = split(vertices, faces));
@@ -38,7 +38,7 @@ function split(old, oldFaces) {
   const vertices = new Float64Array(3 * (count + oldFaces.length / 2));
   vertices.set(old);
   const faces = new Uint32Array(4 * oldFaces.length);
-  // An edge's midpoint, under the edge's lower vertex: none has more than six edges.
+  // Midpoints of edges, stored in six slots for each edge's lower vertex: no vertex has more than six edges.
   const upper = new Uint32Array(6 * count);
   const middle = new Uint32Array(6 * count);
   let next = count;

@@ -1,4 +1,4 @@
-// The page's script: reads what the page holds, and shows it.
+// The page's script: reads the page's data and shows them.
 
 import { byId, make } from './dom.js';
 import { Engine } from './engine.js';
@@ -17,7 +17,7 @@ const KINDS = {
   maps: [MapsView, mapsControls],
 };
 
-// What tests look at.
+// Read by tests.
 const report = { ready: null, view: null };
 window.spharmReport = report;
 
@@ -29,7 +29,7 @@ async function start() {
   const viewer = byId('viewer');
   viewer.hidden = false;
   const panels = [...viewer.querySelectorAll('.panel')].map((element) => new Panel(element));
-  // Where there is room for one view only.
+  // For pages with space for only one view.
   const tabs = [...viewer.querySelectorAll('.tabs button')];
   let view = null;
   const pick = (vertex, panel) => {
@@ -40,14 +40,14 @@ async function start() {
   };
   let stage;
   let engine;
-  // Compiled while the browser starts to draw.
+  // WebAssembly is compiled while the browser starts to draw.
   const starting = Engine.start();
   starting.catch(() => {});
   try {
     stage = new Stage(byId('stage'), panels.map((panel) => panel.element), pick);
     engine = await starting;
   } catch (error) {
-    // The pictures stay.
+    // The pictures remain visible.
     viewer.hidden = true;
     byId('failed').hidden = false;
     byId('failed').textContent = `The views can't be drawn here (${error.message}): pictures take their place.`;
@@ -55,7 +55,7 @@ async function start() {
   }
   document.body.classList.add('drawn');
 
-  /** After each change of what is shown. */
+  /** Updates tabs and readout after each change of the view. */
   const again = () => {
     tabs.forEach((button, k) => {
       button.textContent = view.tabs[k] ?? '';

@@ -1,4 +1,4 @@
-// Maps of a test, with a threshold on p.
+// View of the maps of a test, with a threshold on p.
 
 import { numbers } from './blocks.js';
 import { paint, short } from './colours.js';
@@ -16,7 +16,7 @@ export class MapsView {
     const first = FIRST.map((name) => item.maps.findIndex((map) => map.name === name)).filter((index) => index >= 0);
     const rest = item.maps.map((_, index) => index).filter((index) => !first.includes(index));
     view.chosen = [...first, ...rest].slice(0, 3);
-    // Family-wise p values, else any.
+    // Family-wise p values if present, otherwise any p values.
     const probable = ['p-fwe', 'q', 'p'].map((name) => item.maps.findIndex((map) => map.name === name));
     view.threshold = probable.find((index) => index >= 0) ?? null;
     view.surfaces = [0, 1, 2].map((panel) => (panel < view.chosen.length ? view.drawn.surface(true) : null));
@@ -26,7 +26,7 @@ export class MapsView {
     return view;
   }
 
-  /** Colours where p is at most the level. */
+  /** Colours the vertices whose p is at most the level. */
   paint() {
     const { item, panels, colours } = this;
     const p = this.threshold === null ? null : this.values[this.threshold];
@@ -38,7 +38,7 @@ export class MapsView {
       let values = this.values[this.chosen[k]];
       let [low, high] = map.range;
       if (map.probability) {
-        // The least p has the brightest colour.
+        // The smallest p gets the brightest colour.
         values = values.map((value) => -Math.log10(Math.max(value, 1e-300)));
         [low, high] = [0, Math.max(1, -Math.log10(Math.max(low, 1e-300)))];
       }

@@ -1,4 +1,4 @@
-// A model: surface, model to a degree, and the distance between them.
+// View of a model: the surface, the model to a degree, and the distance between them.
 
 import { BufferAttribute } from 'three';
 
@@ -54,7 +54,7 @@ export class ModelView {
     stage.frame(this.surface ? this.surface.geometry.attributes.position.array : this.engine.positions());
   }
 
-  /** Evaluates the model and colours it. */
+  /** Evaluates the model to a degree and colours it. */
   setDegree(degree) {
     this.degree = degree;
     this.engine.evaluate(degree);
@@ -94,7 +94,7 @@ export class ModelView {
     this.stage.draw([1, 2]);
   }
 
-  /** What is known of a vertex; of the surface's where its vertices are others. */
+  /** Describes a vertex of the model or, in the first panel, of the surface, whose vertices may be different ones. */
   describe(vertex, panel) {
     const other = panel === 0 && this.item.reference.kind === 'surface';
     const source = panel === 0 ? this.surface : this.model;
@@ -113,7 +113,7 @@ export class ModelView {
     return this.item.grid.vertices;
   }
 
-  /** What is saved: the model as it is shown, with its distances. */
+  /** Returns the mesh to save: the model as shown, with its distances. */
   mesh() {
     const values = this.values ? { distance: this.values } : {};
     return { name: `${this.item.name}.degree${this.degree}`, positions: this.positions.array, faces: this.faces, values,
@@ -121,7 +121,7 @@ export class ModelView {
   }
 }
 
-/** A vertex of a surface, (3). */
+/** Returns the position of a surface's vertex, (3). */
 export function point(surface, vertex) {
   const { array } = surface.geometry.attributes.position;
   return [array[3 * vertex], array[3 * vertex + 1], array[3 * vertex + 2]];

@@ -1,4 +1,4 @@
-// Modes of a group: the mean, and the shape at numbers of standard deviations along the modes.
+// View of a group's modes: the mean, and the shape at some numbers of standard deviations along the modes.
 
 import { BufferAttribute } from 'three';
 
@@ -52,7 +52,7 @@ export class ModesView {
     this.positions.needsUpdate = true;
     this.normals.needsUpdate = true;
     this.values = engine.distances(true);
-    // One range for all shapes within three deviations of the first mode, so that colours can be compared.
+    // The range only grows, so that the colours of different shapes can be compared.
     const most = this.values.reduce((most, value) => Math.max(most, Math.abs(value)), 0);
     this.largest = Math.max(this.largest ?? 0, most);
     this.range = [-(this.largest || 1), this.largest || 1];

@@ -1,4 +1,4 @@
-// What is saved: meshes as PLY and as GIfTI, the view as PNG.
+// Saving: meshes as PLY and as GIfTI, the view as PNG.
 
 import { byId, fileName, save } from './dom.js';
 
@@ -36,7 +36,7 @@ export function ply({ name, positions, faces, values, tints }) {
   save(`${fileName(name)}.ply`, 'application/octet-stream', header, vertices, triangles);
 }
 
-/** Writes a GIfTI surface: f32 and i32 in base64, as all readers take it. */
+/** Writes a GIfTI surface: f32 and i32 in base64, which all readers accept. */
 export function gifti({ name, positions, faces }) {
   const arrays = [
     array('POINTSET', 'FLOAT32', positions),
@@ -46,7 +46,7 @@ export function gifti({ name, positions, faces }) {
   save(`${fileName(name)}.surf.gii`, 'application/xml', head, ...arrays, '</GIFTI>\n');
 }
 
-/** One of its arrays, three to a row. */
+/** Returns one of its arrays, with three values per row. */
 function array(intent, type, values) {
   const attributes = {
     Intent: `NIFTI_INTENT_${intent}`,
@@ -66,14 +66,14 @@ function array(intent, type, values) {
 
 function base64(values) {
   const bytes = new Uint8Array(values.buffer, values.byteOffset, values.byteLength);
-  // Whole groups of three bytes at a time, so that the pieces join.
+  // A multiple of three bytes at a time, so that the encoded pieces can be concatenated.
   const step = 3 << 13;
   let text = '';
   for (let at = 0; at < bytes.length; at += step) text += btoa(String.fromCharCode(...bytes.subarray(at, at + step)));
   return text;
 }
 
-/** Writes the views as they are seen, with their captions and legends. */
+/** Writes the views as they appear on screen, with their captions and legends. */
 export function png(stage, panels, name) {
   stage.drawNow(2);
   const whole = stage.element.getBoundingClientRect();
@@ -104,7 +104,7 @@ export function png(stage, panels, name) {
   picture.toBlob((blob) => save(`${fileName(name)}.png`, 'image/png', blob));
 }
 
-/** Says what happened, for everyone. */
+/** Shows a message in the readout. */
 export function say(text) {
   byId('readout').textContent = text;
 }

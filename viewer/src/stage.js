@@ -28,8 +28,8 @@ void main() {
   vNormal = normalMatrix * normal;
   gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
 }`;
-// Light from above the left shoulder, and some from everywhere: more of that where colours mean something, so that they stay
-// those of the legend.
+// Light from above the left shoulder, plus ambient light. Surfaces whose colours represent values get more ambient light,
+// so that their colours match the legend.
 const FRAGMENT = `
 uniform float ambient;
 varying vec3 vTint;
@@ -40,14 +40,14 @@ void main() {
   float direct = 0.72 * max(dot(n, normalize(vec3(-0.35, 0.5, 0.8))), 0.0) + 0.32 * max(n.z, 0.0);
   gl_FragColor = vec4(vTint * (ambient + (1.0 - ambient) * min(direct, 1.0)), 1.0);
 }`;
-/** Pixels for one of the page's to each side: while something moves, and at rest, where they smooth the edges. */
+/** Canvas pixels per CSS pixel in each direction: during motion, and at rest, when the higher value smooths edges. */
 const COARSE = 1;
 const FINE = 2;
-/** Milliseconds without a change after which it is at rest. */
+/** Milliseconds without a change after which the view is at rest. */
 const REST = 160;
-/** The widest side is looked at where the left one has less than this share of its area. */
+/** The first view is of the widest side if the left side has less than this fraction of its area. */
 const WIDER = 0.6;
-/** Pixels of a view's height that captions and legends take. */
+/** Pixels of a view's height reserved for caption and legend. */
 const WORDS = 90;
 const AMBIENT = { plain: 0.34, coloured: 0.6 };
 const MARKER = `
@@ -55,7 +55,7 @@ void main() {
   gl_FragColor = vec4(0.85, 0.1, 0.25, 1.0);
 }`;
 
-/** Directions from the middle to the camera, and up: those of `spharm picture`. */
+/** Directions from the centre to the camera, and the up directions: those of `spharm picture`. */
 export const VIEWS = {
   Left: [[-1, 0, 0], [0, 0, 1]],
   Right: [[1, 0, 0], [0, 0, 1]],
@@ -65,7 +65,7 @@ export const VIEWS = {
   Bottom: [[0, 0, -1], [0, 1, 0]],
 };
 
-/** A mesh in a view: positions, normals and triangles may be shared, tints are its own. `coloured` where these have a legend. */
+/** A mesh in a view. Only its tints can't be shared with other meshes; `coloured` if the tints have a legend. */
 export class Surface {
   constructor(positions, normals, index, coloured = false) {
     this.coloured = coloured;
@@ -73,13 +73,13 @@ export class Surface {
     this.geometry.setIndex(index);
     this.geometry.setAttribute('position', positions);
     this.geometry.setAttribute('normal', normals);
-    // Four bytes a vertex, which graphics drivers take as they are.
+    // Four bytes per vertex, a format that graphics drivers accept without conversion.
     this.tints = new Uint8Array(4 * positions.count);
     plain(this.tints);
     this.geometry.setAttribute('tint', new BufferAttribute(this.tints, 4, true));
   }
 
-  /** Says that tints have changed. */
+  /** Marks the tints as changed. */
   tinted() {
     this.geometry.attributes.tint.needsUpdate = true;
   }
@@ -95,7 +95,7 @@ export class Stage {
     this.panels = panels;
     this.canvas = element.querySelector('canvas');
     this.renderer = new WebGLRenderer({ canvas: this.canvas, antialias: false, alpha: true, preserveDrawingBuffer: true });
-    // Colours are as given, without conversions.
+    // Colours are shown as given, without conversion.
     this.renderer.outputColorSpace = 'srgb-linear';
     this.renderer.setScissorTest(true);
     const lit = ([kind, value]) => {
@@ -105,17 +105,17 @@ export class Stage {
     this.materials = Object.fromEntries(Object.entries(AMBIENT).map(lit));
     this.scenes = panels.map(() => new Scene());
     this.surfaces = panels.map(() => null);
-    // The panels to be drawn at the next frame.
+    // The panels to draw in the next frame.
     this.stale = new Set();
     const material = new ShaderMaterial({ vertexShader: VERTEX, fragmentShader: MARKER, depthTest: false });
-    // After the surface, which would else lie over it.
+    // Drawn after the surface, which would otherwise cover it.
     this.markers = panels.map(() => Object.assign(new Mesh(new SphereGeometry(1, 12, 8), material), { renderOrder: 1 }));
     this.camera = new OrthographicCamera(-1, 1, 1, -1, 0, 10);
     this.centre = new Vector3();
     this.radius = 1;
     this.controls = new TrackballControls(this.camera, element);
     Object.assign(this.controls, { staticMoving: true, rotateSpeed: 2.5, zoomSpeed: 1.1, panSpeed: 0.8 });
-    // The keys that it would listen to change what dragging does.
+    // By default, keys change the effect of dragging.
     this.controls.keys = [];
     for (const name of ['pointermove', 'pointerup', 'wheel']) {
       element.addEventListener(name, () => this.draw(), { passive: true });
@@ -138,7 +138,7 @@ export class Stage {
     this.mark(null);
   }
 
-  /** Frames points, (n, 3). */
+  /** Fits the view to points, (n, 3). */
   frame(points) {
     const low = [Infinity, Infinity, Infinity];
     const high = [-Infinity, -Infinity, -Infinity];
@@ -153,7 +153,7 @@ export class Stage {
       most = Math.max(most, (points[i] - cx) ** 2 + (points[i + 1] - cy) ** 2 + (points[i + 2] - cz) ** 2);
     }
     this.radius = Math.sqrt(most) || 1;
-    // From the left, unless another side is much wider.
+    // Viewed from the left, unless another side is much wider.
     const [x, y, z] = low.map((value, k) => high[k] - value);
     const areas = { Left: y * z, Front: x * z, Top: x * y };
     const widest = Object.keys(areas).reduce((best, name) => (areas[name] > areas[best] / WIDER ? name : best));
@@ -189,7 +189,7 @@ export class Stage {
     this.renderer.setSize(width, height, false);
     const panel = this.#visible()[0]?.element.getBoundingClientRect();
     if (panel) {
-      // The whole surface from any side, between caption and legend.
+      // Fits the entire surface, seen from any side, between caption and legend.
       const half = 1.04 * this.radius;
       const scale = half / Math.min(panel.width, Math.max(panel.height - WORDS, 0.5 * panel.height));
       const [x, y] = [scale * panel.width, scale * panel.height];
@@ -200,7 +200,7 @@ export class Stage {
     this.draw();
   }
 
-  /** Draws panels at the next frame, all of them if none are named; once nothing moves, again with smooth edges. */
+  /** Draws panels, by default all of them, in the next frame, and again with smooth edges once nothing moves. */
   draw(panels = this.panels.keys()) {
     for (const panel of panels) this.stale.add(panel);
     this.frameAsked ??= requestAnimationFrame(() => {
@@ -211,7 +211,7 @@ export class Stage {
     });
   }
 
-  /** Draws what has changed, with so many pixels for one of the page's to each side. */
+  /** Draws the panels that have changed, with `detail` canvas pixels per CSS pixel in each direction. */
   drawNow(detail = COARSE) {
     const ratio = Math.max(detail, Math.min(window.devicePixelRatio, FINE));
     if (this.renderer.getPixelRatio() !== ratio || this.stale.size === 0) {
@@ -233,7 +233,7 @@ export class Stage {
     this.stale.clear();
   }
 
-  /** Waits until what was drawn is done, for measurements. */
+  /** Waits until drawing has finished, for measurements. */
   finish() {
     const gl = this.renderer.getContext();
     gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
@@ -267,7 +267,7 @@ export class Stage {
     this.draw();
   }
 
-  /** A click that isn't a drag picks the vertex nearest to it. */
+  /** Makes a click that isn't a drag pick the nearest vertex. */
   #picking(onPick) {
     let pressed = null;
     this.element.addEventListener('pointerdown', (event) => {

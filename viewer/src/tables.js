@@ -1,4 +1,4 @@
-// Tables that are sorted by a click on a column's head, numbers by size.
+// Tables that a click on a column's head sorts, numbers by value.
 
 const number = (text) => {
   const trimmed = text.trim();
