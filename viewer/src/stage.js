@@ -28,8 +28,8 @@ void main() {
   vNormal = normalMatrix * normal;
   gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
 }`;
-// Light from above the left shoulder, plus ambient light. Surfaces whose colours represent values get more ambient light,
-// so that their colours match the legend.
+// Light from above the left shoulder, plus ambient light. Surfaces whose colours represent values get more ambient
+// light, so that their colours match the legend.
 const FRAGMENT = `
 uniform float ambient;
 varying vec3 vTint;

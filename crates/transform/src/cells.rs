@@ -148,7 +148,7 @@ mod tests {
 
     #[test]
     fn positions_in_cells_are_those_of_the_angle_to_rounding() {
-        // A grid of 2^20 points, of which an angle has its own digits and those of a sixteenth of the circle.
+        // The grid has 2^20 points; the errors are those of an angle and of a sixteenth of the circle.
         let grid = 1 << 20;
         for i in 0..2_000 {
             let t = (f64::from(i) - 1000.0) / 1000.0;

@@ -39,7 +39,7 @@ pub(crate) struct Kernel {
 }
 
 impl Kernel {
-    /// Makes the kernel of `width` points for frequencies to `max_degree` on a grid of `grid` points.
+    /// Creates the kernel of `width` points for frequencies up to `max_degree` on a grid of `grid` points.
     pub(crate) fn new(width: usize, max_degree: usize, grid: usize, accuracy: f64) -> Self {
         let beta = shape_parameter(width, max_degree, grid);
         let half = width as f64 / 2.0;
@@ -153,7 +153,7 @@ fn transform(width: usize, beta: f64, xi: f64) -> f64 {
     }
 }
 
-/// The relative aliasing error of a kernel at the frequency where it is largest, L.
+/// Returns the relative aliasing error of a kernel at the frequency where it is largest, L.
 pub(crate) fn aliasing(width: usize, max_degree: usize, grid: usize) -> f64 {
     let beta = shape_parameter(width, max_degree, grid);
     let xi = max_degree as f64 / grid as f64;
@@ -164,7 +164,7 @@ pub(crate) fn aliasing(width: usize, max_degree: usize, grid: usize) -> f64 {
     aliases.sqrt() / transform(width, beta, xi)
 }
 
-/// The factor by which dividing by `p_L` magnifies the grid's rounding errors.
+/// Returns the factor by which dividing by `p_L` magnifies the grid's rounding errors.
 pub(crate) fn magnification(width: usize, max_degree: usize, grid: usize) -> f64 {
     let beta = shape_parameter(width, max_degree, grid);
     transform(width, beta, 0.0) / transform(width, beta, max_degree as f64 / grid as f64)
@@ -172,7 +172,8 @@ pub(crate) fn magnification(width: usize, max_degree: usize, grid: usize) -> f64
 
 /// `I0(beta sqrt(square)) e^-beta`; an entire function of `square`, which rounding may make slightly negative.
 fn bessel_ratio(beta: f64, square: f64) -> f64 {
-    // I0(z) = sum (z^2 / 4)^k / k!^2; all terms positive where it counts, at most some 60 of them for beta <= 45.
+    // I0(z) = sum (z^2 / 4)^k / k!^2; unless rounding makes z^2 negative, all terms are positive, at most some 60 of
+    // them for beta <= 45.
     let quarter = beta * beta * square / 4.0;
     let (mut term, mut sum) = (1.0, 1.0);
     for k in 1..200 {

@@ -83,7 +83,7 @@ impl NodalSumsBuilder {
         Ok(Self { nodes, weights, incidence: Incidence::new(gridding, max_degree, triangles, samples) })
     }
 
-    /// Adds samples. Those of one triangle must follow each other.
+    /// Adds samples. Those of one triangle should follow each other.
     ///
     /// # Errors
     ///

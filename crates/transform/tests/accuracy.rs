@@ -1,4 +1,4 @@
-//! Against the direct sums of `harmonics`, and the transforms against each other.
+//! Transforms compared with the direct sums of `harmonics`, and with each other.
 
 use ndarray::{Array2, ArrayView1};
 use spharm_harmonics::index::basis_size;
@@ -13,7 +13,7 @@ fn noise(i: usize) -> f64 {
     ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
 }
 
-/// Scattered directions, and the ones that go wrong if any do: poles, next to them, the seam, the equator.
+/// Scattered directions, and those most likely to go wrong: poles, next to them, the seam, the equator.
 fn directions(scattered: usize) -> Directions {
     let mut vertices = vec![[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [-0.0, 0.0, 1.0]];
     for sign in [1.0, -1.0] {
@@ -35,7 +35,7 @@ fn coefficients(max_degree: usize, channels: usize) -> Array2<f64> {
     Array2::from_shape_fn((basis_size(max_degree), channels), |(k, c)| noise(k * 31 + c * 1_000_003 + 17))
 }
 
-/// Written out: ndarray's own goes to the BLAS that the workspace has chosen, which this crate doesn't link.
+/// Written out: ndarray's `dot` calls the BLAS chosen by the workspace, which this crate doesn't link.
 fn dot(a: ArrayView1<'_, f64>, b: ArrayView1<'_, f64>) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
@@ -70,7 +70,7 @@ fn synthesis_is_the_direct_sum_to_the_accuracy_asked_for() {
     }
 }
 
-/// Models are evaluated several at a time, and one alone has the same bits.
+/// Models are evaluated several at a time; a single one gives the same bits.
 #[test]
 fn a_channel_has_the_same_bits_among_any_others() {
     for (max_degree, scattered) in [(1, 30), (20, 4000), (61, 900)] {
@@ -95,7 +95,8 @@ fn synthesis_is_the_direct_sum_at_high_degrees() {
     check(2000, 100, 1, &[1e-6, 1e-12, 1e-13]);
 }
 
-/// Entry by entry: what a single direction loses, at the edge of a strip of the grid, drowns in sums over many.
+/// Compares entry by entry: an error in a single direction, at the edge of a strip of the grid, is hidden in sums over
+/// many directions.
 #[test]
 fn adjoint_of_each_direction_is_its_row_of_the_basis() {
     for max_degree in [9, 12] {
@@ -203,7 +204,8 @@ fn plans_of_a_lower_degree_share_the_directions() {
     }
 }
 
-/// Whether groups are sorted together, which depends on the number of directions, or are what is left.
+/// Covers groups that are sorted together, which depends on the number of directions, and a last group with fewer
+/// channels.
 #[test]
 fn groups_of_channels_are_transformed_as_if_alone() {
     for (n, channels) in [(1000, 11), (200_000, 20)] {

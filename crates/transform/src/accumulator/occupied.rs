@@ -173,7 +173,7 @@ mod tests {
         assert_eq!(Occupied::new(5).largest_gap(), std::f64::consts::TAU);
         let everywhere = spharm_harmonics::Directions::fibonacci(60_000).unwrap();
         assert_eq!(marked(20, everywhere.as_slice()).largest_gap(), 0.0);
-        // Without a cap around a pole, around the seam, and around somewhere else.
+        // Samples outside a cap around a pole, around the seam, and elsewhere.
         for (centre, radius) in [([0.0, 0.0, 1.0], 0.4f64), ([1.0, 0.0, 0.0], 0.7), ([-0.48, 0.6, -0.64], 1.1)] {
             let outside = |v: &&[f64; 3]| (0..3).map(|i| v[i] * centre[i]).sum::<f64>() < radius.cos();
             let rest: Vec<[f64; 3]> = everywhere.as_slice().iter().filter(outside).copied().collect();

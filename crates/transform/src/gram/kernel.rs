@@ -285,7 +285,7 @@ mod tests {
         }
     }
 
-    /// The AVX2 kernel where the processor has it, even if it has a wider one too.
+    /// The AVX2 kernel if the processor has AVX2, even if it also has wider vectors.
     #[multiversion(targets("x86_64+avx2+fma"))]
     fn narrow(factors: Factors<'_, 3, 1>) -> Tile<3, 1> {
         match_target! {

@@ -41,7 +41,7 @@ fn direct(max_degree: usize, directions: &[[f64; 3]], weights: &[f64]) -> Vec<f6
     let (n, size) = (directions.len(), basis_size(max_degree));
     let basis = basis(max_degree, directions);
     let weighted: Vec<f64> = basis.chunks_exact(n).flat_map(|a| a.iter().zip(weights).map(|(a, w)| a * w)).collect();
-    // Symmetric, so its being row-major doesn't matter.
+    // The matrix is symmetric, so it doesn't matter that this is row-major.
     let mut gram = vec![0.0; size * size];
     accumulate_adjoint(Matrix::new(&basis, n, size, n), Matrix::new(&weighted, n, size, n), &mut gram);
     gram
@@ -212,8 +212,8 @@ fn what_are_no_moments_is_refused() {
     assert!(matches!(high, Err(TransformError::Harmonics(_))));
 }
 
-/// The tile `rows` x `columns` of a matrix of which `from` x `from` is known has the same bits, and stays in its
-/// bounds.
+/// Asserts that the tile `rows` x `columns` has the same bits as the known part `from` x `from` of the matrix, and that
+/// nothing is written outside the tile.
 fn assert_cut(gram: &MomentGram, known: &[f64], from: &Range<usize>, [rows, columns]: [Range<usize>; 2], gap: usize) {
     let leading = rows.len() + gap;
     let mut tile = vec![7.0; leading * columns.len()];
@@ -227,13 +227,13 @@ fn assert_cut(gram: &MomentGram, known: &[f64], from: &Range<usize>, [rows, colu
     }
 }
 
-/// Four numbers as two ranges of `from`.
+/// Converts four numbers to two ranges within `from`.
 fn ranges(from: &Range<usize>, cut: &[usize]) -> [Range<usize>; 2] {
     let place = |i: usize| from.start + cut[i] % (from.len() + 1);
     [[0, 1], [2, 3]].map(|[a, b]| place(a).min(place(b))..place(a).max(place(b)))
 }
 
-/// The orders of so high a degree don't fit one panel.
+/// At this degree the orders don't fit one panel.
 #[test]
 fn tiles_of_several_panels_are_cut_from_a_larger_one() {
     let gram = some_gram(150);

@@ -1,4 +1,4 @@
-//! The operator against `A^T diag(w) A` from the basis itself, and against the transforms.
+//! The operator compared with `A^T diag(w) A` from the basis itself, and with the transforms.
 
 use ndarray::{Array2, ArrayView1};
 use proptest::prelude::*;
@@ -81,7 +81,8 @@ fn one_direction_anywhere() {
             let x = numbers(3, basis_size(degree), 1);
             let operator = MomentOperator::new(degree, &moments(&directions, &[-2.5], degree)).unwrap();
             let expected = direct(&basis(&directions, degree), &[-2.5], &x);
-            // Of the operator's norm: x may be nearly orthogonal to its one eigenvector.
+            // Relative to the operator's norm: x may be nearly orthogonal to its only eigenvector with a nonzero
+            // eigenvalue.
             let scale = 2.5 * basis_size(degree) as f64 / (4.0 * std::f64::consts::PI) * norm(&x);
             let off = norm(&(operator.apply(x.view()).unwrap() - expected)) / scale;
             assert!(off < 1e-14, "degree {degree}, {direction:?}: {off:e}");
@@ -89,7 +90,7 @@ fn one_direction_anywhere() {
     }
 }
 
-/// Rings next to the poles have fewer points from some degree on, and there are several runs of rings.
+/// At these degrees rings next to the poles have fewer points, and there are several runs of rings.
 #[test]
 fn high_degrees_agree_with_transforms() {
     for (degree, n) in [(100, 30_000), (257, 50_000)] {
@@ -107,7 +108,7 @@ fn high_degrees_agree_with_transforms() {
     }
 }
 
-/// All directions but few turned to a pole: there the trimmed orders count most.
+/// All directions are near a pole, where an error in the trimmed orders has the largest effect.
 #[test]
 fn caps_around_the_poles_agree_with_transforms() {
     let (degree, n) = (150, 20_000);
@@ -237,7 +238,8 @@ fn wrong_shapes_are_refused() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
-    /// Symmetric; and positive semidefinite for weights that aren't negative, to rounding of the sum of the weights.
+    /// The operator is symmetric, and positive semidefinite for nonnegative weights, to rounding of the sum of the
+    /// weights.
     #[test]
     fn symmetric_and_positive_semidefinite(degree in 0usize..20, n in 1usize..60, seed in 0usize..1_000_000) {
         let weights: Vec<f64> = (0..n).map(|i| noise(seed + i).abs()).collect();
@@ -250,7 +252,8 @@ proptest! {
         prop_assert!(of(&x, &nx) >= -1e-15 * scale);
     }
 
-    /// A turn about the axis commutes with the operator of turned directions.
+    /// Rotating about the axis and then applying the operator of rotated directions equals applying the operator and
+    /// then rotating.
     #[test]
     fn turned_directions_turn_the_operator(degree in 0usize..16, angle in -3.0f64..3.0, seed in 0usize..1_000_000) {
         let directions = scattered(seed, 50);
@@ -271,7 +274,8 @@ proptest! {
     }
 }
 
-/// Degree 11 has twelve pairs of rings in two runs of eight lanes, which lie elsewhere for other numbers of columns.
+/// Degree 11 has twelve pairs of rings in two runs of eight lanes. The places of unused lanes depend on the number of
+/// columns.
 #[test]
 fn what_is_no_number_stays_in_its_call() {
     let moments: Vec<f64> = (0..529).map(|k| if k == 0 { 10.0 } else { (k as f64).sin() }).collect();

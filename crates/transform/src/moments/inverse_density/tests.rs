@@ -1,4 +1,4 @@
-//! The inverse beside the operator: on densities whose inverse is known, and on samplings of any kind.
+//! Tests of the inverse with the operator: on densities whose inverse is known, and on samplings of any kind.
 
 use ndarray::{Array2, s};
 use spharm_harmonics::{Directions, basis_size};
@@ -13,7 +13,7 @@ fn moments(directions: &Directions, max_degree: usize) -> Vec<f64> {
     SampleSums::new(directions, None, none.view(), max_degree, FINEST).unwrap().moments
 }
 
-/// Of a density `1 + slope z`.
+/// Returns the moments of a density `1 + slope z`.
 fn sloping(max_degree: usize, slope: f64) -> Vec<f64> {
     let mut moments = vec![0.0; basis_size(2 * max_degree)];
     moments[0] = (4.0 * std::f64::consts::PI).sqrt();
@@ -21,7 +21,7 @@ fn sloping(max_degree: usize, slope: f64) -> Vec<f64> {
     moments
 }
 
-/// Random directions of which those for which `kept` is false are left out.
+/// Returns random directions, without those for which `kept` is false.
 fn kept(n: usize, kept: impl Fn(usize, [f64; 3]) -> bool) -> Directions {
     let all = scattered(5, n);
     let some = all.as_slice().iter().enumerate().filter(|&(i, &v)| kept(i, v)).map(|(_, &v)| v);
@@ -112,7 +112,7 @@ fn even_samplings_and_those_with_large_gaps_have_none() {
     assert!(InverseDensity::new(0, &[1.0]).unwrap().is_none());
 }
 
-/// A gap is large by the wavelengths that have room in it.
+/// Whether a gap is large depends on the number of wavelengths that fit into it.
 #[test]
 fn the_same_gap_is_small_for_low_degrees_and_large_for_high_ones() {
     let directions = kept(60_000, |i, [x, _, z]| z < 0.96 && (x > 0.0 || i % 3 == 0));
