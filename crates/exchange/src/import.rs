@@ -99,7 +99,7 @@ fn load(path: &Path) -> io::Result<Vec<u8>> {
     // A sparse file can be far larger than its size on disk; the numbers of a text need about as many bytes as the
     // text.
     check_room(file.metadata()?.len().saturating_mul(2))
-        .map_err(|room| io::Error::other(format!("what it holds takes {room}")))?;
+        .map_err(|room| io::Error::other(format!("its contents need {room}")))?;
     let mut bytes = Vec::new();
     file.read_to_end(&mut bytes)?;
     Ok(bytes)

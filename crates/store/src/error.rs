@@ -68,7 +68,7 @@ pub enum StoreError {
         what: &'static str,
     },
     /// A factor other than the requested one.
-    #[error("{}: a factor of another {what}: expected {expected}, found {found}", .path.display())]
+    #[error("{}: the factor has a different {what}: expected {expected}, found {found}", .path.display())]
     FactorDiffers {
         /// The file.
         path: PathBuf,
@@ -93,7 +93,7 @@ pub enum StoreError {
     },
     /// A factor that exceeds the limits of the format.
     #[error(
-        "a factor of {size} columns in tiles of {tile}: tiles must be a multiple of 8 from 8 to {MAX_TILE}, and at most {MAX_TILES}; choose a lower degree"
+        "a factor of {size} columns in tiles of {tile}: expected tiles of a multiple of 8 from 8 to {MAX_TILE}, and at most {MAX_TILES} of them; choose a lower degree"
     )]
     FactorLayout {
         /// Number of columns, K.
@@ -112,7 +112,7 @@ pub enum StoreError {
         found: u32,
     },
     /// A file that shrank, changed or failed to be read while it was in use.
-    #[error("{}: truncated, changed or unreadable while it was being read; verify the store, and build again what is damaged", .path.display())]
+    #[error("{}: truncated, changed or unreadable while it was being read; verify the store and build the damaged files again", .path.display())]
     ChangedWhileRead {
         /// The file.
         path: PathBuf,
@@ -128,7 +128,7 @@ pub enum StoreError {
         available: Vec<SchemeKey>,
     },
     /// A folder without any scheme.
-    #[error("{}: no schemes here", .store.display())]
+    #[error("{}: this folder holds no schemes", .store.display())]
     NoSchemes {
         /// The folder.
         store: PathBuf,
@@ -190,7 +190,7 @@ pub enum StoreError {
         needed: usize,
     },
     /// The work was interrupted; finished files are kept.
-    #[error("interrupted; what is finished is kept")]
+    #[error("interrupted; finished files are kept")]
     Interrupted(#[from] Interrupted),
     /// A request that the harmonics don't support.
     #[error(transparent)]
@@ -203,7 +203,7 @@ pub enum StoreError {
     },
     /// Chunks that are too many or too large for the format.
     #[error(
-        "degree {degree} of {rows} directions in chunks of {chunk_rows} rows: a file may have {MAX_CHUNKS} chunks of {MAX_CHUNK_LEN} bytes; choose other rows a chunk"
+        "degree {degree} of {rows} directions in chunks of {chunk_rows} rows: a file holds at most {MAX_CHUNKS} chunks of {MAX_CHUNK_LEN} bytes; choose another number of rows a chunk"
     )]
     Layout {
         /// Number of directions.

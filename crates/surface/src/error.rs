@@ -45,7 +45,7 @@ pub enum SurfaceError {
 
     /// A surface whose vertex order must be kept, and a format that doesn't keep it.
     #[error(
-        "{}: {format} doesn't keep the order of the vertices, by which a surface and its sphere correspond: \
+        "{}: {format} doesn't keep the order of the vertices, which matches a surface to its sphere: \
          write .surf.gii, .ply or .obj",
         path.display()
     )]
@@ -95,7 +95,7 @@ pub enum SurfaceError {
     },
 
     /// The file's contents need more memory than is free.
-    #[error("{}: what it holds takes {room}; give the program more, or make the file smaller", path.display())]
+    #[error("{}: its contents need {room}; make more memory available, or make the file smaller", path.display())]
     NoRoom {
         /// The file.
         path: PathBuf,
@@ -159,7 +159,7 @@ pub enum SurfaceError {
 
     /// A triangle's index is out of range.
     #[error(
-        "{}: triangle {face} names vertex {index} (both counted from 0), expected an index below {vertices}: \
+        "{}: triangle {face} refers to vertex {index} (both counted from 0), expected an index below {vertices}: \
          the file is damaged or its parts belong to different surfaces",
         path.display()
     )]
@@ -196,8 +196,7 @@ pub enum SurfaceError {
 
     /// The output cannot hold this number.
     #[error(
-        "{}: {value} at vertex {vertex} does not fit a 32-bit float, which is what this format holds: \
-         {remedy}",
+        "{}: {value} at vertex {vertex} does not fit the 32-bit floats of this format: {remedy}",
         path.display()
     )]
     NotRepresentable {
@@ -239,7 +238,7 @@ pub enum SurfaceError {
     /// A bounding box without volume, which defines no scale.
     #[error(
         "the surface's bounding box is {x} x {y} x {z}: expected three finite lengths above 0, \
-         else no scale makes its volume 1; give a surface that isn't flat"
+         so that it can be scaled to volume 1; give a surface that isn't flat"
     )]
     FlatBox {
         /// Extent along x.
@@ -252,8 +251,8 @@ pub enum SurfaceError {
 
     /// A sphere's triangles don't cover all directions.
     #[error(
-        "{missed} of {directions} directions (first: {first}, counted from 0) meet none of the sphere's triangles, \
-         {flipped} of which are flipped: give a closed sphere around the origin whose triangles don't overlap"
+        "{missed} of {directions} directions (first: {first}, counted from 0) meet no triangle of the sphere \
+         ({flipped} of its triangles are flipped): give a closed sphere around the origin whose triangles don't overlap"
     )]
     NotCovered {
         /// Number of directions that meet no triangle.
@@ -300,7 +299,7 @@ pub enum SurfaceError {
 
     /// A closed mesh that doesn't enclose the origin.
     #[error(
-        "{}: the origin lies outside of this sphere; centre it at the origin, or is it the surface, not its sphere?",
+        "{}: the origin lies outside this sphere; centre it at the origin, or is this the surface itself?",
         path.display()
     )]
     OriginOutside {
@@ -309,7 +308,7 @@ pub enum SurfaceError {
     },
 
     /// A closed mesh that goes around the origin more than once.
-    #[error("{}: this mesh goes {turns} times around the origin, not once; it is no sphere", path.display())]
+    #[error("{}: not a sphere: the mesh winds around the origin {turns} times, expected once", path.display())]
     SeveralTurns {
         /// The sphere's file.
         path: PathBuf,
@@ -331,7 +330,7 @@ pub enum SurfaceError {
     },
 
     /// A mask that excludes every vertex.
-    #[error("{}: no vertex is left to read: the mask leaves out all of them", path.display())]
+    #[error("{}: no vertex is left to read: the mask excludes all of them", path.display())]
     NothingKept {
         /// The mask's file.
         path: PathBuf,
@@ -339,7 +338,7 @@ pub enum SurfaceError {
 
     /// A surface whose triangles differ from the sphere's.
     #[error(
-        "{}: its triangles are not those of {} ({differ} differ); the vertices must correspond",
+        "{}: its triangles differ from those of {} ({differ} of them); the vertices must correspond",
         path.display(), named(sphere.as_ref())
     )]
     OtherTriangles {
@@ -352,7 +351,7 @@ pub enum SurfaceError {
     },
 
     /// A sphere's seam is inconsistent with the sphere.
-    #[error("{}: its record of the seams, where the surface was cut, doesn't fit it: {found}; map the surface again", path.display())]
+    #[error("{}: its record of the seams doesn't match the sphere: {found}; map the surface again", path.display())]
     Seam {
         /// The sphere's file.
         path: PathBuf,
