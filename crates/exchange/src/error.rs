@@ -57,7 +57,7 @@ pub enum ExchangeError {
     },
     /// A format that can only be written.
     #[error(
-        "{}: files for {package} are written, not read: they hold one radius in each direction, without place and pose",
+        "{}: files for {package} are written, not read: they hold one radius per direction, without position and pose",
         .path.display()
     )]
     WrittenOnly {
@@ -79,7 +79,7 @@ pub enum ExchangeError {
         expected: usize,
     },
     /// Files of one model whose formats differ.
-    #[error("{}: {found}, {} is {expected}; the channels of a model are files of one format", .path.display(), .first.display())]
+    #[error("{}: {found}, {} is {expected}; all channels of a model must be in one format", .path.display(), .first.display())]
     Formats {
         /// The file.
         path: PathBuf,

@@ -53,7 +53,7 @@ pub enum ModelError {
     #[error("the model has no sphere of its own; give one to evaluate it on")]
     NoSphere,
     /// A degree above the model's.
-    #[error("the model goes to degree {max_degree}, found {degree}")]
+    #[error("the model goes to degree {max_degree}, {degree} is above it")]
     DegreeTooHigh {
         /// The requested degree.
         degree: usize,
@@ -61,7 +61,7 @@ pub enum ModelError {
         max_degree: usize,
     },
     /// A surface was requested from the model of a signal.
-    #[error("the model is of a signal of {channels} channels, not of a surface")]
+    #[error("expected a model of a surface, found one of a signal with {channels} channels")]
     NotASurface {
         /// Number of channels of the model.
         channels: usize,
@@ -70,7 +70,7 @@ pub enum ModelError {
     #[error("this sampling has no triangles; give a sphere that is a mesh")]
     NoTriangles,
     /// The record of the surface's cuts doesn't match the sphere.
-    #[error("the model's record of where its surface was cut doesn't fit its sphere: {0}; fit the surface again")]
+    #[error("the model's record of the seams doesn't match its sphere: {0}; fit the surface again")]
     Seam(String),
     /// The harmonics can't be evaluated.
     #[error(transparent)]

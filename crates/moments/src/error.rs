@@ -35,7 +35,7 @@ pub enum MomentsError {
         found: String,
     },
     /// A file whose name has no supported ending.
-    #[error("{}: expected a file whose name ends in {}, found another ending", .path.display(), .expected.join(", "))]
+    #[error("{}: expected a file whose name ends in {}", .path.display(), .expected.join(", "))]
     UnknownFormat {
         /// The file.
         path: PathBuf,
@@ -100,7 +100,7 @@ pub enum MomentsError {
     },
     /// Values, or weights, whose sum of squares leaves the range of f64.
     #[error(
-        "column {channel}: expected values whose weighted squares sum to 1e-307 to 1e308, found others; scale the values, or the weights"
+        "column {channel}: expected values whose weighted squares sum to 1e-307 to 1e308; scale the values or the weights"
     )]
     Range {
         /// The column.
@@ -113,7 +113,7 @@ pub enum MomentsError {
         path: PathBuf,
     },
     /// A table over a sampling scheme whose number of rows isn't the number of vertices.
-    #[error("{}: expected {expected} rows, one for each vertex of the sphere, found {found}; give the sphere that the values are of", .path.display())]
+    #[error("{}: expected {expected} rows, one for each vertex of the sphere, found {found}; give the sphere that the values belong to", .path.display())]
     Rows {
         /// The file.
         path: PathBuf,
@@ -126,7 +126,7 @@ pub enum MomentsError {
     #[error(transparent)]
     Signal(SurfaceError),
     /// A file that grew or shrank while it was read.
-    #[error("{}: {was} bytes when it was opened, {now} when it had been read; wait until nobody writes to it", .path.display())]
+    #[error("{}: the file changed while it was being read ({was} to {now} bytes); wait until nothing writes to it", .path.display())]
     Changed {
         /// The file.
         path: PathBuf,
@@ -136,7 +136,7 @@ pub enum MomentsError {
         now: u64,
     },
     /// A shard whose index isn't below the number of shards.
-    #[error("shard {index} of {of}: expected 0 to {} of at most {}", .of.saturating_sub(1), crate::moments::MOST_SHARDS)]
+    #[error("shard {index} of {of}: expected an index from 0 to {}, and at most {} shards", .of.saturating_sub(1), crate::moments::MOST_SHARDS)]
     Shard {
         /// The shard, counted from 0.
         index: u32,
@@ -147,7 +147,7 @@ pub enum MomentsError {
     #[error("standard input can't be read in shards; write it to a file, or give each shard its own part")]
     ShardOfStream,
     /// A memory budget that is too small.
-    #[error("moments to degree {max_degree} take {} MiB, the budget is {} MiB; choose a lower degree or allow for more", .needed.div_ceil(1 << 20), .budget >> 20)]
+    #[error("moments to degree {max_degree} take {} MiB, the budget is {} MiB; choose a lower degree or raise the budget", .needed.div_ceil(1 << 20), .budget >> 20)]
     Memory {
         /// The degree.
         max_degree: usize,
@@ -179,7 +179,9 @@ pub enum MomentsError {
         found: u32,
     },
     /// Parts that can't be added.
-    #[error("{second} and {first}: {what} differ: {found}, not {expected}; only parts of one kind add up")]
+    #[error(
+        "{second} and {first}: {what} differ: {found}, not {expected}; only parts of the same degree and channels can be added"
+    )]
     Differ {
         /// The property that differs.
         what: &'static str,
@@ -209,7 +211,7 @@ pub enum MomentsError {
         missing: Vec<String>,
     },
     /// A table in Parquet, Arrow or LAS format, in a program built without support for them.
-    #[error("{}: this build doesn't read Parquet, Arrow and LAS; the program that cargo installs does, and all read .npy and .csv", .path.display())]
+    #[error("{}: this build doesn't read Parquet, Arrow and LAS; the program installed by cargo does, and every build reads .npy and .csv", .path.display())]
     LeftOut {
         /// The file.
         path: PathBuf,

@@ -75,7 +75,10 @@ fn what_does_not_belong_together_is_refused() {
     other.max_degree = 19;
     let other = accumulate(&other, &Silent).unwrap().moments;
     let error = merge(vec![first.clone(), other], false).unwrap_err();
-    assert_eq!(error.to_string(), "part 2 and part 1: degrees differ: 19, not 20; only parts of one kind add up");
+    assert_eq!(
+        error.to_string(),
+        "part 2 and part 1: degrees differ: 19, not 20; only parts of the same degree and channels can be added"
+    );
     let mut other = request(&path, Shard { index: 1, of: 2 });
     other.columns.values.pop();
     let other = accumulate(&other, &Silent).unwrap().moments;

@@ -42,7 +42,7 @@ pub enum ParametrizeError {
 
     /// A vertex can't be inserted: the cells around it on the sphere are smaller than f64 resolves.
     #[error(
-        "vertex {vertex} (counted from 0) finds no place on the sphere: the triangles around it shrink below what \
+        "vertex {vertex} (counted from 0) can't be placed on the sphere: the triangles around it are smaller than \
          64-bit numbers resolve; repair the thin triangles there, or remesh the surface"
     )]
     NoPlace {
@@ -87,7 +87,7 @@ pub enum ParametrizeError {
     },
 
     /// A file in a volume format that holds a map: values on the vertices of a surface.
-    #[error("{}: values on {vertices} vertices, no volume of labels", path.display())]
+    #[error("{}: expected a volume of labels, found values on {vertices} vertices", path.display())]
     VertexMap {
         /// The file.
         path: PathBuf,
@@ -97,7 +97,7 @@ pub enum ParametrizeError {
 
     /// The volume doesn't have the label, or has several and none was chosen.
     #[error(
-        "{}: {}; the labels there are: {there}; choose one of them",
+        "{}: {}; the volume's labels: {there}; choose one of them",
         path.display(),
         label.map_or_else(|| "expected one label".to_owned(), |label| format!("no voxel has label {label}"))
     )]
@@ -112,7 +112,7 @@ pub enum ParametrizeError {
 
     /// A label whose surface isn't closed and of genus zero.
     #[error(
-        "{}: label {label} is not one ball of voxels: {problems}; {}",
+        "{}: label {label} is not a single ball of voxels: {problems}; {}",
         path.display(),
         if *repairable { "repair it, or edit the label" } else { "edit the label" }
     )]

@@ -23,7 +23,7 @@ pub enum RegisterError {
         vertices: usize,
     },
     /// A list of numbers per vertex whose length isn't the number of vertices.
-    #[error("expected {expected} values, one a vertex of the template, found {found}")]
+    #[error("expected {expected} values, one per vertex of the template, found {found}")]
     Values {
         /// Number of vertices.
         expected: usize,
@@ -32,7 +32,7 @@ pub enum RegisterError {
     },
     /// A landmark that isn't finite, or is at a vertex outside of the template's range.
     #[error(
-        "landmark {index} of a registration: expected finite coordinates and a place of a template of {vertices} vertices"
+        "landmark {index} of a registration: expected finite coordinates and a place on the template, which has {vertices} vertices"
     )]
     Guide {
         /// The landmark, counted from 0.
@@ -41,7 +41,7 @@ pub enum RegisterError {
         vertices: usize,
     },
     /// All of the template is masked.
-    #[error("every triangle of the template is masked: expected some that have a counterpart on subjects")]
+    #[error("every triangle of the template is masked: leave unmasked those with a counterpart on the subjects")]
     AllMasked,
     /// Equations without a finite solution.
     #[error("the registration's equations have no finite solution: coordinates may be too large or too small")]

@@ -25,7 +25,7 @@ pub enum ReportError {
         found: usize,
     },
     /// A table with rows of different lengths.
-    #[error("{name}: row {row} has {found} cells, expected {expected}, as many as the header")]
+    #[error("{name}: row {row} has {found} cells, expected {expected}, as in the header")]
     Cells {
         /// Name of the table.
         name: String,

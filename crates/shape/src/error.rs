@@ -67,10 +67,10 @@ pub enum ShapeError {
         found: String,
     },
     /// Welch's test of anything other than the difference of two groups.
-    #[error("Welch's test is of the difference of two groups without covariates: use pooled variances")]
+    #[error("Welch's test is only for the difference of two groups without covariates: use pooled variances")]
     NotTwoGroups,
     /// A number of columns that isn't a multiple of the components per vertex.
-    #[error("{columns} columns are no whole number of vertices of {components} components")]
+    #[error("{columns} columns: expected a multiple of {components}, the components of a vertex")]
     Components {
         /// Number of columns.
         columns: usize,
@@ -86,7 +86,7 @@ pub enum ShapeError {
         found: f64,
     },
     /// Models of different degrees where equal ones are required.
-    #[error("model {}: expected {expected} coefficients a coordinate, as the first one has, found {found}", .index + 1)]
+    #[error("model {}: expected {expected} coefficients per coordinate, as in the first model, found {found}", .index + 1)]
     Degrees {
         /// Index of the model.
         index: usize,
@@ -96,7 +96,7 @@ pub enum ShapeError {
         found: usize,
     },
     /// A mode that doesn't exist.
-    #[error("mode {found}: there are {modes} modes")]
+    #[error("mode {found} doesn't exist: there are {modes} modes")]
     Mode {
         /// Number of the mode, from 1.
         found: usize,
@@ -127,7 +127,7 @@ pub enum ShapeError {
     },
     /// A degenerate model: a point, or a curve on a line.
     #[error(
-        "the model is {found}, not a surface: the degrees from 1 on have a coordinate rank of {rank}, at least 2 is needed"
+        "the model is {found}, not a surface: its coefficients of degrees 1 and above have rank {rank}, expected at least 2"
     )]
     NoExtent {
         /// `a point` or `a line`.
@@ -165,15 +165,17 @@ pub enum ShapeError {
     },
     /// Coefficients whose products overflow or underflow.
     #[error(
-        "coefficients of up to {largest:.1e}: areas, volumes and variances of them leave the range of numbers; scale the \
-         surface to another unit"
+        "coefficients of up to {largest:.1e}: their areas, volumes and variances overflow or underflow; scale the surface to \
+         another unit"
     )]
     Range {
         /// The largest absolute value, without row 0 if that is only a position.
         largest: f64,
     },
     /// A column of a study that has the same value in all rows: its effect can't be estimated.
-    #[error("column {column:?}: the value is {value} in all rows, so that it tells nothing: leave the column out")]
+    #[error(
+        "column {column:?}: the value is {value} in all rows, so its effect can't be estimated: leave the column out"
+    )]
     Constant {
         /// The column's name.
         column: String,
@@ -205,7 +207,7 @@ pub enum ShapeError {
         least: usize,
     },
     /// The journal of a group's alignment can't be read or written.
-    #[error("{}: cannot keep the state of the alignment: {cause}", path.display())]
+    #[error("{}: cannot read or write the state of the alignment: {cause}", path.display())]
     Journal {
         /// The file.
         path: PathBuf,
@@ -216,7 +218,7 @@ pub enum ShapeError {
     #[error(
         "{}: expected the state of an alignment of these models with these settings, found {}",
         path.display(),
-        if *is_one { "that of another one: name another file, or remove this one" } else { "something else: name another file" }
+        if *is_one { "that of another alignment: name another file, or remove this one" } else { "something else: name another file" }
     )]
     OtherJournal {
         /// The file.
@@ -225,7 +227,7 @@ pub enum ShapeError {
         is_one: bool,
     },
     /// The journal is in use by a run that hasn't ended.
-    #[error("{}: another process aligns this group: wait for it, or name another file", path.display())]
+    #[error("{}: another process is aligning this group: wait for it, or name another file", path.display())]
     JournalInUse {
         /// The file.
         path: PathBuf,

@@ -25,11 +25,11 @@ pub enum CodecError {
     Shape(#[from] ShapeError),
     /// A surface that lies in a plane.
     #[error(
-        "the surface lies in a plane: expected one whose bounding box has a volume, by which distances are measured"
+        "the surface lies in a plane: distances are relative to the volume of its bounding box, which must be above 0"
     )]
     Flat,
     /// A model that exceeds a limit of the format.
-    #[error("{what}: at most {most}, found {found}")]
+    #[error("{what}: expected at most {most}, found {found}")]
     TooLarge {
         /// The quantity that exceeds its limit.
         what: &'static str,
@@ -39,7 +39,7 @@ pub enum CodecError {
         found: usize,
     },
     /// A step so small that a coefficient exceeds the format's largest number of steps.
-    #[error("the step {step:e} is too fine: a coefficient of {value:e} has more than {most:e} of them")]
+    #[error("the step {step:e} is too fine: a coefficient of {value:e} spans more than {most:e} steps")]
     TooFine {
         /// The step, in the model's unit.
         step: f64,
@@ -49,7 +49,7 @@ pub enum CodecError {
         most: f64,
     },
     /// A size below that of the coarsest file.
-    #[error("{wanted} bytes are too few: the coarsest file has {least}, {of_which} of them its head")]
+    #[error("{wanted} bytes are too few: the smallest file has {least}, of which the head takes {of_which}")]
     TooFewBytes {
         /// Number of bytes requested.
         wanted: usize,
@@ -67,7 +67,9 @@ pub enum CodecError {
         found: String,
     },
     /// An unsupported version of the format.
-    #[error("version {found} of the format; version {expected} is read: expand it with the program that made it")]
+    #[error(
+        "format version {found}, this program reads version {expected}: expand the file with the program that made it"
+    )]
     Version {
         /// The supported version.
         expected: u8,
@@ -107,8 +109,8 @@ pub enum CodecError {
 
 fn beginning(level: &Option<usize>) -> String {
     match level {
-        Some(degree) => format!("what is there holds a model of degree {degree}, which has to be asked for"),
-        None => "what is there holds no model".to_owned(),
+        Some(degree) => format!("the bytes present hold a model of degree {degree}, which is read only on request"),
+        None => "the bytes present hold no model".to_owned(),
     }
 }
 
