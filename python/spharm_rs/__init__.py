@@ -11,7 +11,8 @@ A closed surface is x, y and z as functions on the sphere, each a sum of spheric
 `fit` takes whatever holds a mesh: a path, arrays, or an object of trimesh, pyvista, meshio, nibabel or nilearn.
 
 Conventions: degrees are inclusive; theta is the colatitude and phi the azimuth, in radians; coefficients are those of the real
-orthonormal harmonics without the Condon-Shortley phase, row ``l**2 + l + m``. `spharm_rs.convert` has those of other packages.
+orthonormal harmonics without the Condon-Shortley phase, row ``l**2 + l + m``. `spharm_rs.convert` converts them from and to the
+conventions of other packages.
 """
 
 from . import _load, convert, errors  # noqa: F401  (first, for the kernels)

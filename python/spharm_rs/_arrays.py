@@ -1,4 +1,4 @@
-"""What users have, as arrays of the types that the extension module takes. Nothing is written to."""
+"""Converts users' values to arrays of the types that the extension module takes. Arguments are never modified."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Triangles = NDArray[np.uint32]
 
 
 def real(what: str, values: ArrayLike, shape: str) -> Floats:
-    """Returns real numbers as aligned float64, a view if they are that already."""
+    """Returns real numbers as aligned float64, without a copy if they are already."""
     try:
         array = np.asarray(values)
     except ValueError as error:
@@ -77,7 +77,7 @@ def whole(what: str, value: Any, least: int = 0) -> int:
 
 
 def threads(value: Any) -> int | None:
-    """Returns a number of threads, 1 to 64; none for the default."""
+    """Returns a number of threads, 1 to 64, or None for the default."""
     if value is None:
         return None
     count = whole("threads", value, 1)
@@ -86,12 +86,12 @@ def threads(value: Any) -> int | None:
     return count
 
 
-#: As of the program's options.
+#: The units that the program's options take.
 _UNITS = {"KiB": 1 << 10, "MiB": 1 << 20, "GiB": 1 << 30, "KB": 10**3, "MB": 10**6, "GB": 10**9, "B": 1}
 
 
 def size(memory: int | str | None) -> int | None:
-    """Returns bytes, also of a text such as ``"512MiB"``."""
+    """Returns a size in bytes, given as a number or as text such as ``"512MiB"``."""
     if memory is None:
         return None
     if not isinstance(memory, str):

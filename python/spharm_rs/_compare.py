@@ -16,7 +16,7 @@ from ._surface import as_surface
 
 @dataclass(frozen=True, eq=False)
 class Distances:
-    """How far a surface is from another.
+    """Distances of a surface from another.
 
     Attributes
     ----------
@@ -28,10 +28,10 @@ class Distances:
     scale : float
         Cube root of the volume of the first surface's bounding box.
     per_vertex : ndarray of float, (n,)
-        Distance of each vertex of the second surface, from the corresponding one, or from the first surface where
-        ``surface`` was asked for.
+        Distance of each vertex of the second surface from the corresponding one, or, with ``surface_distance``, from the
+        first surface.
     surface : dict or None
-        Distances everywhere: ``mean``, ``rms``, ``percentile95``, ``hausdorff``, in the surfaces' unit.
+        Distances over the entire surfaces: ``mean``, ``rms``, ``percentile95``, ``hausdorff``, in the surfaces' unit.
     """
 
     msd: float
@@ -58,13 +58,13 @@ def compare(
     Parameters
     ----------
     surface, other : Surface or what `as_surface` takes
-        With the same triangles, unless ``surface_distance`` is asked for.
+        With the same triangles, unless ``surface_distance`` is True.
     surface_distance : bool
-        Measure the distance of the surfaces everywhere as well, which is defined for any triangles.
+        Also measure the distance over the entire surfaces, which is defined for any triangles.
     samples : int
-        About so many points on each surface for that.
+        Approximate number of points on each surface for ``surface_distance``.
     memory : int or str, optional
-        Bytes that may be used for that, or ``"512MiB"``; by default what is free.
+        Bytes that ``surface_distance`` may use, or ``"512MiB"``; by default the free memory.
     threads : int, optional
     progress : bool or callable, optional
 
@@ -75,7 +75,7 @@ def compare(
     Raises
     ------
     MemoryBudgetError
-        Where the budget is too small; it has ``budget`` and ``needed``.
+        If the budget is too small; it has ``budget`` and ``needed``.
 
     Examples
     --------

@@ -45,7 +45,7 @@ def _settings(
     memory: int | str | None = None,
     threads: int | None = None,
 ) -> dict[str, Any]:
-    """Checks the keyword arguments of `fit` for their types; the library checks their values."""
+    """Checks the types of `fit`'s keyword arguments; the library checks their values."""
     if isinstance(smoothness, bool) or not (smoothness is None or isinstance(smoothness, (str, int, float, np.number))):
         raise ValueError(f"smoothness: expected a number from 0, or 'auto', found {smoothness!r}")
     return {
@@ -126,7 +126,8 @@ def fit(
     objective : {"surface", "vertices"}, optional
         What is fitted: all triangles of the surface, each part weighted by its share of the sphere, or its vertices alone, as
         in the paper. By default the surface if there is one over triangles; the vertices of signals and over a store.
-        ``hold_out``, ``stderr`` and ``smoothness="auto"`` are of the vertices: a surface needs ``objective="vertices"`` for them.
+        ``hold_out``, ``stderr`` and ``smoothness="auto"`` need a fit of the vertices: for a surface give
+        ``objective="vertices"``.
     weights : {"uniform", "area"} or array_like of float, (n,)
         Weight of each vertex: one, its share of the sphere, or these. Values at vertices of weight 0 are never read, and may
         be NaN; a fit of the surface leaves out the triangles that they are corners of.
@@ -134,15 +135,15 @@ def fit(
         Penalty ``lambda * sum (l (l + 1))**2 * a**2``; ``"auto"`` chooses it by generalised cross-validation. By default
         none; for the vertices over a sphere that `parametrize` made, a small one.
     denoise : bool
-        Remove independent noise of the vertices within the fit, by a penalty of each degree that is estimated from the
-        surface, or from each channel of a signal. In place of a smoothness, with ``lsq``. ``report["denoise"]`` has the
+        Remove independent noise of the vertices within the fit, by a penalty for each degree, estimated from the surface, or
+        from each channel of a signal. Replaces ``smoothness``; for ``lsq`` only. ``report["denoise"]`` has the
         noise found, ``sigma``, the ``gain`` of each degree, and ``degrees_of_freedom``.
     stderr : bool
-        Compute the standard error of each coefficient, of a fit of the vertices.
+        Compute the standard error of each coefficient, in a fit of the vertices.
     hold_out : float, optional
-        Fraction of the vertices to leave out and assess apart, of a fit of the vertices.
+        Fraction of the vertices to leave out and assess separately, in a fit of the vertices.
     surface_distance : bool
-        Measure how far model and surface are apart, where the surface is fitted: a second or so.
+        Measure the distance between model and surface if the surface is fitted; takes about a second.
     method : {"lsq", "irf", "sirf", "mirf", "nlsf", "quadrature"}, optional
         ``lsq`` is the full least squares by fast transforms, the default; ``irf``, ``sirf``, ``mirf`` and ``nlsf`` are
         those of Shen and Chung (2006) over a store, ``irf`` the default with one.
@@ -155,17 +156,17 @@ def fit(
     start_degree : int
         Last degree of the first block of ``sirf`` and ``mirf``.
     accelerate : bool
-        Conjugate gradients over pairs of passes, of ``irf`` and ``mirf``.
+        Conjugate gradients over pairs of passes, for ``irf`` and ``mirf``.
     tolerance : float
-        Optimality to reach: the gradient relative to that of no fit.
+        Optimality to reach: the gradient relative to that at zero coefficients.
     max_iterations : int
     preconditioner : {"auto", "none", "density", "low-degrees", "factor"}
     strict : bool
-        Raise where the tolerance isn't met, or the sphere may not be one.
+        Raise an error if the tolerance isn't met, or if the sphere may not be a sphere.
     dtype : {"f64", "f32"}, optional
         Scalar type of the store's basis.
     memory : int or str, optional
-        Bytes to keep to, or ``"512MiB"``; by default half of what is free, 256 MiB over a store.
+        Memory budget in bytes, or ``"512MiB"``; by default half of the free memory, 256 MiB over a store.
     threads : int, optional
         All of the machine by default.
     progress : bool or callable, optional
@@ -181,11 +182,11 @@ def fit(
     Raises
     ------
     MeshError
-        Where the surface can't be mapped, or doesn't belong to the sphere.
+        If the surface can't be mapped, or doesn't belong to the sphere.
     MemoryBudgetError
-        Where the budget is too small; it has ``budget`` and ``needed``.
+        If the budget is too small; it has ``budget`` and ``needed``.
     StoreError
-        Where the store lacks the basis, or is damaged.
+        If the store lacks the basis, or is damaged.
 
     Warns
     -----
@@ -204,7 +205,7 @@ def fit(
     """
     if isinstance(surface, Parametrization):
         surface, sphere = surface.surface, surface if sphere is None else sphere
-    # An array, or what NumPy makes one of, is values; meshes come as objects, paths and pairs.
+    # An array is taken as values; meshes are given as objects, paths or pairs.
     triangles = None
     if isinstance(surface, np.ndarray):
         values, is_surface = _arrays.channels("surface", surface), surface.ndim == 2 and surface.shape[1] == 3
@@ -266,12 +267,12 @@ def fit_many(
     progress: Progress = None,
     **settings: Any,
 ) -> list[Model]:
-    """Fits many surfaces, or signals, over one sphere: they share its transforms and factor.
+    """Fits many surfaces, or signals, over one sphere, sharing its transforms and factor.
 
     Parameters
     ----------
     surfaces : array_like of float, (s, n, 3) or (s, n, c), or iterable
-        What `fit` takes, each on the sphere's vertices.
+        As for `fit`, each on the sphere's vertices.
     sphere : Surface or what `as_surface` takes, Parametrization, or ndarray of float, (n, 3)
     max_degree : int
         Highest degree L, inclusive.
@@ -339,7 +340,7 @@ def solve(
     threads: int | None = None,
     progress: Progress = None,
 ) -> tuple[Floats, dict[str, Any]]:
-    """Least-squares coefficients of samples at scattered directions: topography, a masked sky.
+    """Computes least-squares coefficients of samples at scattered directions, such as topography or a masked sky.
 
     Parameters
     ----------
@@ -347,15 +348,15 @@ def solve(
         The directions, with their degree; or the directions alone.
     values : array_like of float, (n,) or (n, c)
     max_degree : int, optional
-        Needed with directions; by default the transform's.
+        Required with directions; by default the transform's.
     weights, smoothness, tolerance, max_iterations, preconditioner, memory, threads, progress
-        As of `fit`.
+        As for `fit`.
 
     Returns
     -------
     coefficients : ndarray of float, (K, c)
     report : dict
-        ``report["solver"]`` has iterations, optimality and condition.
+        ``report["solver"]`` contains iterations, optimality and condition.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Landmarks: named points that a person set, and their files."""
+"""Landmarks: named points that a person placed, and their files."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Landmarks:
     points : ndarray of float, (n, 3)
         In the file's unit.
     frame : str, optional
-        ``"LPS"`` or ``"RAS"``, where the file says it.
+        ``"LPS"`` or ``"RAS"``, if the file states it.
     """
 
     names: tuple[str, ...]
@@ -47,7 +47,7 @@ class Landmarks:
         return len(self.names)
 
     def in_frame(self, frame: str) -> Landmarks:
-        """Returns the landmarks along the axes of ``"LPS"`` or ``"RAS"``; as they are if their own aren't known.
+        """Returns the landmarks along the axes of ``"LPS"`` or ``"RAS"``, unchanged if their own frame isn't known.
 
         Parameters
         ----------
@@ -70,22 +70,22 @@ def read_landmarks(path: Path) -> Landmarks:
     Returns
     -------
     Landmarks
-        Positions as they are in the file, see `Landmarks.in_frame`.
+        Positions as in the file; `Landmarks.in_frame` converts them.
     """
     names, points, frame = _core.read_landmarks(os.fspath(path))
     return Landmarks(tuple(names), points, frame)
 
 
 def write_landmarks(path: Path, landmarks: Landmarks, *, overwrite: bool = False) -> None:
-    """Writes landmarks in the format that the name asks for, those of `read_landmarks`.
+    """Writes landmarks in the format given by the file's name, one of those of `read_landmarks`.
 
     Parameters
     ----------
     path : str or os.PathLike
     landmarks : Landmarks
-        Without a frame they are said to be in LPS in Slicer's files, as Slicer takes meshes to be.
+        Landmarks without a frame are marked as LPS in Slicer's files, since Slicer reads meshes as LPS.
     overwrite : bool
-        Replace a file that is there.
+        Replace an existing file.
     """
     if not isinstance(landmarks, Landmarks):
         raise TypeError(f"landmarks: expected Landmarks, found {type(landmarks).__name__}")

@@ -1,7 +1,7 @@
 """Loads the extension module with the kernels that fit this processor.
 
-OpenBLAS chooses its kernels once, while it is loaded, from the environment, and takes processors that are newer than itself
-for ones of 2004. So the environment names the kernels during that time, as the program `spharm` does for itself.
+OpenBLAS chooses its kernels once, while it is loaded, from the environment, and treats processors that are newer than itself
+as ones of 2004. So the environment variable is set while the module is loaded, as the program `spharm` does for itself.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ _VARIABLE = "OPENBLAS_CORETYPE"
 
 
 def _kernels() -> str | None:
-    """Names the kernels, or nothing where OpenBLAS is left to choose."""
+    """Returns the name of the kernels, or None to let OpenBLAS choose."""
     if not sys.platform.startswith("linux") or platform.machine() != "x86_64":
         return None
     try:

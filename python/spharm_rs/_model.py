@@ -26,9 +26,9 @@ class Model:
         Row ``l**2 + l + m`` is degree l and order m, orthonormal and without the Condon-Shortley phase; sin(abs(m) phi) for
         negative m.
     sphere : Surface or what `as_surface` takes, or array_like of float, (n, 3), optional
-        The sampling that it belongs to.
+        The sphere or directions that the model was fitted at.
     surface : bool, optional
-        Whether the channels are x, y and z; by default where there are three.
+        Whether the channels are x, y and z; by default if there are three.
 
     Examples
     --------
@@ -43,9 +43,9 @@ class Model:
     """
 
     _inner: _core.Model
-    #: What the fit found: distances, iterations, warnings; empty for a model that wasn't fitted in this process.
+    #: Report of the fit: distances, iterations, warnings; empty for a model that wasn't fitted in this process.
     report: dict[str, Any]
-    #: Standard error of each coefficient, (K, c), where they were asked for.
+    #: Standard error of each coefficient, (K, c), if requested, else None.
     standard_errors: Floats | None
 
     def __init__(self, coefficients: ArrayLike, *, sphere: Any = None, surface: bool | None = None) -> None:
@@ -85,7 +85,7 @@ class Model:
 
     @property
     def max_degree(self) -> int:
-        """Highest degree L, inclusive; there are (L + 1)**2 coefficients a channel."""
+        """Highest degree L, inclusive; each channel has (L + 1)**2 coefficients."""
         return self._inner.max_degree
 
     @property
@@ -95,19 +95,19 @@ class Model:
 
     @property
     def sphere(self) -> Surface | None:
-        """The sphere that it was fitted over; None without triangles."""
+        """The sphere that the model was fitted over; None without triangles."""
         found = self._inner.sphere
         return None if found is None or len(found[1]) == 0 else Surface(*found)
 
     @property
     def directions(self) -> Floats | None:
-        """Unit vectors that it was fitted at, (n, 3)."""
+        """Unit vectors that the model was fitted at, (n, 3)."""
         found = self._inner.sphere
         return None if found is None else found[0]
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """How it was made."""
+        """Record of how the model was made."""
         found: dict[str, Any] = json.loads(self._inner.provenance)
         return found
 
@@ -146,9 +146,8 @@ class Model:
         Parameters
         ----------
         at : int, Surface or what `as_surface` takes, optional
-            Level of an icosphere, ``icosphere:N``, or a sphere; by default the sphere it was fitted over. Of a surface whose
-            handles were cut, that is the surface as it was before, with its handles; over ``model.sphere`` it comes as it was
-            cut.
+            Level of an icosphere, ``icosphere:N``, or a sphere; by default the sphere it was fitted over. If the surface's
+            handles were cut, the default returns the surface with its handles; ``model.sphere`` returns it as cut.
         degree : int, optional
             Highest degree to sum; by default all.
         threads : int, optional
@@ -172,14 +171,14 @@ class Model:
         return power
 
     def save(self, path: Path, *, overwrite: bool = False) -> None:
-        """Writes the model as a NumPy archive, whole or not at all; ``spharm reconstruct`` reads it, too.
+        """Writes the model as a NumPy archive, atomically; ``spharm reconstruct`` reads it, too.
 
         Parameters
         ----------
         path : str or os.PathLike
             By convention ``NAME.spharm.npz``.
         overwrite : bool
-            Replace a file that is there.
+            Replace an existing file.
         """
         self._inner.write(os.fspath(path), overwrite=bool(overwrite))
 
@@ -198,7 +197,7 @@ class Model:
         return cls._of(_core.Model.read(os.fspath(path)))
 
     def to(self, format: str) -> Any:
-        """Returns the coefficients as another package has them; see `spharm_rs.convert`.
+        """Returns the coefficients in another package's convention; see `spharm_rs.convert`.
 
         Parameters
         ----------
@@ -208,7 +207,7 @@ class Model:
 
     @classmethod
     def from_(cls, format: str, array: Any, *, sphere: Any = None) -> Model:
-        """Returns the model of another package's coefficients; see `spharm_rs.convert`."""
+        """Makes a model from another package's coefficients; see `spharm_rs.convert`."""
         return cls(convert.from_(format, array), sphere=sphere)
 
 
@@ -217,7 +216,7 @@ def _unpickled(data: bytes, report: dict[str, Any], errors: Floats | None) -> Mo
 
 
 def core(what: str, model: Any) -> _core.Model:
-    """Returns a model as the extension module has it."""
+    """Returns the extension module's object of a model."""
     if not isinstance(model, Model):
         raise ValueError(f"{what}: expected a Model, found {model!r}")
     return model._inner
@@ -231,14 +230,14 @@ def warn(found: Iterable[str], stacklevel: int = 3) -> tuple[str, ...]:
 
 
 def seam_of(sphere: Any) -> Seam:
-    """Returns where the surface of a sphere was cut; None where it wasn't."""
+    """Returns the seam of a sphere whose surface was cut, else None."""
     if isinstance(sphere, Parametrization):
         return sphere._seam
     return sphere._inner.seam if isinstance(sphere, Model) else None
 
 
 def sphere_arrays(sphere: Any) -> tuple[Any, Any, bool]:
-    """Returns directions, triangles, and whether the sphere was made from a surface by `parametrize`; None for what isn't."""
+    """Returns directions and triangles, None if absent, and whether the sphere was made from a surface by `parametrize`."""
     if sphere is None:
         return None, None, True
     if isinstance(sphere, Parametrization):

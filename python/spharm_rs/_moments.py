@@ -1,4 +1,4 @@
-"""Sums over samples: fits of more samples than fit in memory, or on one machine."""
+"""Sums over samples, for fits of more samples than memory or one machine holds."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from ._surface import Path
 
 
 class Moments:
-    """The sums over samples that least-squares fits to a degree need. They add up over parts of the samples.
+    """The sums over samples that least-squares fits to a degree need; sums of parts of the samples can be added.
 
-    The moments of the weights to degree 2L, the right-hand sides to degree L, ``sum w f**2`` and the number of samples: their
-    size depends on the degree, not on the number of samples. ``spharm moments`` makes them of files too large for memory,
-    `spharm_rs.dask` of Dask arrays.
+    These are the moments of the weights to degree 2L, the right-hand sides to degree L, ``sum w f**2`` and the number of samples.
+    Their size depends on the degree, not on the number of samples. ``spharm moments`` computes them from files too large for
+    memory, `spharm_rs.dask` from Dask arrays.
 
     Parameters
     ----------
@@ -33,10 +33,9 @@ class Moments:
     channels : sequence of str, optional
         Names of the channels; by default their numbers. The model of ``x``, ``y`` and ``z`` is a surface.
     whole : str, optional
-        A name of the data that these samples are part of; by default their own bytes tell them from others.
+        Name of the data that these samples are part of; by default the samples are identified by their bytes.
     shard : (int, int)
-        The part: its number, from 0, and the number of parts. `merge` refuses parts that are there twice, and wholes of
-        which one is missing.
+        The part's number, from 0, and the number of parts. `merge` refuses duplicate parts, and data with a part missing.
     threads : int, optional
         All of the machine by default.
     progress : bool or callable, optional
@@ -112,7 +111,7 @@ class Moments:
 
     @property
     def samples(self) -> int:
-        """Number of samples, those of weight 0 among them."""
+        """Number of samples, including those of weight 0."""
         return self._inner.samples
 
     @property
@@ -122,9 +121,9 @@ class Moments:
 
     @property
     def scheme(self) -> str | None:
-        """Key of the sampling scheme at whose vertices all samples are, as a store in f64 has it.
+        """Key of the sampling scheme whose vertices are the samples' directions, as in a store of f64.
 
-        Files of ``spharm moments --sphere`` have one. None for samples of arrays, and for sums over several schemes.
+        Files of ``spharm moments --sphere`` have one. None for samples from arrays, and for sums over several schemes.
         """
         return self._inner.scheme
 
@@ -135,9 +134,9 @@ class Moments:
         Parameters
         ----------
         parts : iterable of Moments
-            Of one degree and of the same channels, without samples in common.
+            With the same degree and channels, and no samples in common.
         partial : bool
-            Add what is there though parts of a whole are missing.
+            Add the given parts even if others are missing.
 
         Returns
         -------
@@ -160,14 +159,14 @@ class Moments:
         threads: int | None = None,
         progress: Progress = None,
     ) -> Model:
-        """Least squares of the samples.
+        """Fits the samples by least squares.
 
         Parameters
         ----------
         max_degree : int, optional
             Highest degree, up to that of the moments, which is the default.
         smoothness, denoise, stderr, tolerance, max_iterations, preconditioner, strict, memory, threads, progress
-            As of `spharm_rs.fit`.
+            As for `spharm_rs.fit`.
 
         Returns
         -------
@@ -190,14 +189,14 @@ class Moments:
         return _model(self._inner.fit(settings, callback(progress)))
 
     def save(self, path: Path, *, overwrite: bool = False) -> None:
-        """Writes a file of moments, whole or not at all; ``spharm fit --moments`` and ``spharm moments merge`` read it.
+        """Writes a file of moments, atomically; ``spharm fit --moments`` and ``spharm moments merge`` read it.
 
         Parameters
         ----------
         path : str or os.PathLike
             By convention ``NAME.moments``.
         overwrite : bool
-            Replace a file that is there.
+            Replace an existing file.
         """
         self._inner.write(os.fspath(path), overwrite=bool(overwrite))
 

@@ -17,8 +17,8 @@ from ._surface import Path, Surface, as_surface, named_icosphere
 from .errors import SpharmWarning
 
 
-#: How a cut surface belongs to the one that it was cut from: its vertices n and triangles, which are the cut one's first, and the
-#: vertices that vertices n and after are copies of.
+#: Relation of a cut surface to the original: the original's numbers of vertices, n, and of triangles, which come first in the cut
+#: surface, and the original vertices that the vertices from n on are copies of.
 Seam = Union[tuple[int, int, "_arrays.Triangles"], None]
 
 
@@ -29,12 +29,12 @@ class Parametrization:
     Attributes
     ----------
     surface : Surface
-        The given one, or, where the method makes a new one (volumes, ``deform``, `resample`), that.
+        The given surface, or the new one if the method makes one (volumes, ``deform``, `resample`).
     sphere : Surface
         The surface's triangles over unit vectors, one for each of its vertices.
     report : dict
         What the method did, and the quality of the map: ``report["quality"]["area_rms"]`` is the root mean square of the
-        log area ratio, ``["flipped"]`` is 0. Of a surface whose handles were cut, ``report["handles"]`` says where.
+        log area ratio, ``["flipped"]`` is 0. If handles were cut, ``report["handles"]`` has their locations.
     """
 
     surface: Surface
@@ -87,18 +87,18 @@ def parametrize(
     ----------
     surface : Surface or what `as_surface` takes
     cut_handles : bool
-        Cut a surface that has handles along short loops and fill both sides, in place of refusing it. The map is of the cut
-        surface; `Model.surface` of a model that is fitted over it has the handles again.
+        Cut handles along short loops and fill both sides, instead of refusing the surface. The map is that of the cut surface;
+        `Model.surface` of a model fitted over it has the handles again.
     method : {"auto", "cald", "conformal", "stretch", "deform"}
-        ``auto`` is ``cald``, equal areas with little length distortion, and ``stretch`` where that fails.
+        ``auto`` is ``cald``, equal areas with little length distortion, and ``stretch`` if that fails.
     degree : int, optional
-        Degree of the model whose residual the areas adapt to; below 2 they don't.
+        Degree of the model whose residual the areas adapt to; below 2 they don't adapt.
     area : float
         Allowed area distortion: the root mean square of the log area ratio, from 0 to 1.
     seed : int
-        Of the rotation that the sphere starts from.
+        Seed of the rotation that the sphere starts from.
     memory : int or str, optional
-        Bytes that may be used, or ``"512MiB"``; by default what is free.
+        Bytes that may be used, or ``"512MiB"``; by default the free memory.
     threads : int, optional
         All of the machine by default.
     progress : bool or callable, optional
@@ -111,9 +111,9 @@ def parametrize(
     Raises
     ------
     MeshError
-        Where the surface isn't closed, has handles that aren't to be cut, or can't be mapped.
+        If the surface isn't closed, has handles without ``cut_handles``, or can't be mapped.
     MemoryBudgetError
-        Where the budget is too small; it has ``budget`` and ``needed``.
+        If the budget is too small; it has ``budget`` and ``needed``.
 
     Examples
     --------
@@ -150,24 +150,24 @@ def parametrize_volume(
     Parameters
     ----------
     volume : str, os.PathLike or array_like of int, (i, j, k)
-        A file (NIfTI, MGH/MGZ, NRRD, TIFF that says how large its voxels are), or its labels.
+        A file (NIfTI, MGH/MGZ, NRRD, TIFF with its voxel size), or an array of labels.
     label : int, optional
-        Needed where the volume has several.
+        Required if the volume has several.
     affine : array_like of float, (4, 4), optional
         From voxel indices to positions, for an array; the identity by default.
     fix : bool
-        Repair a label that isn't a ball, in place of refusing it.
+        Repair a label that isn't a ball, instead of refusing it.
     cut_handles : bool
-        As of `parametrize`; the map is then of triangles.
+        As for `parametrize`; the label's surface is then mapped as a triangle mesh.
     method : str
-        ``auto`` is ``equal-area``; others as of `parametrize`.
+        ``auto`` is ``equal-area``; others as for `parametrize`.
     degree, area, seed, memory, threads, progress
-        As of `parametrize`.
+        As for `parametrize`.
 
     Returns
     -------
     Parametrization
-        Its surface is that of the voxels.
+        Its surface is the boundary of the voxels.
 
     Examples
     --------
@@ -227,7 +227,7 @@ def resample(
     threads: int | None = None,
     progress: Progress = None,
 ) -> Parametrization:
-    """Puts a surface on the vertices of another sphere, so that the subjects of a study share them.
+    """Resamples a surface at the vertices of another sphere, so that the subjects of a study share their vertices.
 
     Parameters
     ----------
@@ -237,12 +237,12 @@ def resample(
     onto : str, Surface or what `as_surface` takes
         ``icosphere:N``, or a sphere.
     memory, threads, progress
-        As of `parametrize`.
+        As for `parametrize`.
 
     Returns
     -------
     Parametrization
-        The new surface over ``onto``; its report has ``distance_rms`` and ``distance_max`` from the given one.
+        The new surface over ``onto``; its report has ``distance_rms`` and ``distance_max``, distances from the given surface.
 
     Examples
     --------

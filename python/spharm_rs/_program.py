@@ -8,7 +8,7 @@ import sys
 
 def main() -> int:
     """Runs `spharm` with the arguments of this process and returns its exit code."""
-    # The program handles it, and leaves it alone where it is ignored.
+    # The program handles SIGINT itself, and leaves it alone if it is ignored.
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     from . import _load  # noqa: F401

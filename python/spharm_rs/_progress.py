@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Any, Callable, Optional, Union
 
-#: Called as ``progress(stage, done, total)``; ``total`` is 0 where it isn't known.
+#: Called as ``progress(stage, done, total)``; ``total`` is 0 if unknown.
 Callback = Callable[[str, int, int], Any]
 Progress = Optional[Union[bool, Callback]]
 
 
 def callback(progress: Progress) -> Callback | None:
-    """Returns what to call: nothing, a caller's function, or a bar of tqdm for ``True``."""
+    """Returns the function to call: None, the caller's own, or a bar of tqdm for ``True``."""
     if progress is None or progress is False:
         return None
     if progress is True:

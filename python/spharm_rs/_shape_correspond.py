@@ -1,4 +1,4 @@
-"""Groups made to correspond: one template, one sphere."""
+"""Correspondence of groups: one template, one sphere."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from ._surface import Path, Surface, icosphere
 
 
 def _stem(path: str) -> str:
-    """The name of a file without its suffixes: ``sub-01.surf.gii`` is sub-01, ``lh.pial`` stays."""
+    """Returns a file's name without known suffixes: ``sub-01.surf.gii`` gives sub-01, ``lh.pial`` stays."""
     name = os.path.basename(path)
     for suffix in (".gz", ".npz", ".spharm", ".gii", ".surf", ".ply", ".obj", ".off", ".stl", ".vtk"):
         name = name.removesuffix(suffix)
@@ -34,7 +34,7 @@ def _stem(path: str) -> str:
 
 
 def _names(surfaces: Sequence[Any], first: int = 0) -> list[str]:
-    """Names: stems of paths that are told apart by them, else the paths; the others' numbers."""
+    """Returns names: the stems of paths if they are unique, else the paths; numbers for other surfaces."""
     paths = [os.fspath(item) if isinstance(item, (str, os.PathLike)) else None for item in surfaces]
     stems = [None if path is None else _stem(path) for path in paths]
     known = [stem for stem in stems if stem is not None]
@@ -45,7 +45,7 @@ def _names(surfaces: Sequence[Any], first: int = 0) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class Carried:
-    """Points that were carried from one member to another.
+    """Points carried from one member to another.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class Carried:
     off_surface : ndarray of float, (n,)
         Distance of each point from the source's surface, in its unit.
     reached : ndarray of bool, (n,)
-        Whether both members have a counterpart there; else the place is a guess.
+        Whether both members have a counterpart there; if not, the place is a guess.
     """
 
     points: Floats
@@ -64,7 +64,7 @@ class Carried:
 
 @dataclass(frozen=True, eq=False)
 class Member:
-    """A surface that was added to a group, which stayed as it was.
+    """A surface added to a group, which isn't changed by it.
 
     Attributes
     ----------
@@ -74,13 +74,14 @@ class Member:
     transform : Transform
         From its own frame to the group's.
     places : ndarray of float, (n, 3)
-        At the sphere's directions, on its surface, in the group's frame.
+        Points on its surface at the sphere's directions, in the group's frame.
     reached : ndarray of bool, (n,)
-        Whether each has a counterpart there.
+        Whether each place has a counterpart on the surface.
     report : dict
         ``pose_distance``, its median distance from the group's mean in its pose; ``cover_rms``, ``cover_most`` (99 %) and
-        ``cover_farthest``, distances of its surface from the places, and ``unreached``, the share of its area that is left out;
-        ``without_counterpart``, places that it lacks; ``turned`` triangles; ``model_rms``, distance of model and places.
+        ``cover_farthest``, distances of its surface from the places, and ``unreached``, the share of its area without places;
+        ``without_counterpart``, number of places without a counterpart on it; ``turned``, triangles turned over; ``model_rms``,
+        distance between model and places.
     """
 
     name: str
@@ -94,12 +95,12 @@ class Member:
 class Group:
     """N surfaces that correspond, from `spharm_rs.shape.correspond`: one sphere of n directions, one frame.
 
-    Lengths are in the surfaces' unit. It doesn't change.
+    Lengths are in the surfaces' unit. Groups are immutable.
 
     Attributes
     ----------
     names : tuple of str
-        Of the members: the stems of paths, else numbers from 0.
+        Names of the members: the stems of paths, else numbers from 0.
     """
 
     _inner: _core.Group
@@ -119,7 +120,7 @@ class Group:
 
     def __reduce__(self) -> Any:
         with tempfile.TemporaryDirectory() as folder:
-            # Names may be none of files.
+            # Members' names may be invalid as file names.
             self._inner.write(folder, [f"m{index}" for index in range(len(self))], True)
             files = [path for path in pathlib.Path(folder).rglob("*") if path.is_file()]
             data = {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
@@ -129,14 +130,14 @@ class Group:
         return f"Group({len(self)} members, degree {self.mean.max_degree}, {len(self.masked)} directions)"
 
     def save(self, folder: Path, *, overwrite: bool = False) -> None:
-        """Writes the group into a folder, whole or not at all: the one that ``spharm shape correspond -o`` makes, for ``--to``.
+        """Writes the group into a folder, atomically, as ``spharm shape correspond -o`` does; ``--to`` reads it.
 
         Parameters
         ----------
         folder : str or os.PathLike
-            It is made.
+            Created by this call.
         overwrite : bool
-            Replace files that are there.
+            Replace existing files.
         """
         self._inner.write(os.fspath(folder), self.names, bool(overwrite))
 
@@ -144,13 +145,13 @@ class Group:
     def load(cls, folder: Path, *, landmarks: Sequence[Landmarks | ArrayLike | Path] | None = None) -> Group:
         """Reads a group that `save` or ``spharm shape correspond -o`` has written.
 
-        How its landmarks guided and how it was refined isn't in the folder, so that `report` hasn't it.
+        The folder has no record of guiding landmarks and of the refinement, so `report` lacks them.
 
         Parameters
         ----------
         folder : str or os.PathLike
         landmarks : sequence of Landmarks, of array_like of float, (p, 3), or of paths, optional
-            As of `correspond`.
+            As for `correspond`.
 
         Returns
         -------
@@ -165,12 +166,12 @@ class Group:
 
     @cached_property
     def models(self) -> list[Model]:
-        """A model of each member, in the group's frame and over its sphere."""
+        """Models of the members, in the group's frame and over its sphere."""
         return [Model._of(model) for model in self._inner.models]
 
     @cached_property
     def transforms(self) -> list[Transform]:
-        """From each member's own frame to the group's."""
+        """Transforms from each member's own frame to the group's."""
         return [Transform._of(found) for found in json.loads(self._inner.transforms)]
 
     @cached_property
@@ -180,17 +181,17 @@ class Group:
 
     @cached_property
     def places(self) -> Floats:
-        """Places that correspond, (N, n, 3): on the members' surfaces, in the group's frame."""
+        """Corresponding places, (N, n, 3): on the members' surfaces, in the group's frame."""
         return self._inner.places
 
     @cached_property
     def reached(self) -> Flags:
-        """Whether each place has a counterpart on its member, (N, n); else it is a guess."""
+        """Whether each place has a counterpart on its member, (N, n); if not, it is a guess."""
         return self._inner.reached
 
     @cached_property
     def masked(self) -> Flags:
-        """Directions that have no counterpart on members, (n,): lids of holes and cut handles of the first template."""
+        """Directions without a counterpart on members, (n,): lids of holes and cut handles of the first template."""
         return self._inner.masked
 
     @cached_property
@@ -205,22 +206,22 @@ class Group:
 
     @cached_property
     def warnings(self) -> list[str]:
-        """What to look at, each with the member's name.
+        """Results to check, each with the member's name.
 
-        Poses and kinds in doubt, mirror images, parts without counterpart, equal surfaces, landmarks that are far off.
+        These are poses and kinds in doubt, mirror images, parts without counterpart, equal surfaces, landmarks that are far off.
         """
         return [*self._inner.warnings, *self._far()]
 
     @cached_property
     def report(self) -> dict[str, Any]:
-        """How it was found.
+        """Report of how the group was made.
 
-        ``template``, the name of the first one, None for one that was given; ``changes``, what had to be mended of it; ``spread``,
-        the root mean square distance of members from the mean; ``members``, of each the fields of `Member.report`; ``guide``, None
-        without: how far landmarks that guide are from their places, ``guided``, and where they are left out, ``left_out``;
-        ``refinement``, None without: of its ``stages`` steps, cost, variance and ``log_area``, the change of areas on the sphere
-        (``rms``, ``most``, and ``within_eight``, the share of triangles within a factor of 8), and how far directions
-        ``moved``, radians, root mean square of each member; ``seconds`` of the steps.
+        ``template``, the name of the first one, None if it was another surface; ``changes``, repairs of it; ``spread``, the root
+        mean square distance of members from the mean; ``members``, with the fields of `Member.report` for each; ``guide``, None
+        without: distances of guiding landmarks from their places, ``guided``, and of each when it is left out of guiding,
+        ``left_out``; ``refinement``, None without: ``stages``, each with steps, cost, variance and ``log_area``, the change of
+        areas on the sphere (``rms``, ``most``, and ``within_eight``, the share of triangles within a factor of 8), and ``moved``,
+        the root mean square angle in radians by which each member's directions moved; ``seconds`` of the steps.
         """
         found: dict[str, Any] = json.loads(self._inner.report)
         for name, member in zip(self.names, found["members"]):
@@ -229,27 +230,27 @@ class Group:
 
     @cached_property
     def modes(self) -> Modes:
-        """Modes of variation, as `pca` has them, of three members or more."""
+        """Modes of variation, as from `pca`, of three members or more."""
         return pca(self.models, names=self.names)
 
     @cached_property
     def quality(self) -> GroupQuality:
-        """How well the group corresponds, as `quality` measures it where it isn't masked, of three members or more.
+        """Quality of the correspondence, as `quality` measures it outside the mask, of three members or more.
 
-        It is computed when it is asked for.
+        It is computed on first access.
         """
         return quality(self.models, landmarks=self._placed(), mask=self._inner.kept_at(icosphere(4).vertices))
 
     @cached_property
     def landmark_errors(self) -> LandmarkErrors | None:
-        """How far landmarks are apart that were given, all pairs, of three members or more; None where none were."""
+        """Distances between the given landmarks, all pairs, of three members or more; None if none were given."""
         placed = self._placed()
         if placed is None:
             return None
         return quality(self.models, modes=1, samples=1, surfaces=False, landmarks=placed).landmarks
 
     def _far(self) -> list[str]:
-        """Names members whose landmarks are far from their surfaces, by more than a twentieth of their extent."""
+        """Returns warnings of members with landmarks off their surfaces by more than a twentieth of their extent."""
         if self._landmarks is None:
             return []
         found = []
@@ -262,7 +263,7 @@ class Group:
         return found
 
     def _placed(self) -> list[Landmarks] | list[Floats] | None:
-        """The landmarks in the group's frame."""
+        """Returns the landmarks in the group's frame."""
         if self._landmarks is None:
             return None
         names, points = self._landmarks
@@ -292,12 +293,12 @@ class Group:
     def carry(self, points: Any, source: int | str, target: int | str) -> Any:
         """Carries points on one member to the same places on another member's surface.
 
-        Points that have no counterpart on both are warned of, as their places are guesses; `carried` says which ones.
+        Warns of points without a counterpart on both, as their places are guesses; `carried` returns which ones.
 
         Parameters
         ----------
         points : Landmarks or array_like of float, (n, 3)
-            On the source, in its own coordinates; what one is off the source's surface, it is off the target's.
+            On the source, in its own coordinates; a point off the source's surface is as far off the target's.
         source, target : int or str
             Members, by number or name.
 
@@ -313,7 +314,7 @@ class Group:
         return Landmarks(points.names, found.points, points.frame) if isinstance(points, Landmarks) else found.points
 
     def carried(self, points: Landmarks | ArrayLike, source: int | str, target: int | str) -> Carried:
-        """Carries points as `carry` does, and says how far each was from the surface, and whether both members have it.
+        """Carries points as `carry` does, and returns how far each was from the surface, and whether both members have it.
 
         Parameters
         ----------
@@ -335,9 +336,9 @@ class Group:
         self, surface: Sequence[Any], *, threads: int | None = None, progress: Progress = None
     ) -> list[Member] | Member: ...
     def add(self, surface: Any, *, threads: int | None = None, progress: Progress = None) -> Any:
-        """Brings surfaces to the group, which stays as it is: its mean, sphere and members.
+        """Registers surfaces to the group without changing its mean, sphere and members.
 
-        Several at a time share what is prepared for them; they come to the same as one by one.
+        Several at a time share their preparation; the results are the same as one by one.
 
         Parameters
         ----------
@@ -375,7 +376,7 @@ def _unpickled(
 
 
 def _signals(given: Any, count: int, refine: bool) -> tuple[list[list[Floats]], list[float]]:
-    """The signals of each member, and their weights."""
+    """Returns the signals of each member, and their weights."""
     values: list[list[Floats]] = [[] for _ in range(count)]
     weights = []
     for index, pair in enumerate(given):
@@ -413,10 +414,10 @@ def correspond(
     threads: int | None = None,
     progress: Progress = None,
 ) -> Group:
-    """Makes surfaces correspond, in whatever poses and of whatever topology they are: the same direction is the same place of each.
+    """Makes surfaces of any poses and topology correspond, so that a direction is the same place on each.
 
-    One template is mapped to the sphere and moved in space onto every surface; all are fitted over its sphere; then the group's own
-    statistics refine the directions. The same surfaces come to the same bits with any number of threads.
+    One template is mapped to the sphere and moved in space onto every surface; all are fitted over its sphere; then the group's
+    own statistics refine the directions. Results are the same bit for bit with any number of threads.
 
     Parameters
     ----------
@@ -426,18 +427,18 @@ def correspond(
     max_degree : int
         Highest degree L of the models, inclusive.
     template : int, str, or a surface as of ``surfaces``, optional
-        The first template: a member, by number or name, or another surface; by default the most typical member.
+        First template: a member, by number or name, or another surface; by default the most typical member.
     landmarks : sequence of Landmarks, of array_like of float, (p, 3), or of paths, optional
-        The same places of each member, in its own coordinates, to check with; those with names are matched by them.
+        The same places on each member, in its own coordinates, for checks; named ones are matched by name.
     guide : bool
         Let the landmarks guide the registration, too: the template's are drawn to those of each surface, and held in the
-        refinement. ``report["guide"]`` says how far they are from their places, and how far they are where they are left out. The
-        template has to be a member.
+        refinement. ``report["guide"]`` has their distances from their places, with each guiding and left out. The template has to
+        be a member.
     signals : sequence of (values, weight)
-        Signals on the surfaces, such as thickness, to match in the refinement: of each member an array of a value a vertex. A
-        standard deviation of the signal counts as ``weight`` times the square root of the area; normals have 0.12.
+        Signals on the surfaces, such as thickness, to match in the refinement: for each member an array with a value per vertex.
+        One standard deviation of the signal weighs as ``weight`` times the square root of the area; normals have weight 0.12.
     rounds : int
-        Rounds of registration; in each after the first the group's mean is the template.
+        Rounds of registration; after the first, the group's mean is the template.
     refine : bool
         Refine directions by the group's statistics.
     scale : bool
@@ -445,9 +446,9 @@ def correspond(
     mirror : bool
         Match mirror images, too.
     subdivisions : int, optional
-        Of the icosphere whose directions are registered, 2 to 8; by default 4 to degree 15, 5 to 40, and 6 above.
+        Subdivisions of the icosphere whose directions are registered, 2 to 8; by default 4 to degree 15, 5 to 40, and 6 above.
     memory : int or str, optional
-        Bytes for the fits, or a text such as ``"2GiB"``.
+        Memory budget of the fits in bytes, or text such as ``"2GiB"``.
     threads : int, optional
     progress : bool or callable, optional
 
@@ -458,7 +459,7 @@ def correspond(
     Raises
     ------
     MeshError
-        With the name of a surface that can't be used.
+        If a surface can't be used; the message has its name.
 
     Examples
     --------

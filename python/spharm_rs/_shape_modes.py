@@ -19,7 +19,7 @@ from ._surface import Path
 
 @dataclass(frozen=True, eq=False)
 class Quality:
-    """How well the first k modes stand for shapes of a group's kind, k = 1 to m; smaller is better.
+    """Generalisation and specificity of the first k modes, k = 1 to m; smaller is better.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class Quality:
 class Modes:
     """Mean and m modes of variation of a group of n surfaces, from `spharm_rs.shape.pca`.
 
-    A shape is ``mean + sum(deviations[k] * sqrt(variances[k]) * modes[k])``. Its place in space doesn't count.
+    A shape is ``mean + sum(deviations[k] * sqrt(variances[k]) * modes[k])``. Its position in space is ignored.
     """
 
     _inner: _core.Modes
@@ -64,7 +64,7 @@ class Modes:
 
     @property
     def modes(self) -> Floats:
-        """Coefficients of the modes, (m, K, 3), by falling variance: of norm ``sqrt(4 pi)``, zero in row 0."""
+        """Coefficients of the modes, (m, K, 3), by decreasing variance, of norm ``sqrt(4 pi)`` and zero in row 0."""
         return self._inner.modes
 
     @property
@@ -79,7 +79,7 @@ class Modes:
 
     @property
     def total_variance(self) -> float:
-        """Variance along all modes, also those that were left out."""
+        """Variance along all modes, including those left out."""
         return self._inner.total_variance
 
     @property
@@ -99,7 +99,7 @@ class Modes:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """How they were made."""
+        """Record of how the modes were computed."""
         found: dict[str, Any] = json.loads(self._inner.provenance)
         return found
 
@@ -108,12 +108,12 @@ class Modes:
         return Modes._of(self._inner.truncate(_arrays.whole("count", count)))
 
     def shape(self, deviations: ArrayLike) -> Model:
-        """Returns the shape at numbers of standard deviations along the first modes.
+        """Returns the shape at given numbers of standard deviations along the first modes.
 
         Parameters
         ----------
         deviations : array_like of float, (k,)
-            Along the first k modes, of which there have to be as many; a number is that of the first mode.
+            Along the first k modes, at most m; a single number is for the first mode.
 
         Returns
         -------
@@ -146,7 +146,7 @@ class Modes:
         Returns
         -------
         scores : ndarray of float, (m,)
-            Coordinates along the modes, in the surfaces' unit; `shape` takes them over ``sqrt(variances)``.
+            Coordinates along the modes, in the surfaces' unit; `shape` takes them divided by ``sqrt(variances)``.
         distance : float
             Root mean square distance from that shape.
         """
@@ -155,14 +155,14 @@ class Modes:
     def quality(
         self, *, samples: int = 2000, seed: int = 0, threads: int | None = None, progress: Progress = None
     ) -> Quality:
-        """Measures generalisation and specificity, of modes before `truncate`.
+        """Measures generalisation and specificity; not for modes after `truncate`.
 
         Parameters
         ----------
         samples : int
             Random shapes for the specificity.
         seed : int
-            Of the random shapes.
+            Seed of the random shapes.
         threads : int, optional
         progress : bool or callable, optional
 
@@ -185,7 +185,7 @@ class Modes:
         ----------
         path : str or os.PathLike
         overwrite : bool
-            Replace a file that is there.
+            Replace an existing file.
         """
         self._inner.write(os.fspath(path), overwrite=bool(overwrite))
 
@@ -217,13 +217,13 @@ def pca(
     Parameters
     ----------
     models : sequence of Model
-        Three or more, such as those of `procrustes`. Their place in space doesn't count.
+        Three or more, such as those of `procrustes`. Their position in space is ignored.
     modes : int, optional
         Most modes to keep; by default all, one fewer than models.
     degree : int, optional
         Highest degree; by default the lowest of the models'.
     names : sequence of str, optional
-        Of the members; by default their numbers from 0.
+        Names of the members; by default their numbers from 0.
     threads : int, optional
 
     Returns

@@ -20,11 +20,11 @@ class Morph:
     Attributes
     ----------
     models : list of Model
-        At each of the times, of the lower degree of the two.
+        Shapes at the times, of the lower degree of the two.
     times : ndarray of float, (n,)
         0 is the first surface, 1 the second one.
     volume_ratio : float
-        The volume half way over the smaller end's; below 0.8 the surfaces don't correspond, and that is warned of.
+        Volume half way divided by the smaller end's; below 0.8 the surfaces don't correspond, and a warning is given.
     warnings : tuple of str
     """
 
@@ -51,9 +51,9 @@ def morph(
     start, end : Model
         Of surfaces, in whatever poses.
     steps : int or array_like of float, (n,)
-        How many shapes, both ends included, at least 2; or their times.
+        Number of shapes, both ends included, at least 2; or their times.
     keep_pose : bool
-        Begin where the first surface lies in space, and turn on the way; else all shapes are in the second one's pose.
+        Begin in the first surface's pose and turn on the way; by default all shapes are in the second one's pose.
     mirror : bool
         Match mirror images, too.
     threads : int, optional

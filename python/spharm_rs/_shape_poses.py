@@ -1,4 +1,4 @@
-"""Surfaces rotated, aligned and brought together; the means of groups."""
+"""Rotation and alignment of surfaces; means of groups."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ._surface import Surface
 
 
 def rotation(what: str, value: Any) -> list[float]:
-    """Returns a rotation's 3, 4 or 9 numbers; a matrix by rows. SciPy's rotations are taken as matrices."""
+    """Returns a rotation's 3, 4 or 9 numbers, matrices by rows. SciPy's rotations are converted to matrices."""
     if value is None:
         return [1, 0, 0, 0, 1, 0, 0, 0, 1]
     if hasattr(value, "as_matrix"):
@@ -41,15 +41,14 @@ def vector(what: str, value: ArrayLike) -> list[float]:
 
 @dataclass(frozen=True, eq=False)
 class Transform:
-    """What is done to a surface: ``f'(u) = scale Q f(R.T u) + translation``, or with ``f(-R.T u)``.
+    """Transform of a surface: ``f'(u) = scale Q f(R.T u) + translation``, or with ``f(-R.T u)``.
 
     Attributes
     ----------
     parameters : ndarray of float, (3, 3)
         R, the rotation of the parameters.
     antipodal : bool
-        Whether directions are replaced by their opposites first, which a surface that is mirrored needs to keep its outside
-        outside.
+        Whether directions are replaced by their opposites first, which keeps a mirrored surface's normals outwards.
     object : ndarray of float, (3, 3)
         Q, the rotation of space; a reflection where mirror images were matched.
     scale : float
@@ -77,16 +76,16 @@ class Transform:
     @overload
     def apply(self, what: ArrayLike, *, threads: int | None = None, progress: Progress = None) -> Floats: ...
     def apply(self, what: Any, *, threads: int | None = None, progress: Progress = None) -> Any:
-        """Returns the transformed model, at all its degrees; or a surface or points, such as landmarks, moved in space with it.
+        """Transforms a model, at all its degrees; or moves a surface or points, such as landmarks, in space.
 
-        A model of a signal can be rotated in its parameters alone. A surface that is mirrored keeps its outside outside.
+        A model of a signal can be rotated in its parameters alone. A mirrored surface keeps its outward orientation.
 
         Parameters
         ----------
         what : Model, Surface, Landmarks or array_like of float, (n, 3)
-            Points are in the surface's unit; one point may be (3,). Landmarks are in no scanner's frame afterwards.
+            Points are in the surface's unit; one point may be (3,). Landmarks have no scanner frame afterwards.
         threads : int, optional
-            For a model, as is `progress`.
+            For models only, as is `progress`.
         progress : bool or callable, optional
         """
         if isinstance(what, Surface):
@@ -108,7 +107,7 @@ class Transform:
         return _rotated(model, asked, threads, progress)
 
     def inverse(self) -> Transform:
-        """Returns what brings back."""
+        """Returns the inverse transform."""
         back, scale = np.asarray(self.object, dtype=float).T, 1.0 / self.scale
         translation = -scale * (back @ np.asarray(self.translation, dtype=float))
         return Transform(np.asarray(self.parameters, dtype=float).T, self.antipodal, back, scale, translation)
@@ -145,10 +144,10 @@ def rotate(
     ----------
     model : Model
     parameters : rotation, optional
-        R: the sphere turns under the surface, which stays where it is. What was at direction u is at R u afterwards, and the
+        R: the sphere turns under the surface, which stays in place. The point at direction u is at R u afterwards, and the
         model's own sphere turns with it.
     object : rotation, optional
-        Q, of a surface alone.
+        Q, for surfaces only.
     scale : float
         Above zero.
     translation : array_like of float, (3,)
@@ -183,14 +182,14 @@ def rotate(
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """A model that was brought to another.
+    """A model aligned to another.
 
     Attributes
     ----------
     model : Model
-        At all its degrees.
+        The aligned model, at all its degrees.
     transform : Transform
-        What was done.
+        The transform applied to the model.
     rmsd_before, rmsd_after : float
         Root mean square distance from the target over the sphere, in the surfaces' unit.
     degree : int
@@ -198,10 +197,10 @@ class Alignment:
     mirrored : bool
         Whether the surface was mirrored in space.
     ends : ndarray of float
-        What the refinement of each start of the search reached, without scale.
+        Distance reached by the refinement of each start of the search, without scale.
     surface_distance : float, optional
-        Root mean square distance of the surfaces both ways, whatever the directions and without the tenth that is farthest, where
-        the pose is by the surfaces.
+        With ``pose="surfaces"``, root mean square distance between the surfaces both ways, regardless of directions and without
+        the farthest tenth.
     warnings : tuple of str
     """
 
@@ -252,20 +251,20 @@ def align(
     threads: int | None = None,
     progress: Progress = None,
 ) -> Alignment:
-    """Brings a surface to another, whatever poses they are given in.
+    """Aligns a surface to another, from any poses.
 
     Parameters
     ----------
     model, target : Model
         Of surfaces.
     method : {"joint", "fixed", "foe"}
-        ``"joint"`` searches all rotations of the parameters and of space together. ``"fixed"`` keeps the parameters, where
-        vertices correspond already. ``"foe"`` turns both into the frames of their first-order ellipsoids, for comparison
+        ``"joint"`` searches all rotations of the parameters and of space together. ``"fixed"`` keeps the parameters, for
+        vertices that correspond already. ``"foe"`` turns both into the frames of their first-order ellipsoids, for comparison
         with other programs.
     pose : {"joint", "surfaces"}
-        What decides how surfaces lie in space: the distance at equal directions over both rotations together; or the surfaces
-        alone, by nearest points, and the parameters are searched under that. Where models were mapped apart the least
-        distance at equal directions may be at a wrong pose.
+        Criterion for the pose in space: the distance at equal directions, over both rotations together; or the surfaces alone,
+        by nearest points, after which the parameters are searched in that pose. For models that were mapped separately, the
+        least distance at equal directions may be at a wrong pose.
     scale : bool
         Scale the model to the target's size, too.
     mirror : bool
@@ -305,20 +304,20 @@ def align(
 
 @dataclass(frozen=True, eq=False)
 class Procrustes:
-    """A group of n models that was brought together.
+    """A group of n aligned models.
 
     Attributes
     ----------
     models : list of Model
         Centred at the origin, at all their degrees.
     transforms : list of Transform
-        What was done to each.
+        The transform applied to each model.
     mean : Model
         In the frame of its first-order ellipsoid, of the highest degree compared.
     report : dict
         ``degree``, the highest compared; ``spread_before`` and ``spread_after``, the members' root mean square distance from
         their mean, in their unit: after centring alone, and at the end; ``rmsd``, each member's distance, (n,);
-        ``templates``, where each start ended: ``template``, ``spread``, ``rounds``; ``warnings``.
+        ``templates``, the result of each start: ``template``, ``spread``, ``rounds``; ``warnings``.
     """
 
     models: list[Model] = field(repr=False)
@@ -328,7 +327,7 @@ class Procrustes:
 
 
 def cores(models: Any) -> list[_core.Model]:
-    """Returns the models of a sequence as the extension module has them."""
+    """Returns the extension module's objects of a sequence of models."""
     if isinstance(models, Model) or not hasattr(models, "__iter__"):
         raise ValueError(f"models: expected a sequence of Model, found {models!r}")
     return [core("models", model) for model in models]
@@ -347,12 +346,12 @@ def procrustes(
     threads: int | None = None,
     progress: Progress = None,
 ) -> Procrustes:
-    """Brings a group of surfaces to its mean: generalised Procrustes analysis over both rotations.
+    """Aligns a group of surfaces to its mean: generalised Procrustes analysis over both rotations.
 
     Parameters
     ----------
     models : sequence of Model
-        Three surfaces or more, in whatever poses.
+        Three surfaces or more, in any poses.
     method : {"joint", "fixed"}
         As in `align`.
     pose : {"joint", "surfaces"}
@@ -388,7 +387,7 @@ def procrustes(
 
 
 def named(names: Sequence[str] | None, count: int) -> list[str]:
-    """Returns the names of a group's members, their numbers where none are given."""
+    """Returns the names of a group's members, or their numbers if no names are given."""
     if names is None:
         return [str(index) for index in range(count)]
     if isinstance(names, str) or len(names) != count:
@@ -412,7 +411,7 @@ def mean(
     degree : int, optional
         Highest degree; by default the lowest of the models'.
     names : sequence of str, optional
-        Of the members, for the provenance; by default their numbers from 0.
+        Names of the members, for the provenance; by default their numbers from 0.
     threads : int, optional
 
     Returns

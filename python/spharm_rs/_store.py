@@ -1,4 +1,4 @@
-"""Basis stores: what fits over one sphere share, on disk."""
+"""Basis stores: the basis that fits over one sphere share, on disk."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Store:
     Parameters
     ----------
     path : str or os.PathLike
-        The folder; made by `build` where it isn't there.
+        The folder; `build` creates it if needed.
 
     Examples
     --------
@@ -50,18 +50,18 @@ class Store:
         threads: int | None = None,
         progress: Progress = None,
     ) -> dict[str, Any]:
-        """Computes the basis of a sphere to a degree. What is there already is kept, so it resumes and extends.
+        """Computes the basis of a sphere to a degree. Existing degrees are kept, so a build can be resumed and extended.
 
         Parameters
         ----------
         sphere : Surface or what `as_surface` takes, or ndarray of float, (n, 3)
         max_degree : int
-            Highest degree L, inclusive; it takes ``8 n (L + 1)**2`` bytes of disk in f64.
+            Highest degree L, inclusive; the basis takes ``8 n (L + 1)**2`` bytes of disk in f64.
         dtype : {"f64", "f32"}
         memory : int or str
-            Bytes to keep to.
+            Memory budget in bytes.
         allow_large : bool
-            Build even what is larger than 64 GiB or than the free disk space.
+            Allow a basis of more than 64 GiB, or than the free disk space.
         threads : int, optional
         progress : bool or callable, optional
 
@@ -98,23 +98,23 @@ class Store:
         threads: int | None = None,
         progress: Progress = None,
     ) -> dict[str, Any]:
-        """Computes the Cholesky factor of a sphere's normal equations, with which ``fit(method="lsq")`` only substitutes.
+        """Computes the Cholesky factor of a sphere's normal equations, so that ``fit(method="lsq")`` only substitutes.
 
         Parameters
         ----------
         sphere, dtype, memory, allow_large, threads, progress
-            As of `build`; no basis is needed.
+            As for `build`; no basis is needed.
         max_degree : int
-            Highest degree L; it takes ``4 (L + 1)**4`` bytes of disk in f64.
+            Highest degree L; the factor takes ``4 (L + 1)**4`` bytes of disk in f64.
         basis_dtype : {"f64", "f32"}
-            Of the scheme that the factor is kept with.
+            Scalar type of the scheme that the factor is stored with.
         smoothness : float
-            Penalty of the fits that it is for.
+            Penalty of the fits that use the factor.
 
         Returns
         -------
         dict
-            ``present``, whether it was there; ``condition`` and ``bytes``.
+            ``present``, whether it existed already; ``condition`` and ``bytes``.
         """
         directions, faces, _ = sphere_arrays(sphere)
         report = _core.store_factor(
@@ -139,6 +139,6 @@ class Store:
         return found
 
     def verify(self, *, threads: int | None = None, progress: Progress = None) -> list[str]:
-        """Checks every byte against its hash, and returns what is wrong: nothing where all is sound."""
+        """Checks every byte against its hash, and returns the errors: an empty list if all is sound."""
         threads = _arrays.threads(threads)
         return _core.store_verify(self.path, threads=threads, progress=callback(progress))

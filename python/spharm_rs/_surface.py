@@ -1,4 +1,4 @@
-"""Surfaces: vertices and triangles, from whatever holds them."""
+"""Surfaces: vertices and triangles, from files, arrays or other packages' meshes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Surface:
     Parameters
     ----------
     vertices : array_like of float, (n, 3)
-        Positions, in whatever unit they have: mm for brains.
+        Positions, in any unit, such as mm for brains.
     faces : array_like of int, (f, 3)
         Triangles: vertex numbers from 0, counter-clockwise seen from outside.
 
@@ -45,12 +45,12 @@ class Surface:
         return f"Surface({len(self.vertices)} vertices, {len(self.faces)} faces)"
 
     def save(self, path: Path, *, overwrite: bool = False, double: bool = False) -> None:
-        """Writes the surface in the format that the name asks for; see `write_surface`."""
+        """Writes the surface in the format given by the file's name; see `write_surface`."""
         write_surface(path, self, overwrite=overwrite, double=double)
 
 
 def as_surface(mesh: Any) -> Surface:
-    """Returns a surface from whatever holds one.
+    """Converts a mesh of any supported kind to a `Surface`.
 
     Parameters
     ----------
@@ -66,9 +66,9 @@ def as_surface(mesh: Any) -> Surface:
     Raises
     ------
     ValueError
-        Where it isn't any of these, or the arrays have other shapes.
+        If it isn't any of these, or the arrays have other shapes.
     MeshError
-        Where a file holds no surface.
+        If a file holds no surface.
 
     Examples
     --------
@@ -125,15 +125,15 @@ def read_surface(path: Path) -> Surface:
     Raises
     ------
     MeshError
-        Where it holds no surface, or is damaged.
+        If the file holds no surface, or is damaged.
     OSError
-        Where it can't be read.
+        If the file can't be read.
     """
     return Surface(*_core.read_surface(os.fspath(path)))
 
 
 def write_surface(path: Path, surface: Any, *, overwrite: bool = False, double: bool = False) -> None:
-    """Writes a surface in the format that the name asks for, whole or not at all.
+    """Writes a surface in the format given by the file's name, atomically.
 
     Parameters
     ----------
@@ -142,14 +142,14 @@ def write_surface(path: Path, surface: Any, *, overwrite: bool = False, double: 
         ``.gz`` it is gzipped.
     surface : Surface or what `as_surface` takes
     overwrite : bool
-        Replace a file that is there.
+        Replace an existing file.
     double : bool
-        Write 64-bit numbers where the format has a choice (GIfTI, PLY).
+        Write 64-bit numbers if the format allows both (GIfTI, PLY).
 
     Raises
     ------
     FileExistsError
-        Unless it is to be replaced.
+        If the file exists and ``overwrite`` is False.
     """
     mesh = as_surface(surface)
     _core.write_surface(os.fspath(path), mesh.vertices, mesh.faces, overwrite=bool(overwrite), double=bool(double))
@@ -165,7 +165,7 @@ def read_signal(path: Path) -> Floats:
     Returns
     -------
     ndarray of float, (n, c)
-        A row a vertex, a column a channel.
+        A row for each vertex, a column for each channel.
     """
     return _core.read_values(os.fspath(path))
 
@@ -178,21 +178,21 @@ def write_signal(path: Path, values: ArrayLike, *, overwrite: bool = False, doub
     path : str or os.PathLike
     values : array_like of float, (n,) or (n, c)
     overwrite : bool
-        Replace a file that is there.
+        Replace an existing file.
     double : bool
-        Write 64-bit numbers where the format has a choice (GIfTI).
+        Write 64-bit numbers if the format allows both (GIfTI).
     """
     array = _arrays.channels("values", values)
     _core.write_values(os.fspath(path), array, overwrite=bool(overwrite), double=bool(double))
 
 
 def icosphere(level: int) -> Surface:
-    """Returns the unit sphere as an icosahedron, subdivided.
+    """Returns the unit sphere as a subdivided icosahedron.
 
     Parameters
     ----------
     level : int
-        From 0 to 12; there are 10 * 4**level + 2 vertices.
+        From 0 to 12; the sphere has 10 * 4**level + 2 vertices.
 
     Returns
     -------
@@ -213,9 +213,9 @@ def example_surface(level: int = 5, seed: int = 0) -> tuple[Surface, Surface]:
     Parameters
     ----------
     level : int
-        As of `icosphere`, from 0 to 8.
+        As for `icosphere`, from 0 to 8.
     seed : int
-        Surfaces of other seeds share the main folds and differ in detail, as the subjects of a study do.
+        Surfaces of different seeds share the main folds and differ in detail, as the subjects of a study do.
 
     Returns
     -------

@@ -14,8 +14,8 @@ from ._arrays import Floats
 class Transform:
     """Synthesis of real spherical harmonics at scattered directions, and its adjoint.
 
-    With A the basis matrix, (n, K): `synthesis` is ``A x``, `adjoint` is ``A.T r``, `normal` is ``A.T diag(w) A x``, none of
-    which forms A. After Reinecke, Belkner and Carron (A&A 678, 2023).
+    With A the basis matrix, (n, K): `synthesis` is ``A x``, `adjoint` is ``A.T r``, `normal` is ``A.T diag(w) A x``, and none
+    of them forms A. After Reinecke, Belkner and Carron (A&A 678, 2023).
 
     Parameters
     ----------
@@ -26,9 +26,9 @@ class Transform:
     accuracy : float
         Relative accuracy, from 1e-13 to 1e-3.
     channels : int
-        Channels that are transformed together: more take more memory and less time.
+        Number of channels transformed together: more take more memory and less time.
     threads : int, optional
-        All of the machine by default.
+        By default all of the machine.
 
     Examples
     --------
@@ -107,13 +107,13 @@ class Transform:
         return self._call(self._inner.adjoint, "samples", samples, self.shape[0])
 
     def normal(self, coefficients: ArrayLike, weights: ArrayLike | None = None) -> Floats:
-        """Applies `synthesis`, multiplies by weights, and applies `adjoint`, in less time than these take.
+        """Applies `synthesis`, multiplies by weights, and applies `adjoint`, faster than the two calls.
 
         Parameters
         ----------
         coefficients : array_like of float, (K,) or (K, c)
         weights : array_like of float, (n,), optional
-            Of the directions, finite and not negative; by default one.
+            Weights of the directions, finite and not negative; by default one.
 
         Returns
         -------
