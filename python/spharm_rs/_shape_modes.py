@@ -155,7 +155,7 @@ class Modes:
     def quality(
         self, *, samples: int = 2000, seed: int = 0, threads: int | None = None, progress: Progress = None
     ) -> Quality:
-        """Measures generalisation and specificity; not for modes after `truncate`.
+        """Measures generalisation and specificity, for modes that weren't truncated.
 
         Parameters
         ----------

@@ -49,7 +49,7 @@ def morph(
     Parameters
     ----------
     start, end : Model
-        Of surfaces, in whatever poses.
+        Of surfaces, in any poses.
     steps : int or array_like of float, (n,)
         Number of shapes, both ends included, at least 2; or their times.
     keep_pose : bool

@@ -1,4 +1,4 @@
-"""How well a group of models corresponds."""
+"""Quality of a group's correspondence."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Curve:
     ----------
     values : ndarray of float, (m,)
     low, high : ndarray of float, (m,)
-        The 95 % band of a bootstrap over the members; (0,) where there is none.
+        The 95 % band of a bootstrap over the members; (0,) without a bootstrap.
     """
 
     values: Floats
@@ -39,7 +39,7 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class LandmarkErrors:
-    """Distances on a member's surface between its own landmark and where another member's comes to lie, all pairs.
+    """Distances on a member's surface between its own landmark and the one carried from another member, all pairs.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class LandmarkErrors:
     off_surface : ndarray of float, (n, p)
         Distance of each landmark from its own member's surface.
     names : tuple of str, optional
-        Of the landmarks, where they have names.
+        Names of the landmarks, if they have any.
     """
 
     mean: float
@@ -65,7 +65,7 @@ class LandmarkErrors:
 
 @dataclass(frozen=True, eq=False)
 class GroupQuality:
-    """How well a group corresponds; lengths are in the surfaces' unit.
+    """Quality of a group's correspondence; lengths are in the surfaces' unit.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class GroupQuality:
     specificity : Curve
         Mean distance of a random shape of the modes from the nearest member.
     surface_generalisation, surface_specificity : Curve, optional
-        The same by the distance between surfaces: the mean distance to the nearest point, both ways.
+        The same for the distance between surfaces: the mean distance to the nearest point, both ways.
     landmarks : LandmarkErrors, optional
     warnings : tuple of str
     """
@@ -111,25 +111,25 @@ def quality(
     threads: int | None = None,
     progress: Progress = None,
 ) -> GroupQuality:
-    """Measures how well surfaces correspond: places weigh by their share of the area.
+    """Measures how well surfaces correspond; places are weighted by their share of the area.
 
-    Compactness, generalisation and specificity also get better where directions slide to places in which members differ
-    least; landmarks tell whether places correspond.
+    Compactness, generalisation and specificity also improve if directions slide to places where members differ least; only
+    landmarks show whether places correspond.
 
     Parameters
     ----------
     models : sequence of Model
-        Three or more, such as those of `procrustes`. Their place in space doesn't count.
+        Three or more, such as those of `procrustes`. Their position in space is ignored.
     modes : int
-        Most modes to measure, m; at most one fewer than models.
+        Number of modes to measure, m; at most one fewer than models.
     samples : int
         Random shapes for the specificity.
     bands : int
         Bootstrap samples for the bands; 0 for none.
     landmarks : sequence of Landmarks, of array_like of float, (p, 3), or of paths, optional
-        The same places of each model, in its own frame; those with names are matched by them.
+        The same places on each model, in its own frame; named ones are matched by name.
     rigid : bool
-        Bring members rigidly together first, by area, at equal directions.
+        Align members rigidly first, weighted by area, at equal directions.
     surfaces : bool
         Measure distances between surfaces, too, which takes most of the time.
     degree : int, optional
@@ -137,9 +137,9 @@ def quality(
     sphere : int
         Subdivisions of the icosphere that models are evaluated on, 2 to 7.
     seed : int
-        Of the random shapes and of the bootstrap.
+        Seed of the random shapes and of the bootstrap.
     mask : array_like of bool, (V,), optional
-        Vertices of ``icosphere(sphere)`` that are compared; by default all.
+        Vertices of ``icosphere(sphere)`` to compare; by default all.
     threads : int, optional
     progress : bool or callable, optional
 

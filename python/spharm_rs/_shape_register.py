@@ -1,4 +1,4 @@
-"""One surface on another: its pose, and a template registered to it."""
+"""Poses of surfaces relative to others, and registration of templates."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ Given = Union[str, "tuple[Floats, Triangles]"]
 
 
 def _level(max_degree: int) -> int:
-    """Subdivisions of the icosphere that carry a degree, as the library has them."""
+    """Returns the subdivisions of the icosphere for a degree, as in the library."""
     return 4 if max_degree <= 15 else 5 if max_degree <= 40 else 6
 
 
 def given(surface: Any) -> Given:
-    """A surface as the extension module takes it: a path, which is read when it is needed, or arrays."""
+    """Returns a surface as the extension module takes it: a path, which is read when needed, or arrays."""
     if isinstance(surface, (str, os.PathLike)):
         path = os.fspath(surface)
         if not path.endswith(".npz"):
@@ -43,17 +43,18 @@ def given(surface: Any) -> Given:
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """How a surface comes onto another.
+    """The pose of a surface relative to another.
 
     Attributes
     ----------
     transform : Transform
         From the surface's own frame to the target's.
     distance : float
-        Root mean square distance of the surfaces after it, both ways, without the tenth that is farthest, in the target's unit.
+        Root mean square distance of the surfaces after the transform, both ways, without the farthest tenth; in the target's
+        unit.
     second : float
-        The same after the best pose whose rotation is another by 15 degrees or more; infinite where there is none. Where it is hardly
-        larger, the pose is in doubt.
+        The same for the best pose whose rotation differs by 15 degrees or more; infinite if none was found. If it is hardly
+        larger than ``distance``, the pose is in doubt.
     """
 
     transform: Transform
@@ -63,14 +64,14 @@ class Pose:
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """A template that was moved onto a surface.
+    """A template registered to a surface.
 
     Attributes
     ----------
     surface : Surface
         The template's triangles on the surface, in the surface's own frame.
     reached : ndarray of bool, (n,)
-        Whether each vertex has a counterpart there; else its place is a guess.
+        Whether each vertex has a counterpart there; if not, its place is a guess.
     transform : Transform
         From the surface's own frame to the template's; the identity with ``pose=False``.
     cover : dict
@@ -95,20 +96,20 @@ def register(
     threads: int | None = None,
     progress: Progress = None,
 ) -> Registration:
-    """Moves a template onto a surface, whatever that one's topology: its vertices then lie at the same places.
+    """Moves a template onto a surface of any topology, so that its vertices lie at corresponding places.
 
     Parameters
     ----------
     template, surface : str, os.PathLike, Surface, Model or what `spharm_rs.as_surface` takes
         Models are evaluated on an icosphere.
     pose : bool
-        Find the surface's pose first; without it both have to lie together.
+        Find the surface's pose first; without it, both must be in the same pose.
     scale : bool
-        Scale the surface to the template's size for that.
+        Also scale the surface to the template's size.
     mirror : bool
         Match mirror images, too.
     masked : array_like of bool, (n,), optional
-        Vertices of the template without a counterpart on surfaces, such as lids of holes: nothing draws at them.
+        Vertices of the template without a counterpart on surfaces, such as lids of holes; nothing attracts them.
     threads : int, optional
     progress : bool or callable, optional
 
@@ -146,7 +147,7 @@ def pose(
     threads: int | None = None,
     progress: Progress = None,
 ) -> Pose:
-    """Brings a surface onto another by the surfaces alone, whatever their topology, triangles and poses.
+    """Finds the pose of a surface relative to another from the surfaces alone, for any topology, triangles and poses.
 
     Parameters
     ----------

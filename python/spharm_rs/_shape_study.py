@@ -1,4 +1,4 @@
-"""Groups measured at the vertices of a sphere, and tests there."""
+"""Measurements of groups at the vertices of a sphere, and tests of them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ._surface import icosphere, named_icosphere
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """What n models measure at V vertices.
+    """Measurements of n models at V vertices.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ def measure_group(
     threads: int | None = None,
     progress: Progress = None,
 ) -> Field:
-    """Measures models that correspond at the vertices of one sphere, as `spharm_rs.shape.test` takes them.
+    """Measures corresponding models at the vertices of one sphere, for `spharm_rs.shape.test`.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def measure_group(
     sphere : int, Surface or what `spharm_rs.as_surface` takes, or array_like of float, (V, 3)
         Level of an icosphere, a sphere, or directions.
     minus : sequence of Model, optional
-        A second model of each subject, whose measurements are subtracted: those of an earlier time, or of another side.
+        A second model of each subject, whose measurements are subtracted, such as an earlier time or the other side.
     signal : {"normal", "position", "value"}
         Displacement from the mean along its outward normal; position; or the value of a signal of one channel.
     degree : int, optional
@@ -109,7 +109,7 @@ def _measured(
     return Field(values, Model._of(mean), directions, warn(warnings, stacklevel=4))
 
 
-#: What subjects have: numbers, or levels.
+#: A column of the subjects: numbers, or levels.
 Cells = Union[Floats, "list[str]"]
 
 
@@ -155,7 +155,7 @@ def _covariates(given: Any, count: int) -> list[tuple[str, Cells]]:
 def _asked(
     count: int, groups: Any, effect: Any, mean: bool, design: Any, contrast: Any, covariates: Any, levels: Any
 ) -> dict[str, Any]:
-    """Returns what is tested, as the extension module takes it."""
+    """Returns the tested design as the extension module takes it."""
     if sum(given is not None for given in (groups, effect, design)) + mean != 1:
         raise ValueError("groups, effect, mean, design: expected one of them")
     if (design is None) != (contrast is None):
@@ -187,50 +187,50 @@ def _asked(
 
 @dataclass(frozen=True, eq=False)
 class TestResult:
-    """What a test finds at each of V vertices.
+    """Result of a test at each of V vertices.
 
     Attributes
     ----------
     statistic : ndarray of float, (V,)
-        t, F or Hotelling's T-squared; 0 where there is no variance.
+        t, F or Hotelling's T-squared; 0 at vertices without variance.
     p : ndarray of float, (V,)
-        Two-sided, of the statistic's distribution, uncorrected.
+        Two-sided, from the statistic's distribution, uncorrected.
     q : ndarray of float, (V,)
         False-discovery rate of Benjamini and Hochberg.
     p_fwe, p_permutation : ndarray of float, (V,), or None
-        By relabelling: family-wise by the largest statistic, and uncorrected. None without relabellings.
+        From relabellings: family-wise, by the largest statistic, and uncorrected. None without relabellings.
     effect, margin, standard_error : ndarray of float, (V,) or (V, 3), or None
         The contrast's estimate, half the width of its confidence interval, and its standard error, in the values' unit. None
-        where several contrasts are tested at once.
+        if several contrasts are tested at once.
     size : ndarray of float, (V,), or None
-        The estimate over the errors' standard deviation: Cohen's d for two groups, for positions Mahalanobis' distance; 0
-        where there is no variance.
+        The estimate divided by the errors' standard deviation: Cohen's d for two groups, for positions Mahalanobis' distance;
+        0 at vertices without variance.
     kind : {"t", "F", "T2"}
     freedom : tuple of float
-        Of t: degrees of freedom, of Welch's t where they are least. Of F: between and within. Of T-squared: components,
-        and degrees of freedom of the errors.
+        For t: degrees of freedom, for Welch's t the least of all vertices. For F: between and within. For T-squared:
+        components, and degrees of freedom of the errors.
     meaning : str
-        What was tested, such as ``"control - patient"``.
+        The tested difference in words, such as ``"control - patient"``.
     levels : dict
-        Subjects of each group.
+        Number of subjects in each group.
     columns : list of str
-        Of the design.
+        Names of the design's columns.
     codes : dict
-        Covariates of three to six different whole numbers, with these: taken as amounts, with one slope each. If they are
-        codes of levels, such as sites, give names in their place.
+        Covariates with three to six different whole numbers, and these numbers. They are taken as amounts, with one slope each;
+        if they are codes of levels, such as sites, give names instead.
     resampling : str or None
-        What the relabelled studies differ by: "permutations" of subjects, "sign flips", or both.
+        Kind of relabelling: "permutations" of subjects, "sign flips", or both.
     assumption : str or None
         The assumption about the errors that `p_fwe` and `p_permutation` rest on.
     relabellings : int
         0 without any.
     exact : bool
-        Whether these are all relabellings.
+        Whether all possible relabellings were used.
     smallest_p : float or None
-        The smallest p that they can give.
+        The smallest p that the relabellings can give.
     warnings : tuple of str
     mean : Model or None
-        Mean of the models, where these were given.
+        Mean of the models, if models were given.
     """
 
     statistic: Floats
@@ -256,7 +256,7 @@ class TestResult:
     warnings: tuple[str, ...]
     mean: Model | None
 
-    # It isn't a test of pytest.
+    # Not a test for pytest to collect.
     __test__ = False
 
     def __repr__(self) -> str:
@@ -290,35 +290,35 @@ def test(
     """Tests groups, a slope, a mean, or a contrast at every vertex, with family-wise and false-discovery control.
 
     At each vertex a linear model is tested: by t, by F for more than two groups, by Hotelling's T-squared for positions.
-    Rows have to be independent subjects. Family-wise p values are of the largest statistic over relabelled studies: all of
-    them if there are at most 20,000. Subjects are exchanged; where that changes nothing, as for means, and for Welch's
+    Rows have to be independent subjects. Family-wise p values come from the largest statistic of relabelled studies: all
+    relabellings if there are at most 20,000. Subjects are exchanged; if that changes nothing, as for means, and for Welch's
     test, the signs of residuals are flipped. If neither changes the statistic, `p_fwe` is None, with a warning.
 
     Parameters
     ----------
     subjects : sequence of Model, or array_like of float, (n, V) or (n, V, 3)
-        Models that correspond, such as those of `procrustes`, which `measure_group` measures first; or values.
+        Corresponding models, such as those of `procrustes`, which `measure_group` measures first; or values.
     groups : array_like, (n,), optional
-        Group of each subject, a name or a number: the difference of two, the first less the second, or any difference
-        between more.
+        Group of each subject, a name or a number. Tests the difference of two groups, the first minus the second, or any
+        difference between more.
     effect : array_like of float, (n,), optional
-        A number of each subject, whose slope is tested.
+        A number for each subject; its slope is tested.
     mean : bool
-        Test whether the mean is zero, of values, of a signal, or of differences (``minus``).
+        Test whether the mean of values, of a signal, or of differences (``minus``) is zero.
     design : array_like of float, (n, p), optional
-        A design of one's own, of full column rank.
+        A custom design matrix, of full column rank.
     contrast : array_like of float, (p,) or (q, p), optional
-        What is tested of the design's columns: that these combinations are zero.
+        Combinations of the design's columns that are tested to be zero.
     covariates : dict of array_like, (n,), or array_like of float, (n, k), optional
-        What to account for: numbers, or names of levels; for ``groups``, ``effect`` and ``mean``.
+        Nuisance variables: numbers, or names of levels; for ``groups``, ``effect`` and ``mean``.
     levels : sequence, optional
         Order of the groups; sorted by default.
     minus : sequence of Model, or array_like of float, of the shape of subjects, optional
         A second measurement of each subject, which is subtracted: the differences are tested.
     signal : {"normal", "position", "value"}
-        What models are measured by, as in `measure_group`.
+        Measurement of models, as in `measure_group`.
     sphere : int, Surface or what `spharm_rs.as_surface` takes, or array_like of float, (V, 3)
-        Where they are measured.
+        Vertices at which models are measured.
     degree : int, optional
         Highest degree of models; by default the lowest of them.
     welch : bool
@@ -326,13 +326,13 @@ def test(
     permutations : int
         Random relabellings, at most 100,000,000; 0 for none.
     seed : int
-        Of the relabellings.
+        Seed of the relabellings.
     confidence : float
         Coverage of the effect's confidence interval.
     level : float
-        Level of significance, for warnings alone.
+        Level of significance, used for warnings only.
     threads : int, optional
-        The result is the same for any.
+        The result doesn't depend on it.
     progress : bool or callable, optional
 
     Returns

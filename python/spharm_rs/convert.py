@@ -1,4 +1,4 @@
-"""Coefficients of other packages.
+"""Conversion of coefficients from and to other packages.
 
 Here a function is ``sum a[l, m] S[l, m]`` with real orthonormal harmonics without the Condon-Shortley phase, row
 ``l**2 + l + m``, sin(abs(m) phi) for negative m. Degrees are inclusive; s2fft and FlowShape count L + 1 of them.
@@ -13,7 +13,7 @@ format          array
 ``s2fft``       complex (c, L + 1, 2 L + 1): ``flm`` of s2fft, orders from -L
 ``spharm_mat``  complex (K, c): ``fvec`` of SPHARM-MAT, which is ``complex``
 ``spharm_pdm``  real (K, 3): rows of a SPHARM-PDM ``.coef`` file
-``ktch``        real (c, K): what ktch has, canonical
+``ktch``        real (c, K): ktch's coefficients, canonical
 ``flowshape``   real (K, c): FlowShape's, with the phase
 ==============  =====================================================================================================
 
@@ -187,7 +187,7 @@ def from_s2fft(array: ArrayLike) -> Floats:
 
 
 def to_spharm_mat(coefficients: ArrayLike) -> Complex:
-    """Returns ``fvec`` of SPHARM-MAT, (K, 3); with MATLAB files counted from 1 goes ``faces + 1``."""
+    """Returns ``fvec`` of SPHARM-MAT, (K, 3); the faces of MATLAB files count from 1: ``faces + 1``."""
     _three("SPHARM-MAT", coefficients)
     return to_complex(coefficients)
 
@@ -204,7 +204,7 @@ def _three(who: str, coefficients: ArrayLike) -> None:
 
 
 def _pdm(degree: int) -> tuple[NDArray[np.intp], Floats]:
-    """Returns, for each row of a ``.coef`` file, the canonical row, and what it is multiplied by."""
+    """Returns, for each row of a ``.coef`` file, the canonical row, and its factor."""
     degrees, orders = _orders(degree)
     at = degrees**2 + np.where(orders > 0, 2 * orders - 1, -2 * orders)
     rows = np.empty_like(at)
@@ -238,7 +238,7 @@ def write_spharm_pdm(path: Union[str, "os.PathLike[str]"], coefficients: ArrayLi
     path : str or os.PathLike
     coefficients : array_like of float, (K, 3)
     overwrite : bool
-        Replace a file that is there.
+        Replace an existing file.
     """
     rows = to_spharm_pdm(coefficients)
     lines = ",\n".join("{{{:.17g}, {:.17g}, {:.17g}}}".format(*row) for row in rows)
@@ -267,23 +267,23 @@ def to_ktch(coefficients: ArrayLike) -> Floats:
 
 
 def from_ktch(array: ArrayLike) -> Floats:
-    """Returns canonical coefficients of ktch's, (c, K) or flat (3 K,)."""
+    """Returns canonical coefficients from ktch's, (c, K) or flat (3 K,)."""
     given = _arrays.real("ktch", array, "(c, K)")
     return _canonical(np.ascontiguousarray((given.reshape(3, -1) if given.ndim == 1 else given).T))[0]
 
 
 def to_flowshape(coefficients: ArrayLike) -> Floats:
-    """Returns FlowShape's coefficients, (K, c): canonical but for the factor (-1)**m."""
+    """Returns FlowShape's coefficients, (K, c): canonical except for the factor (-1)**m."""
     a, degree = _canonical(coefficients)
     return a * np.where(_orders(degree)[1] % 2, -1.0, 1.0)[:, np.newaxis]
 
 
 def from_flowshape(array: ArrayLike) -> Floats:
-    """Returns canonical coefficients of FlowShape's, (K, c)."""
+    """Returns canonical coefficients from FlowShape's, (K, c)."""
     return to_flowshape(array)
 
 
-#: Formats by name: what makes an array of canonical coefficients, and the way back.
+#: Formats by name: the functions from and to canonical coefficients.
 FORMATS: dict[str, tuple[Callable[[Any], Any], Callable[[Any], Floats]]] = {
     "complex": (to_complex, from_complex),
     "pyshtools": (to_pyshtools, from_pyshtools),
@@ -303,10 +303,10 @@ def _format(name: str) -> tuple[Callable[[Any], Any], Callable[[Any], Floats]]:
 
 
 def to(format: str, coefficients: ArrayLike) -> Any:
-    """Returns canonical coefficients, (K, c), as another package has them."""
+    """Converts canonical coefficients, (K, c), to another package's format."""
     return _format(format)[0](coefficients)
 
 
 def from_(format: str, array: Any) -> Floats:
-    """Returns the canonical coefficients, (K, c), of another package's."""
+    """Converts another package's coefficients to canonical ones, (K, c)."""
     return _format(format)[1](array)

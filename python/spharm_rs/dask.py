@@ -1,8 +1,8 @@
 """Fits of chunked samples by Dask: beyond memory, and beyond one machine.
 
-Each chunk becomes its `spharm_rs.Moments`, and these are added in a tree. Chunks don't meet: what travels are sums of
-``8 ((2 L + 1)**2 + c (L + 1)**2)`` bytes. The order of the additions follows from the chunks alone, so that results are the
-same whatever workers there are.
+Each chunk is reduced to its `spharm_rs.Moments`, and these are added in a tree. Only the sums are sent between workers, of
+``8 ((2 L + 1)**2 + c (L + 1)**2)`` bytes. The order of the additions depends on the chunks alone, so results don't depend on
+the workers.
 """
 
 from __future__ import annotations
@@ -31,34 +31,34 @@ def moments(
     split_every: int = 8,
     threads: int = 1,
 ) -> Any:
-    """Plans the sums over chunked samples, which any Dask scheduler computes.
+    """Plans the sums over chunked samples, for any Dask scheduler to compute.
 
     Parameters
     ----------
     samples : dask.array.Array of float, (n, 3), or iterable of dask.delayed.Delayed
         Directions, vectors of any length but zero, in chunks of rows; or delayed chunks, each of which gives a tuple of
-        directions, values and, where there are any, weights.
+        directions, values and, if any, weights.
     values : dask.array.Array of float, (n,) or (n, c), optional
-        With directions. It gets their chunks.
+        Required with directions; rechunked as they are.
     max_degree : int
         Highest degree L of fits, inclusive.
     weights : dask.array.Array of float, (n,), optional
     channels : sequence of str, optional
-        As of `spharm_rs.Moments`.
+        As for `spharm_rs.Moments`.
     split_every : int
-        Parts that are added at a time.
+        Number of parts added at a time.
     threads : int
-        Of each chunk. Dask runs several chunks side by side.
+        Threads per chunk. Dask runs several chunks in parallel.
 
     Returns
     -------
     dask.delayed.Delayed
-        Of a `spharm_rs.Moments`.
+        Yields a `spharm_rs.Moments`.
 
     Notes
     -----
-    A chunk takes the memory of ``spharm moments`` at this degree, 0.8 GB at degree 1,000, whatever its size, and in the end
-    as long as some ten million samples at that degree: chunks of fewer cost more than they must.
+    A chunk of any size takes the memory of ``spharm moments`` at this degree, 0.8 GB at degree 1,000. Its final step takes as
+    long as some ten million samples at that degree, so smaller chunks are inefficient.
 
     Examples
     --------
@@ -92,14 +92,14 @@ def fit(
     threads: int = 1,
     **settings: Any,
 ) -> Model:
-    """Least squares of chunked samples.
+    """Fits chunked samples by least squares.
 
-    Computes `moments` by the current Dask scheduler, a client's cluster where there is one, and fits them here.
+    Computes `moments` with the current Dask scheduler, such as a client's cluster, and fits them in this process.
 
     Parameters
     ----------
     samples, values, weights, channels, split_every, threads
-        As of `moments`.
+        As for `moments`.
     max_degree : int
         Highest degree L, inclusive.
     **settings
@@ -153,7 +153,7 @@ def _chunks(samples: Any, values: Any, weights: Any) -> list[Any]:
     if weights is not None and weights.ndim != 1:
         raise ValueError(f"weights: expected shape (n,), found {weights.shape}")
     rows, columns = samples.chunks[0], []
-    # A length that isn't known, such as that of what came from a table, is NaN.
+    # Unknown lengths, such as of arrays made from tables, are NaN.
     known = all(size == size for array in arrays.values() for size in array.chunks[0])
     for name, array in arrays.items():
         if known and array.shape[0] != samples.shape[0]:

@@ -15,26 +15,26 @@ __all__ = [
 
 
 class SpharmError(Exception):
-    """What this package refuses or fails at. The message says what was expected, what was found and what to do."""
+    """Base class of this package's exceptions. Messages state what was expected, what was found and what to do."""
 
 
 class MeshError(SpharmError, ValueError):
-    """A surface, sphere, volume or model that isn't what its name says, such as a mesh that isn't closed."""
+    """An invalid surface, sphere, volume or model, such as a mesh that isn't closed."""
 
 
 class StoreError(SpharmError, OSError):
-    """A basis store that is damaged, incomplete, or for which there is no space on the disk."""
+    """A basis store that is damaged or incomplete, or too large for the disk."""
 
 
 class MemoryBudgetError(SpharmError, MemoryError):
-    """A memory budget, or a limit of the process, below what the work takes.
+    """A memory budget, or a limit of the process, below the memory that is needed.
 
     Attributes
     ----------
     budget : int
         The budget or limit, in bytes.
     needed : int
-        The least that works, in bytes.
+        The smallest budget that works, in bytes.
     """
 
     budget: int
@@ -42,7 +42,7 @@ class MemoryBudgetError(SpharmError, MemoryError):
 
 
 class SpharmWarning(UserWarning):
-    """Something about a result that its user should know. The report of a fit lists them, too."""
+    """A doubt about a result. The report of a fit lists its warnings, too."""
 
 
 class NotDetermined(SpharmWarning):
@@ -54,4 +54,4 @@ class NotConverged(SpharmWarning):
 
 
 class Oscillation(SpharmWarning):
-    """The model is far off between the vertices, which leave it undetermined there."""
+    """The model is far off between the vertices, where they don't determine it."""

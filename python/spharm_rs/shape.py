@@ -1,4 +1,4 @@
-"""Shape analysis on models, from their coefficients alone: what ``spharm shape`` computes.
+"""Shape analysis of models from their coefficients, as in ``spharm shape``.
 
 >>> import spharm_rs as sp
 >>> surface, sphere = sp.example_surface(4)
@@ -7,7 +7,7 @@
 >>> curvature = sp.shape.geometry(model).mean_curvature
 >>> smooth = sp.shape.smooth(model, fwhm=10)
 
-A group of surfaces in any poses is brought together, and has a mean, modes of variation, and differences:
+A group of surfaces in any poses is aligned; it then has a mean, modes of variation, and differences:
 
 >>> group = [sp.fit(sp.example_surface(4, seed)[0], sphere, 6) for seed in range(6)]
 >>> together = sp.shape.procrustes(group, templates=1)
@@ -94,9 +94,9 @@ class Measures:
     centroid : tuple of float
         Centre of mass of the inside.
     sphericity : float
-        ``(36 pi volume**2)**(1/3) / area``: 1 for a sphere, less for all else.
+        ``(36 pi volume**2)**(1/3) / area``: 1 for a sphere, less for other shapes.
     area_change : float
-        Relative change of the area from the last grid but one.
+        Relative change of the area between the last two grids.
     squeezed : float
         Part of the sphere where the area element is below a thousandth of its mean.
     inwards : bool
@@ -136,16 +136,16 @@ class Geometry:
 
 @dataclass(frozen=True)
 class Match:
-    """A model that was found.
+    """A model found by `nearest`.
 
     Attributes
     ----------
     index : int
-        Its place among those searched.
+        Index in the models searched.
     distance : float
         Distance of the singular values, in the models' unit.
     score : float
-        What the models were ordered by.
+        The value by which models are ordered.
     """
 
     index: int
@@ -174,7 +174,7 @@ def measure(
     degree : int, optional
         Highest degree; by default all.
     tolerance : float
-        Relative change of the area from one grid to the next finer one that is small enough. Volume and centroid are exact.
+        Grids are refined until the relative change of the area is at most this. Volume and centroid are exact.
     threads : int, optional
     progress : bool or callable, optional
 
@@ -211,7 +211,7 @@ def geometry(
     threads: int | None = None,
     progress: Progress = None,
 ) -> Geometry:
-    """Computes normals and curvatures, exact from the coefficients and at the poles, too.
+    """Computes normals and curvatures, exactly from the coefficients, including at the poles.
 
     Parameters
     ----------
@@ -227,7 +227,7 @@ def geometry(
     Returns
     -------
     Geometry
-        Along the parameterisation: of a model over a mirrored sphere (``Measures.inwards``) normals point inwards.
+        Normals follow the parameterisation: over a mirrored sphere (``Measures.inwards``) they point inwards.
     """
     positions, normals, columns = _core.shape_geometry(
         _model("model", model),
@@ -249,7 +249,7 @@ def smooth(model: Model, *, fwhm: float | None = None, s: float | None = None) -
     fwhm : float
         Full width at half maximum, in degrees of arc on the sphere: ``4 sqrt(s ln 2)`` radians.
     s : float
-        The time of diffusion, in place of a width.
+        Diffusion time, instead of a width.
 
     Returns
     -------
@@ -262,7 +262,7 @@ def smooth(model: Model, *, fwhm: float | None = None, s: float | None = None) -
 
 
 def describe(model: Model) -> tuple[Floats, Floats]:
-    """Describes a model by numbers that rotations, reflections and translations don't change.
+    """Describes a model by numbers that are invariant to rotations, reflections and translations.
 
     Parameters
     ----------
@@ -271,9 +271,9 @@ def describe(model: Model) -> tuple[Floats, Floats]:
     Returns
     -------
     power : ndarray of float, (L,)
-        Mean square over the sphere of what each degree from 1 on adds.
+        Mean square over the sphere of each degree's part of the model, from degree 1.
     singular_values : ndarray of float, (L, c)
-        Singular values of each degree's coefficients over ``sqrt(4 pi)``, largest first; their squares sum to the power.
+        Singular values of each degree's coefficients divided by ``sqrt(4 pi)``, largest first; their squares sum to the power.
     """
     return _core.shape_describe(_model("model", model))
 
@@ -287,7 +287,7 @@ def nearest(
     standardized: bool = False,
     threads: int | None = None,
 ) -> list[Match]:
-    """Finds the models whose singular values are nearest to those of one, in whatever pose.
+    """Finds the models whose singular values are nearest to those of the query, independent of pose.
 
     Parameters
     ----------
@@ -295,7 +295,7 @@ def nearest(
     among : sequence of Model
         Compared to the lowest degree of all.
     count : int
-        How many are returned.
+        Number of models to return.
     unit_size : bool
         Compare models scaled to size 1.
     standardized : bool
@@ -319,7 +319,7 @@ def nearest(
 
 
 def tails(model: Model) -> Floats:
-    """Returns the root mean square distance of a model from its degrees 0 to d, for each d: (L + 1,), exact by Parseval."""
+    """Returns the root mean square distance of a model from its truncation to each degree d: (L + 1,), exact by Parseval."""
     return _core.shape_tails(_model("model", model))
 
 

@@ -1,4 +1,4 @@
-"""A transformer of scikit-learn: surfaces over one sphere to coefficients, and back."""
+"""A scikit-learn transformer between surfaces over one sphere and coefficients."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ._transform import Transform
 
 
 class SpharmTransformer(TransformerMixin, BaseEstimator):  # type: ignore[misc]
-    """Turns surfaces with corresponding vertices into rows of coefficients: their least squares at the vertices.
+    """Turns surfaces with corresponding vertices into rows of coefficients, by least squares at the vertices.
 
     Parameters
     ----------
@@ -26,9 +26,9 @@ class SpharmTransformer(TransformerMixin, BaseEstimator):  # type: ignore[misc]
     sphere : Surface or what `spharm_rs.as_surface` takes, or str
         The sphere of all surfaces: their vertices, in their order; or ``icosphere:N``.
     smoothness : float or "auto", optional
-        As of `spharm_rs.fit`.
+        As for `spharm_rs.fit`.
     weights : {"uniform", "area"}
-        As of `spharm_rs.fit`.
+        As for `spharm_rs.fit`.
     threads : int, optional
 
     Examples
@@ -61,7 +61,7 @@ class SpharmTransformer(TransformerMixin, BaseEstimator):  # type: ignore[misc]
         return as_surface(named_icosphere(self.sphere))
 
     def fit(self, X: ArrayLike, y: Any = None) -> SpharmTransformer:
-        """Takes note of the sphere; nothing is learnt from the surfaces.
+        """Stores the sphere; nothing is learnt from the surfaces.
 
         Parameters
         ----------
@@ -84,7 +84,7 @@ class SpharmTransformer(TransformerMixin, BaseEstimator):  # type: ignore[misc]
             X,
             self.sphere_,
             self.max_degree,
-            # A row is its coefficients' values at the vertices, and comes back as it was.
+            # Fitted at the vertices, so that `transform` recovers the rows of `inverse_transform`.
             objective="vertices",
             surface_distance=False,
             smoothness=self.smoothness,
