@@ -12,19 +12,15 @@
 //! |---|---|
 //! | `build` | memory and disk that a factor takes; computing it in memory or into a store |
 //! | `factorise` | the factorisation, panel by panel |
-//! | `arithmetic` | its products and triangles: in double precision by OpenBLAS, in single by faer but for the diagonal |
-//! | `single` | a factor in single precision, to precondition with |
 //! | `tiles` | tiles in memory, and those of an unfinished file |
 //! | `stored` | tiles in a store |
 //! | `triangular` | the triangular solves, `kernels` their SIMD |
 //! | `inverse` | the diagonal of G^-1 |
 
-mod arithmetic;
 mod build;
 mod factorise;
 mod inverse;
 mod kernels;
-mod single;
 mod stored;
 mod tiles;
 mod triangular;
@@ -37,7 +33,6 @@ pub use build::{
     DEFAULT_TILE, FactorParams, FactorPlan, FactorReport, MemoryFactor, build_factor, factorise, plan_factor,
     plan_stored_factor,
 };
-pub(crate) use single::{SingleFactor, factorise_single, plan_single};
 pub use spharm_store::factor::Condition;
 pub use stored::StoredFactor;
 

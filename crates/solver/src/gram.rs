@@ -120,54 +120,6 @@ impl<S: GramMatrix + ?Sized> GramMatrix for Penalised<'_, S> {
     }
 }
 
-/// `D G D`, D diagonal.
-#[cfg(feature = "dense")]
-pub(crate) struct Equilibrated<'a> {
-    source: &'a dyn GramMatrix,
-    scaling: &'a [f64],
-}
-
-#[cfg(feature = "dense")]
-impl<'a> Equilibrated<'a> {
-    /// Scales with D = `scaling`, (K).
-    ///
-    /// # Panics
-    ///
-    /// If D isn't of the matrix's size.
-    pub(crate) fn new(source: &'a dyn GramMatrix, scaling: &'a [f64]) -> Self {
-        assert_eq!(scaling.len(), source.size(), "scaling of rows and columns");
-        Self { source, scaling }
-    }
-}
-
-#[cfg(feature = "dense")]
-impl GramMatrix for Equilibrated<'_> {
-    fn size(&self) -> usize {
-        self.source.size()
-    }
-
-    fn bytes(&self) -> usize {
-        self.source.bytes()
-    }
-
-    fn tile(
-        &self,
-        rows: Range<usize>,
-        columns: Range<usize>,
-        out: &mut [f64],
-        leading: usize,
-    ) -> Result<(), SolverError> {
-        self.source.tile(rows.clone(), columns.clone(), out, leading)?;
-        for (column, out) in columns.zip(out.chunks_mut(leading)) {
-            let factor = self.scaling[column];
-            for (value, row_factor) in out.iter_mut().zip(&self.scaling[rows.clone()]) {
-                *value *= factor * row_factor;
-            }
-        }
-        Ok(())
-    }
-}
-
 /// Returns the diagonal of the smoothness penalty: lambda (l (l + 1))^2 for each column to `max_degree`, (K). It is the
 /// squared norm of the Laplacian on the sphere.
 pub fn smoothness_penalty(max_degree: usize, lambda: f64) -> Vec<f64> {

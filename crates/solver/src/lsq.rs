@@ -33,7 +33,6 @@
 //! | `params`, `solver`, `iterate`, `choice`, `progress`, `cost` | [`LsqParams`], [`LsqSolver`]: the strategy |
 //! | [`normal_equations`], [`cg`], [`preconditioner`] | conjugate gradients |
 //! | `factor`, `refine` | the factor of N, shifted where N is singular; refinement with it |
-//! | `single` | the factor in single precision |
 //! | `problem` | products and gradients, from samples or from moments |
 //! | `moments`, `moment_solver` | [`MomentProblem`], [`solve_moments`]: fits from sums over the samples alone |
 //! | `standard_errors` | of the coefficients |
@@ -65,7 +64,7 @@ mod assess;
 pub mod cg;
 #[cfg(feature = "dense")]
 mod choice;
-pub(crate) mod columns;
+mod columns;
 #[cfg(feature = "dense")]
 mod cost;
 pub mod denoise;
@@ -88,8 +87,6 @@ mod refine;
 #[cfg(feature = "dense")]
 mod report;
 mod signs;
-#[cfg(feature = "dense")]
-mod single;
 #[cfg(feature = "dense")]
 mod solver;
 #[cfg(feature = "dense")]

@@ -10,7 +10,6 @@ use spharm_store::{FactorSpec, FactorWriter, Scalar, StoreError, StoreWarning, T
 
 use crate::SolverError;
 use crate::blas::{RESERVED_PER_THREAD, TOUCHED_PER_THREAD};
-use crate::cholesky::arithmetic::Arithmetic;
 use crate::cholesky::factorise::{Panels, factorise as into_tiles};
 use crate::cholesky::tiles::{Finished, MemoryTiles, Tiles};
 use crate::cholesky::{CholeskyFactor, inverse, triangular};
@@ -87,25 +86,16 @@ pub struct FactorReport {
 ///
 /// [`StoreError::Budget`] with the least that works; [`StoreError::FactorLayout`].
 pub fn plan_factor(size: usize, params: &FactorParams, disk: bool) -> Result<(FactorPlan, TileGrid), SolverError> {
-    plan_of::<f64>(size, params, disk)
-}
-
-/// Plans a factorisation in the arithmetic of `S`.
-pub(super) fn plan_of<S: Arithmetic>(
-    size: usize,
-    params: &FactorParams,
-    disk: bool,
-) -> Result<(FactorPlan, TileGrid), SolverError> {
     let grid = TileGrid::new(size, params.tile)?;
     let threads = crate::threads(params.threads);
     let fixed = BASE + params.held + threads * TOUCHED_PER_THREAD + 128 * grid.count();
-    let all: usize = grid.tiles().map(|(row, column)| size_of::<S>() * grid.len(row, column)).sum();
+    let all: usize = grid.tiles().map(|(row, column)| 8 * grid.len(row, column)).sum();
     let panels = |width: usize| Panels { grid, width, threads };
     let plan = |width: usize, in_memory: bool| FactorPlan {
         in_memory,
         panel: (width * grid.tile()).min(size),
         // Right-hand sides of the condition estimate are no more than a panel.
-        memory: fixed + panels(width).bytes::<S>() + if in_memory { all } else { 0 },
+        memory: fixed + panels(width).bytes() + if in_memory { all } else { 0 },
         reserved: threads * RESERVED_PER_THREAD,
         disk: 0,
     };
@@ -216,14 +206,14 @@ pub fn build_factor(
 }
 
 /// Factorises into tiles, then estimates the condition with them.
-fn compute<T: Tiles + Finished<f64>>(
+fn compute<T: Tiles + Finished>(
     source: &dyn GramMatrix,
     tiles: &T,
     panels: &Panels,
     monitor: &dyn Monitor,
 ) -> Result<Condition, SolverError> {
     monitor.begin(Stage { name: "factor", unit: Unit::Flops }, panels.flops() as u64);
-    let norm = into_tiles::<f64>(source, tiles, panels, monitor)?;
+    let norm = into_tiles(source, tiles, panels, monitor)?;
     monitor.note(Level::Status, format_args!("estimating the condition"));
     let inverse = condition::one_norm(panels.grid.size(), &mut |x: &mut [f64]| {
         monitor.check()?;

@@ -8,7 +8,7 @@
 //! C[b.., J] = P[b..] C[J, J]^-T                     (trsm)
 //! ```
 //!
-//! in double or in single precision ([`Arithmetic`]), and the finished tiles are put away. Earlier columns are read
+//! by OpenBLAS, and the finished tiles are put away. Earlier columns are read
 //! again for each panel, so a panel of w columns costs 4 K^3 / (3 w) bytes of reading in all beside K^3 / 3 flops; the
 //! wider the budget allows it to be, the less. In memory "reading" is a copy between tiles and panels. Each entry is
 //! computed in an order that depends on the panels' width alone.
@@ -17,11 +17,12 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 use spharm_harmonics::index::degree_order;
+use spharm_harmonics::product::Matrix;
 use spharm_monitor::Monitor;
 use spharm_store::TileGrid;
 
 use crate::SolverError;
-use crate::cholesky::arithmetic::{Arithmetic, Block};
+use crate::blas::Blas;
 use crate::cholesky::tiles::Finished;
 use crate::gram::GramMatrix;
 
@@ -40,15 +41,15 @@ pub(crate) struct Panels {
 }
 
 impl Panels {
-    /// Bytes of workspace for values of type `S`.
-    pub(crate) fn bytes<S: Arithmetic>(&self) -> usize {
+    /// Bytes of workspace.
+    pub(crate) fn bytes(&self) -> usize {
         let (size, tile) = (self.grid.size(), self.grid.tile());
         let width = (self.width * tile).min(size);
         let run = RUN.max(tile).min(size);
         let rows = ROWS.max(tile).min(size);
         // The panel; its triangle apart; the gathered run of the panel's rows and of others; a tile for each thread.
         let values = size * width + width * width + width * run + rows * run + 2 * self.threads * tile * tile;
-        size_of::<S>() * values + S::wide_bytes(size, width)
+        8 * values
     }
 
     /// Flops of all of it.
@@ -58,9 +59,9 @@ impl Panels {
 }
 
 /// Factorises `source` into `finished`; gives the 1-norm of G. Steps of the monitor are flops.
-pub(crate) fn factorise<S: Arithmetic>(
+pub(crate) fn factorise(
     source: &dyn GramMatrix,
-    finished: &dyn Finished<S>,
+    finished: &dyn Finished,
     panels: &Panels,
     monitor: &dyn Monitor,
 ) -> Result<f64, SolverError> {
@@ -68,17 +69,16 @@ pub(crate) fn factorise<S: Arithmetic>(
     let (size, count) = (grid.size(), grid.columns());
     assert_eq!(source.size(), size, "the Gram matrix and its tiles");
     let mut sums = vec![0.0; size];
-    let (mut wide_panel, mut own_panel, mut top, mut other) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let (mut panel, mut top, mut other) = (Vec::new(), Vec::new(), Vec::new());
     for first in (0..count).step_by(width) {
         let columns = first..(first + width).min(count);
         let (a, b) = (grid.range(first).start, grid.range(columns.end - 1).end);
         let (rows, wide) = (size - a, b - a);
-        wide_panel.clear();
-        wide_panel.resize(rows * wide, 0.0);
+        panel.clear();
+        panel.resize(rows * wide, 0.0);
         monitor.check()?;
-        source.tile(a..size, a..b, &mut wide_panel, rows)?;
-        add_norms(&wide_panel, rows, &mut sums[a..]);
-        let panel = S::rounded(&mut wide_panel, &mut own_panel);
+        source.tile(a..size, a..b, &mut panel, rows)?;
+        add_norms(&panel, rows, &mut sums[a..]);
         let run = (RUN / grid.tile()).max(1);
         for start in (0..first).step_by(run) {
             let before = start..(start + run).min(first);
@@ -92,25 +92,25 @@ pub(crate) fn factorise<S: Arithmetic>(
                 let range = grid.range(row).start..grid.range(tiles.end - 1).end;
                 gather(finished, grid, tiles, before.clone(), &mut other)?;
                 let (height, at) = (range.len(), range.start - a);
-                let (left, right) = (Block::new(&other, height, k), Block::new(&top, wide, k));
-                S::subtract_outer(left, right, &mut panel[at..], rows, threads);
+                let (left, right) = (Matrix::new(&other, height, k, height), Matrix::new(&top, wide, k, wide));
+                Blas::with_threads(threads).subtract_outer(left, right, &mut panel[at..], rows);
                 monitor.step(2 * (height * wide * k) as u64);
             }
         }
         monitor.check()?;
-        S::cholesky(panel, wide, rows, threads).map_err(|column| not_positive(a + column))?;
+        Blas::with_threads(threads).cholesky(&mut panel, wide, rows).map_err(|column| not_positive(a + column))?;
         // LAPACK's comparison with zero lets a NaN through.
-        if let Some(column) = (0..wide).find(|j| !panel[j * rows + j].widen().is_finite()) {
+        if let Some(column) = (0..wide).find(|j| !panel[j * rows + j].is_finite()) {
             return Err(not_positive(a + column));
         }
         if rows > wide {
-            let triangle: Vec<S> = panel.chunks(rows).flat_map(|column| &column[..wide]).copied().collect();
-            let triangle = Block::new(&triangle, wide, wide);
-            S::divide_by_transpose(triangle, &mut panel[wide..], rows - wide, rows, threads);
+            let triangle: Vec<f64> = panel.chunks(rows).flat_map(|column| &column[..wide]).copied().collect();
+            let triangle = Matrix::new(&triangle, wide, wide, wide);
+            Blas::with_threads(threads).divide_by_transpose(triangle, &mut panel[wide..], rows - wide, rows);
         }
         let wide = wide as u64;
         monitor.step(wide * wide * (wide / 3 + rows as u64 - wide));
-        put(finished, grid, columns, panel, rows)?;
+        put(finished, grid, columns, &panel, rows)?;
     }
     // Not f64::max, which would pass over a NaN.
     Ok(sums.into_iter().fold(0.0, |m, s| if s > m || s.is_nan() { s } else { m }))
@@ -131,20 +131,20 @@ fn add_norms(panel: &[f64], rows: usize, sums: &mut [f64]) {
 }
 
 /// Finished tiles of some tile rows and columns, side by side: column-major without gaps. The columns are full ones.
-fn gather<S: Arithmetic>(
-    finished: &dyn Finished<S>,
+fn gather(
+    finished: &dyn Finished,
     grid: TileGrid,
     rows: Range<usize>,
     columns: Range<usize>,
-    out: &mut Vec<S>,
+    out: &mut Vec<f64>,
 ) -> Result<(), SolverError> {
     let start = grid.range(rows.start).start;
     let height = grid.range(rows.end - 1).end - start;
-    out.resize(height * columns.len() * grid.tile(), S::default());
+    out.resize(height * columns.len() * grid.tile(), 0.0);
     out.par_chunks_exact_mut(height * grid.tile()).zip(columns).try_for_each_init(Vec::new, |tile, (out, column)| {
         for row in rows.clone() {
             let range = grid.range(row);
-            tile.resize(grid.len(row, column), S::default());
+            tile.resize(grid.len(row, column), 0.0);
             finished.get(row, column, tile)?;
             for (out, values) in out.chunks_exact_mut(height).zip(tile.chunks_exact(range.len())) {
                 out[range.start - start..range.end - start].copy_from_slice(values);
@@ -155,11 +155,11 @@ fn gather<S: Arithmetic>(
 }
 
 /// Puts a panel's tiles away.
-fn put<S: Arithmetic>(
-    finished: &dyn Finished<S>,
+fn put(
+    finished: &dyn Finished,
     grid: TileGrid,
     columns: Range<usize>,
-    panel: &[S],
+    panel: &[f64],
     rows: usize,
 ) -> Result<(), SolverError> {
     let start = grid.range(columns.start).start;
@@ -172,7 +172,7 @@ fn put<S: Arithmetic>(
             let at = tile.len();
             tile.extend_from_slice(&values[height.start - start..height.end - start]);
             if row == column {
-                tile[at..at + k].fill(S::default());
+                tile[at..at + k].fill(0.0);
             }
         }
         finished.put(row, column, tile)

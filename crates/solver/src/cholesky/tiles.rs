@@ -35,9 +35,9 @@ pub(crate) trait Tiles: Sync {
 }
 
 /// Finished tiles, which a factorisation reads again. Tiles on the diagonal have zeros above it.
-pub(crate) trait Finished<S>: Sync {
-    fn put(&self, row: usize, column: usize, values: &[S]) -> Result<(), SolverError>;
-    fn get(&self, row: usize, column: usize, values: &mut [S]) -> Result<(), SolverError>;
+pub(crate) trait Finished: Sync {
+    fn put(&self, row: usize, column: usize, values: &[f64]) -> Result<(), SolverError>;
+    fn get(&self, row: usize, column: usize, values: &mut [f64]) -> Result<(), SolverError>;
     /// The tiles of a column from a row on are going to be read.
     fn will_need(&self, _row: usize, _column: usize) {}
 }
@@ -93,7 +93,7 @@ impl Tiles for MemoryTiles {
     }
 }
 
-impl Finished<f64> for MemoryTiles {
+impl Finished for MemoryTiles {
     fn put(&self, row: usize, column: usize, values: &[f64]) -> Result<(), SolverError> {
         self.set(row, column, Values::F64(values.to_vec()));
         Ok(())
@@ -108,22 +108,7 @@ impl Finished<f64> for MemoryTiles {
     }
 }
 
-impl Finished<f32> for MemoryTiles {
-    fn put(&self, row: usize, column: usize, values: &[f32]) -> Result<(), SolverError> {
-        self.set(row, column, Values::F32(values.to_vec()));
-        Ok(())
-    }
-
-    fn get(&self, row: usize, column: usize, values: &mut [f32]) -> Result<(), SolverError> {
-        match self.values(row, column) {
-            Values::F64(tile) => values.iter_mut().zip(tile).for_each(|(out, value)| *out = *value as f32),
-            Values::F32(tile) => values.copy_from_slice(tile),
-        }
-        Ok(())
-    }
-}
-
-impl Finished<f64> for FactorWriter {
+impl Finished for FactorWriter {
     fn put(&self, row: usize, column: usize, values: &[f64]) -> Result<(), SolverError> {
         Ok(self.put(row, column, values)?)
     }

@@ -73,7 +73,6 @@ impl LsqSolver<'_> {
         let of = |reciprocal: f64| if reciprocal > 0.0 { (1.0 / reciprocal).sqrt() } else { f64::INFINITY };
         match (self.stored, &self.made) {
             (Some(factor), _) => of(factor.condition().reciprocal),
-            (None, None) if let Some(single) = &self.single => of(single.reciprocal),
             (None, Some(made)) if made.shift > 0.0 => f64::INFINITY,
             (None, Some(made)) => of(made.factor.condition().reciprocal),
             (None, None) if self.penalty.is_some() => f64::NAN,

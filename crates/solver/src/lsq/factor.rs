@@ -59,7 +59,7 @@ fn largest_diagonal(gram: &dyn GramMatrix, penalty: &[f64]) -> Result<f64, Solve
 }
 
 /// Returns the diagonal of a Gram matrix, (K).
-pub(super) fn diagonal(gram: &dyn GramMatrix) -> Result<Vec<f64>, SolverError> {
+fn diagonal(gram: &dyn GramMatrix) -> Result<Vec<f64>, SolverError> {
     let mut values = Vec::with_capacity(gram.size());
     for l in 0..=max_degree_of(gram.size()).unwrap_or(0) {
         let columns = first_column(l)..first_column(l + 1);

@@ -70,7 +70,7 @@ impl LsqSolver<'_> {
         }
         // The user's limit is a limit on all the work: no factor then.
         if stop == Stop::IterationLimit && factor_possible && cg.iterations < params.max_iterations {
-            if self.make_single(cg, given, monitor)? || self.make_factor(false, monitor)? {
+            if self.make_factor(false, monitor)? {
                 return Ok(None);
             }
             stop = cg.run(&*self.problem(given), &*self.preconditioner(), &left(cg), monitor)?;

@@ -16,7 +16,7 @@ pub struct LsqReport {
     /// Columns of the targets, c.
     pub channels: usize,
     /// The preconditioner of the last steps: `none`, `density` (of the samples, or by moments), `low-degrees`,
-    /// `factor`, `factor-f32`, `stored-factor`.
+    /// `factor`, `stored-factor`.
     pub preconditioner: &'static str,
     /// Iterations of conjugate gradients.
     pub iterations: usize,

@@ -16,8 +16,7 @@ use super::params::{LsqParams, Strategy};
 use super::preconditioner::LowDegrees;
 use super::problem::{Moments, Problem, Sampled};
 use super::report::{LsqReport, LsqWarning};
-use super::single::Single;
-use crate::cholesky::{CholeskyFactor, FactorParams, FactorPlan, plan_factor};
+use crate::cholesky::{CholeskyFactor, FactorParams, plan_factor};
 use crate::gram::{GramMatrix, degree_penalty, smoothness_penalty};
 use crate::operator::Operator;
 use crate::{MomentNormal, SolverError, check};
@@ -27,9 +26,8 @@ const PATIENCE: usize = 250;
 /// Above this reciprocal condition number few iterations are needed, and for few columns or by moments they may be
 /// faster than a stored factor.
 const WELL_CONDITIONED: f64 = 1e-2;
-/// Most columns for which that holds, and for which a factor in single precision is made: a fit takes more solves with
-/// it than with one in double precision.
-pub(super) const FEW: usize = 12;
+/// Most columns for which that holds.
+const FEW: usize = 12;
 
 /// The stage of a fit but for the making of a factor; how many steps it will take isn't known.
 pub(super) const FIT: Stage = Stage::counted("fit", "steps");
@@ -99,9 +97,6 @@ pub struct LsqSolver<'a> {
     /// Diagonal of P, (K), where there is a penalty.
     pub(super) penalty: Option<Vec<f64>>,
     pub(super) made: Option<MadeFactor>,
-    pub(super) single: Option<Single>,
-    /// Whether a factor in single precision was tried in vain.
-    pub(super) single_refused: bool,
     pub(super) moments: Option<Moments>,
     pub(super) low_degrees: Option<LowDegrees>,
     pub(super) warnings: Vec<LsqWarning>,
@@ -165,8 +160,6 @@ impl<'a> LsqSolver<'a> {
             params,
             penalty,
             made: None,
-            single: None,
-            single_refused: false,
             moments: None,
             low_degrees: None,
             warnings: Vec::new(),
@@ -246,7 +239,7 @@ impl<'a> LsqSolver<'a> {
         };
         let solution = match iterated {
             Some(solution) => solution,
-            None => self.solve_with_factor(&mut cg, given, monitor)?,
+            None => self.refine(&mut cg, &*self.problem(given), monitor)?,
         };
         monitor.end();
         let report = self.report(&cg, &solution, groups, started);
@@ -255,7 +248,7 @@ impl<'a> LsqSolver<'a> {
 
     /// Whether to use a factor from the start.
     pub(super) fn starts_with_factor(&self, columns: usize) -> bool {
-        let at_hand = self.stored.is_some() || self.made.is_some() || self.single.is_some();
+        let at_hand = self.stored.is_some() || self.made.is_some();
         let well = self.stored.is_some_and(|factor| factor.condition().reciprocal > WELL_CONDITIONED);
         match self.params.strategy {
             Strategy::Cholesky => true,
@@ -273,13 +266,12 @@ impl<'a> LsqSolver<'a> {
         }
     }
 
-    /// Makes a factor unless there is one; in double precision where it is `required`. False where memory or the
+    /// Makes a factor unless there is one. False where memory or the
     /// process's limits don't allow for one; an error then where it is `required`.
     pub(super) fn make_factor(&mut self, required: bool, monitor: &dyn Monitor) -> Result<bool, SolverError> {
-        if self.stored.is_some() || self.made.is_some() || (!required && self.single.is_some()) {
+        if self.stored.is_some() || self.made.is_some() {
             return Ok(true);
         }
-        self.single = None;
         let Some(make_gram) = self.make_gram else { return Err(SolverError::NoGram) };
         let started = Instant::now();
         let params = self.factor_params();
@@ -309,12 +301,9 @@ impl<'a> LsqSolver<'a> {
         }
     }
 
+    /// Checks that budget and process's limits allow for a factorisation.
     fn plan_factor(&self, size: usize, params: &FactorParams) -> Result<(), SolverError> {
-        self.check_plan(&plan_factor(size, params, false)?.0)
-    }
-
-    /// Checks that the process's limits allow for a factorisation.
-    pub(super) fn check_plan(&self, plan: &FactorPlan) -> Result<(), SolverError> {
+        let (plan, _) = plan_factor(size, params, false)?;
         // What is held is there already.
         self.check_limits.map_or(Ok(()), |check| check(plan.memory - self.params.held + plan.reserved))
     }

@@ -8,7 +8,6 @@ mod moments;
 mod preconditioned;
 mod problems;
 mod refusals;
-mod single;
 mod singular;
 mod standard_errors;
 mod strategies;
