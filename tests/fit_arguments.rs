@@ -53,7 +53,6 @@ fn flags_that_do_not_go_together_are_usage_errors() {
         (false, &["--objective", "points"], "surface or vertices"),
         (true, &["--method", "nlsf", "--stderr"], "--stderr"),
         (true, &["--preconditioner", "factor"], "--preconditioner"),
-        (false, &["--low-degrees", "5"], "--low-degrees"),
         (false, &["--method", "quadrature", "--smoothness", "1"], "--smoothness"),
         (false, &["--method", "quadrature", "--hold-out", "0.1"], "--hold-out"),
         (false, &["--method", "quadrature", "--weights", "area"], "--weights"),

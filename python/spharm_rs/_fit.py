@@ -160,7 +160,7 @@ def fit(
     tolerance : float
         Optimality to reach: the gradient relative to that at zero coefficients.
     max_iterations : int
-    preconditioner : {"auto", "none", "density", "low-degrees", "factor"}
+    preconditioner : {"auto", "none", "density", "factor"}
     strict : bool
         Raise an error if the tolerance isn't met, or if the sphere may not be a sphere.
     dtype : {"f64", "f32"}, optional

@@ -197,11 +197,8 @@ pub(super) struct Solver {
     /// Preconditioner of the iterations (lsq)
     ///
     /// auto uses the density where many samples are uneven, and makes a factor where iterations are slow.
-    #[arg(long, value_name = "auto|none|density|low-degrees|factor", default_value = "auto", hide_short_help = true)]
+    #[arg(long, value_name = "auto|none|density|factor", default_value = "auto", hide_short_help = true)]
     pub(super) preconditioner: Preconditioner,
-    /// Highest degree of --preconditioner low-degrees [default: 20]
-    #[arg(long, value_name = "L0", hide_short_help = true)]
-    pub(super) low_degrees: Option<usize>,
     /// Scalar type of the basis [default: the store's, f64 first]
     #[arg(long, value_enum, hide_short_help = true)]
     pub(super) dtype: Option<Dtype>,

@@ -11,10 +11,6 @@ use super::args::{Cli, MethodName};
 /// The settings that the arguments ask for.
 pub(super) fn params(cli: &Cli) -> Result<FitParams> {
     let method = method(cli)?;
-    let preconditioner = match (cli.solver.preconditioner, cli.solver.low_degrees) {
-        (Preconditioner::LowDegrees(_), Some(degree)) => Preconditioner::LowDegrees(degree),
-        (preconditioner, _) => preconditioner,
-    };
     let params = FitParams {
         max_degree: cli.method.max_degree,
         method,
@@ -32,7 +28,7 @@ pub(super) fn params(cli: &Cli) -> Result<FitParams> {
         standard_errors: cli.output.stderr,
         tolerance: cli.solver.tolerance,
         max_iterations: cli.solver.max_iterations,
-        preconditioner,
+        preconditioner: cli.solver.preconditioner,
         strict: cli.input.strict,
         store: cli.input.store.clone(),
         scalar: cli.solver.dtype.map(Dtype::scalar),
@@ -65,8 +61,6 @@ fn method(cli: &Cli) -> Result<Method, Usage> {
     let weighted = cli.input.weights != "uniform" || args.hold_out.is_some();
     let of_surface_in_store = args.objective == Some(Objective::Surface) && cli.input.store.is_some();
     let of_basis = cli.solver.dtype.is_some() || cli.solver.verify;
-    let lone_degrees =
-        cli.solver.low_degrees.is_some() && !matches!(cli.solver.preconditioner, Preconditioner::LowDegrees(_));
     let conflicts = [
         (args.start_degree.is_some() && !matches!(method, Sirf | Mirf), "--start-degree", ""),
         (args.granularity.is_some() && method != Irf, "--granularity", ""),
@@ -80,7 +74,6 @@ fn method(cli: &Cli) -> Result<Method, Usage> {
         (by_factor && method != Lsq, "--preconditioner", "; use --method lsq"),
         (weighted && method == Quadrature, "--weights or --hold-out", ""),
         (of_basis && !streamed, "--dtype or --verify", ", which doesn't read a basis"),
-        (lone_degrees, "--low-degrees", " without --preconditioner low-degrees"),
     ];
     if let Some((_, flag, hint)) = conflicts.into_iter().find(|(conflict, ..)| *conflict) {
         return Err(Usage::conflict(format!("{flag} doesn't go with --method {name}{hint}")));

@@ -155,12 +155,6 @@ pub enum SolverError {
     /// Sums over samples with a NaN or an infinity.
     #[error("the sums over the samples hold NaN or infinite values; check the samples' values and weights")]
     SumsNotFinite,
-    /// The Gram matrix of the low degrees, for a preconditioner, is singular.
-    #[error("the Gram matrix of the degrees to {degree} is numerically singular; precondition with fewer degrees")]
-    LowDegrees {
-        /// The degree.
-        degree: usize,
-    },
     /// Standard errors of coefficients that the samples don't determine.
     #[error(
         "{rows} vertices don't determine {columns} coefficients on this sampling; standard errors need a lower degree or a smoothness penalty"

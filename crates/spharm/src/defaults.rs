@@ -15,9 +15,6 @@ pub const MAX_ITERATIONS: usize = 3000;
 /// Bytes of memory for a fit over a store.
 pub const MEMORY_OVER_A_STORE: usize = 256 << 20;
 
-/// Degrees of the low-degree preconditioner.
-pub const LOW_DEGREES: usize = 20;
-
 /// Accuracy of the transforms under the full least squares. The residual's last digits are theirs.
 pub(crate) const TRANSFORM_ACCURACY: f64 = 1e-12;
 

@@ -203,36 +203,32 @@ pub enum Preconditioner {
     None,
     /// The density of the sampling; needs triangles.
     Density,
-    /// The factor of the degrees up to this one.
-    LowDegrees(usize),
     /// The Cholesky factor of all normal equations.
     Factor,
 }
 
 impl fmt::Display for Preconditioner {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Auto => f.write_str("auto"),
-            Self::None => f.write_str("none"),
-            Self::Density => f.write_str("density"),
-            Self::LowDegrees(degree) => write!(f, "low-degrees {degree}"),
-            Self::Factor => f.write_str("factor"),
-        }
+        f.write_str(match self {
+            Self::Auto => "auto",
+            Self::None => "none",
+            Self::Density => "density",
+            Self::Factor => "factor",
+        })
     }
 }
 
 impl FromStr for Preconditioner {
     type Err = String;
 
-    /// Parses the names in lower case; `low-degrees` are those to [`defaults::LOW_DEGREES`].
+    /// Parses the names in lower case.
     fn from_str(text: &str) -> Result<Self, String> {
         Ok(match text {
             "auto" => Self::Auto,
             "none" => Self::None,
             "density" => Self::Density,
-            "low-degrees" => Self::LowDegrees(defaults::LOW_DEGREES),
             "factor" => Self::Factor,
-            _ => return Err("expected auto, none, density, low-degrees or factor".to_owned()),
+            _ => return Err("expected auto, none, density or factor".to_owned()),
         })
     }
 }

@@ -3,25 +3,16 @@
 use spharm_harmonics::basis_size;
 use spharm_transform::InverseDensity;
 
-use super::factor::factorise_low_degrees;
 use super::params::Strategy;
-use super::preconditioner::{ByMoments, Density, Diagonal, LowDegrees, Preconditioner};
+use super::preconditioner::{ByMoments, Density, Diagonal, Preconditioner};
 use super::solver::{LsqSolver, Source};
-use crate::SolverError;
 
 impl LsqSolver<'_> {
-    pub(super) fn make_low_degrees(&self, degree: usize) -> Result<LowDegrees, SolverError> {
-        let make_gram = self.make_gram.ok_or(SolverError::NoGram)?;
-        let degree = degree.min(self.source.max_degree());
-        factorise_low_degrees(&*make_gram()?, self.penalty.as_deref(), degree, self.diagonal())
-    }
-
     pub(super) fn preconditioner(&self) -> Box<dyn Preconditioner + '_> {
-        match (self.params.strategy, self.source, &self.params.areas, &self.low_degrees) {
-            (Strategy::DensityCg, Source::Samples(operator), Some(areas), _) => {
+        match (self.params.strategy, self.source, &self.params.areas) {
+            (Strategy::DensityCg, Source::Samples(operator), Some(areas)) => {
                 Box::new(Density::new(operator, areas, self.params.weights.as_deref()))
             }
-            (Strategy::LowDegreesCg(_), _, _, Some(low_degrees)) => Box::new(low_degrees),
             _ => match self.inverse_density() {
                 Some(inverse) => Box::new(ByMoments(inverse)),
                 None => Box::new(self.diagonal()),

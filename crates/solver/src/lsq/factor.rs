@@ -1,13 +1,11 @@
-//! The factor of the normal equations, made when it is needed: whole, or of the low degrees alone.
+//! The factor of the normal equations, made when it is needed.
 
-use spharm_harmonics::basis_size;
 use spharm_harmonics::index::{first_column, max_degree_of};
 use spharm_monitor::Monitor;
 
-use super::preconditioner::{Diagonal, LowDegrees};
+use crate::SolverError;
 use crate::cholesky::{CholeskyFactor, FactorParams, MemoryFactor, factorise};
 use crate::gram::{GramMatrix, Penalised};
-use crate::{SolverError, dense};
 
 /// Below this reciprocal condition number a matrix counts as singular: nothing is left of a solve's digits.
 const SINGULAR: f64 = 1e-14;
@@ -69,25 +67,4 @@ fn diagonal(gram: &dyn GramMatrix) -> Result<Vec<f64>, SolverError> {
         values.extend(tile.iter().step_by(k + 1));
     }
     Ok(values)
-}
-
-/// The preconditioner of the degrees up to `degree`: the factor of their part of `G + diag(penalty)`, and `rest` for
-/// those above.
-pub(super) fn factorise_low_degrees(
-    gram: &dyn GramMatrix,
-    penalty: Option<&[f64]>,
-    degree: usize,
-    rest: Diagonal,
-) -> Result<LowDegrees, SolverError> {
-    let size = basis_size(degree);
-    let mut low = vec![0.0; size * size];
-    gram.tile(0..size, 0..size, &mut low, size)?;
-    if let Some(penalty) = penalty {
-        (0..size).for_each(|j| low[j * size + j] += penalty[j]);
-    }
-    let norm = dense::symmetric_norm(&low, size);
-    if !dense::cholesky(&mut low, size) || dense::reciprocal_condition(norm, &low, size) < SINGULAR {
-        return Err(SolverError::LowDegrees { degree });
-    }
-    Ok(LowDegrees::new(low, size, rest))
 }

@@ -34,9 +34,6 @@ impl LsqSolver<'_> {
         given: Given<'_>,
         monitor: &dyn Monitor,
     ) -> Result<Option<Solution>, SolverError> {
-        if let (Strategy::LowDegreesCg(degree), None) = (self.params.strategy, &self.low_degrees) {
-            self.low_degrees = Some(self.make_low_degrees(degree)?);
-        }
         let params = self.cg_params();
         let cost = Cost { rows: self.source.rows(), max_degree: self.source.max_degree(), channels: cg.x.ncols() };
         let factor_possible = self.params.strategy == Strategy::Auto

@@ -4,17 +4,14 @@
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Strategy {
-    /// Conjugate gradients first, by moments of an uneven sampling preconditioned with its density; where they are
-    /// slow, they go on with a Cholesky factor in single precision; where that doesn't serve, a factor in double
-    /// precision with refinement, shifted where the normal matrix is singular.
+    /// Conjugate gradients first, by moments of an uneven sampling preconditioned with its density; if they are slow, a
+    /// Cholesky factor with refinement, shifted if the normal matrix is singular.
     Auto,
     /// Conjugate gradients without a preconditioner.
     Cg,
     /// Conjugate gradients preconditioned with the sampling's density: that of moments where there are no samples, else
     /// of [`LsqParams::areas`].
     DensityCg,
-    /// Conjugate gradients preconditioned with the factor of the Gram matrix of the degrees up to this one.
-    LowDegreesCg(usize),
     /// A Cholesky factor with refinement, shifted where the normal matrix is singular.
     Cholesky,
 }

@@ -150,42 +150,6 @@ impl Preconditioner for ByMoments<'_> {
     }
 }
 
-/// The Cholesky factor of the Gram matrix of the low degrees, and the diagonal for the rest: for samplings whose
-/// density varies on a large scale.
-#[cfg(feature = "dense")]
-#[derive(Debug)]
-pub struct LowDegrees {
-    /// Lower Cholesky factor, (k, k).
-    factor: Vec<f64>,
-    columns: usize,
-    rest: Diagonal,
-}
-
-#[cfg(feature = "dense")]
-impl LowDegrees {
-    pub(crate) fn new(factor: Vec<f64>, columns: usize, rest: Diagonal) -> Self {
-        Self { factor, columns, rest }
-    }
-}
-
-#[cfg(feature = "dense")]
-impl Preconditioner for LowDegrees {
-    fn name(&self) -> &'static str {
-        "low-degrees"
-    }
-
-    fn apply(&self, r: &Array2<f64>) -> Result<Array2<f64>, SolverError> {
-        let mut z = self.rest.apply(r)?;
-        let c = r.ncols();
-        let mut low: Vec<f64> = r.slice(ndarray::s![..self.columns, ..]).iter().copied().collect();
-        crate::dense::cholesky_solve(&self.factor, self.columns, &mut low);
-        for (mut row, low) in z.rows_mut().into_iter().zip(low.chunks_exact(c)) {
-            row.iter_mut().zip(low).for_each(|(z, low)| *z = *low);
-        }
-        Ok(z)
-    }
-}
-
 /// A factor of N itself, of few digits.
 #[cfg(feature = "dense")]
 pub(crate) struct ByFactor<'a>(pub(crate) &'a dyn CholeskyFactor);

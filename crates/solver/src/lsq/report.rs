@@ -15,7 +15,7 @@ pub struct LsqReport {
     pub rows: usize,
     /// Columns of the targets, c.
     pub channels: usize,
-    /// The preconditioner of the last steps: `none`, `density` (of the samples, or by moments), `low-degrees`,
+    /// The preconditioner of the last steps: `none`, `density` (of the samples, or by moments),
     /// `factor`, `stored-factor`.
     pub preconditioner: &'static str,
     /// Iterations of conjugate gradients.

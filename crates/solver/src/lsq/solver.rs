@@ -13,7 +13,6 @@ use super::factor::{MadeFactor, factorise_shifted};
 use super::moments::{MomentProblem, Summed};
 use super::normal_equations::NormalEquations;
 use super::params::{LsqParams, Strategy};
-use super::preconditioner::LowDegrees;
 use super::problem::{Moments, Problem, Sampled};
 use super::report::{LsqReport, LsqWarning};
 use crate::cholesky::{CholeskyFactor, FactorParams, plan_factor};
@@ -98,7 +97,6 @@ pub struct LsqSolver<'a> {
     pub(super) penalty: Option<Vec<f64>>,
     pub(super) made: Option<MadeFactor>,
     pub(super) moments: Option<Moments>,
-    pub(super) low_degrees: Option<LowDegrees>,
     pub(super) warnings: Vec<LsqWarning>,
     pub(super) factor_seconds: f64,
     pub(super) moment_seconds: f64,
@@ -161,7 +159,6 @@ impl<'a> LsqSolver<'a> {
             penalty,
             made: None,
             moments: None,
-            low_degrees: None,
             warnings: Vec::new(),
             factor_seconds: 0.0,
             moment_seconds: 0.0,

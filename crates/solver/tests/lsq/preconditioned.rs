@@ -140,15 +140,6 @@ fn groups_of_an_uneven_sampling_are_each_as_if_alone() {
     }
 }
 
-/// The condition is that of the basis where the preconditioner's is known.
-#[test]
-fn the_condition_isnt_known_with_low_degrees() {
-    let sampling = irregular(1000, 4);
-    let problem = problem(&sampling, &Random(5).normals(1000, 1));
-    let fit = by(&problem, Strategy::LowDegreesCg(4));
-    assert_eq!((fit.report.preconditioner, fit.report.condition.is_nan()), ("low-degrees", true));
-}
-
 #[test]
 fn the_density_is_left_alone_where_it_gains_nothing() {
     let preconditioner = |sampling: &Sampling, smoothness: f64| {

@@ -193,8 +193,7 @@ pub(crate) fn try_solve(
 
 /// Of the transforms.
 pub(crate) const ACCURACY: f64 = 1e-12;
-pub(crate) const STRATEGIES: [Strategy; 5] =
-    [Strategy::Auto, Strategy::Cg, Strategy::DensityCg, Strategy::LowDegreesCg(4), Strategy::Cholesky];
+pub(crate) const STRATEGIES: [Strategy; 4] = [Strategy::Auto, Strategy::Cg, Strategy::DensityCg, Strategy::Cholesky];
 
 pub(crate) fn params(sampling: &Sampling, strategy: Strategy) -> LsqParams {
     LsqParams { strategy, areas: Some(sampling.areas.clone()), threads: 2, ..LsqParams::default() }

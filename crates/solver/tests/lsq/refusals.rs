@@ -41,13 +41,11 @@ fn bad_input_gets_typed_errors() {
         let found = error(&good, &|params| params.smoothness = smoothness);
         assert!(matches!(found, SolverError::Smoothness { .. }), "{found}");
     }
-    // Ways that need what isn't there.
+    // A strategy that needs what isn't there.
     let operator = transforms(&sampling.directions, 4);
-    for strategy in [Strategy::Cholesky, Strategy::LowDegreesCg(2)] {
-        let mut solver = LsqSolver::new(&operator, None, params(&sampling, strategy)).unwrap();
-        let found = solver.fit(&good, std::slice::from_ref(&(0..2)), &Silent).unwrap_err();
-        assert!(matches!(found, SolverError::NoGram), "{found}");
-    }
+    let mut solver = LsqSolver::new(&operator, None, params(&sampling, Strategy::Cholesky)).unwrap();
+    let found = solver.fit(&good, std::slice::from_ref(&(0..2)), &Silent).unwrap_err();
+    assert!(matches!(found, SolverError::NoGram), "{found}");
     let mut solver =
         LsqSolver::new(&operator, None, LsqParams { areas: None, ..params(&sampling, Strategy::DensityCg) });
     if let Ok(solver) = &mut solver {

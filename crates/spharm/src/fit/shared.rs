@@ -36,7 +36,6 @@ pub(crate) fn strategy(preconditioner: Preconditioner) -> Strategy {
         Preconditioner::Auto => Strategy::Auto,
         Preconditioner::None => Strategy::Cg,
         Preconditioner::Density => Strategy::DensityCg,
-        Preconditioner::LowDegrees(degree) => Strategy::LowDegreesCg(degree),
         Preconditioner::Factor => Strategy::Cholesky,
     }
 }
