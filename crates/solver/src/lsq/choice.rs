@@ -4,19 +4,14 @@ use spharm_harmonics::basis_size;
 use spharm_transform::InverseDensity;
 
 use super::params::Strategy;
-use super::preconditioner::{ByMoments, Density, Diagonal, Preconditioner};
-use super::solver::{LsqSolver, Source};
+use super::preconditioner::{Density, Diagonal, Preconditioner};
+use super::solver::{Given, LsqSolver, Source};
 
 impl LsqSolver<'_> {
     pub(super) fn preconditioner(&self) -> Box<dyn Preconditioner + '_> {
-        match (self.params.strategy, self.source, &self.params.areas) {
-            (Strategy::DensityCg, Source::Samples(operator), Some(areas)) => {
-                Box::new(Density::new(operator, areas, self.params.weights.as_deref()))
-            }
-            _ => match self.inverse_density() {
-                Some(inverse) => Box::new(ByMoments(inverse)),
-                None => Box::new(self.diagonal()),
-            },
+        match self.inverse_density() {
+            Some(inverse) => Box::new(Density(inverse)),
+            None => Box::new(self.diagonal()),
         }
     }
 
@@ -33,6 +28,25 @@ impl LsqSolver<'_> {
         }
         let determined = self.rows_with_weight() >= 2 * basis_size(self.source.max_degree());
         if determined && self.penalty.is_none() { normal.inverse() } else { None }
+    }
+
+    /// Returns why iterations that are to use the density of the samples can't.
+    pub(super) fn no_density(&self, given: Given<'_>) -> Option<String> {
+        let made = self.moments.is_some() || matches!(given, Given::Sums(_));
+        if self.params.strategy != Strategy::DensityCg || made {
+            return None;
+        }
+        if self.make_moments.is_none() {
+            return Some("there are no moments of them".to_owned());
+        }
+        let room = self.room();
+        (self.params.moment_bytes > room)
+            .then(|| format!("their moments don't fit the {} MiB of memory that are left", room >> 20))
+    }
+
+    /// Bytes of memory that aren't taken.
+    pub(super) fn room(&self) -> usize {
+        self.params.memory.saturating_sub(self.params.held)
     }
 
     pub(super) fn diagonal(&self) -> Diagonal {

@@ -104,13 +104,11 @@ impl LsqSolver<'_> {
     /// there. Where as many iterations are expected as moments take to pay they are made at once, else when iterations
     /// have taken as long as moments would have.
     fn before_moments(&self, cost: &Cost) -> Option<usize> {
-        let room = self.params.memory.saturating_sub(self.params.held);
-        if self.make_moments.is_none() || self.moments.is_some() || self.params.moment_bytes > room {
+        if self.make_moments.is_none() || self.moments.is_some() || self.params.moment_bytes > self.room() {
             return None;
         }
-        if matches!(self.params.strategy, Strategy::DensityCg) {
-            // Its preconditioner goes through the samples anyhow.
-            return None;
+        if self.params.strategy == Strategy::DensityCg {
+            return Some(0);
         }
         let paid_after = cost.paid_after();
         if paid_after > BEFORE_FACTOR as f64 {

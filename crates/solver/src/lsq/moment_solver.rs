@@ -36,11 +36,10 @@ pub struct GroupFit {
     pub report: LsqReport,
 }
 
-/// Solves a problem that is known by its moments, as [`LsqSolver::fit`] would with the samples; with the strategy
-/// [`DensityCg`](super::Strategy::DensityCg) the density is that of the moments. With `standard_errors`
+/// Solves a problem that is known by its moments, as [`LsqSolver::fit`] would with the samples. With `standard_errors`
 /// also those, which take a factor: `K^3 / 3` flops and `4 K^2` bytes.
 ///
-/// Weights and areas of `params` don't count: the moments have the weights.
+/// Weights of `params` don't count: the moments have the weights.
 ///
 /// # Errors
 ///
@@ -72,7 +71,7 @@ pub fn solve_moments(
     monitor: &dyn Monitor,
 ) -> Result<MomentFit, SolverError> {
     let make_gram = || Ok(Box::new(problem.gram()?) as Box<dyn GramMatrix>);
-    let params = LsqParams { weights: None, areas: None, ..params.clone() };
+    let params = LsqParams { weights: None, ..params.clone() };
     let mut solver = LsqSolver::of(Source::Moments(problem), Some(&make_gram), params)?;
     let (coefficients, _, report) = solver.solve(Given::Sums(problem), &[], monitor)?;
     let residual_squares = problem.residual_squares(coefficients.values())?;
@@ -96,7 +95,7 @@ pub fn solve_moments_of_groups(
     monitor: &dyn Monitor,
 ) -> Result<Vec<GroupFit>, SolverError> {
     let make_gram = || Ok(Box::new(problem.gram()?) as Box<dyn GramMatrix>);
-    let params = LsqParams { weights: None, areas: None, ..params.clone() };
+    let params = LsqParams { weights: None, ..params.clone() };
     let fit = |solver: &mut LsqSolver<'_>, group: &Range<usize>| {
         let own = problem.of_columns(group.clone());
         let (coefficients, _, report) = solver.solve(Given::Sums(&own), &[], monitor)?;

@@ -9,8 +9,8 @@ pub enum Strategy {
     Auto,
     /// Conjugate gradients without a preconditioner.
     Cg,
-    /// Conjugate gradients preconditioned with the sampling's density: that of moments where there are no samples, else
-    /// of [`LsqParams::areas`].
+    /// Conjugate gradients by moments, preconditioned with the density of an uneven sampling; without a preconditioner,
+    /// and with a warning, if there is no memory for moments.
     DensityCg,
     /// A Cholesky factor with refinement, shifted where the normal matrix is singular.
     Cholesky,
@@ -31,8 +31,6 @@ pub struct LsqParams {
     pub penalty: Option<Vec<f64>>,
     /// How to solve; default [`Strategy::Auto`].
     pub strategy: Strategy,
-    /// Each direction's share of the sphere, in steradians, (n), for [`Strategy::DensityCg`].
-    pub areas: Option<Vec<f64>>,
     /// Optimality to reach, `|A^T W r - P x| / |A^T W f|`, of every column; default 1e-10.
     pub tolerance: f64,
     /// Most iterations; default 3000.
@@ -58,7 +56,6 @@ impl Default for LsqParams {
             smoothness: 0.0,
             penalty: None,
             strategy: Strategy::Auto,
-            areas: None,
             tolerance: 1e-10,
             max_iterations: 3000,
             memory: 2 << 30,

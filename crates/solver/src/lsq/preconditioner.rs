@@ -9,7 +9,6 @@ use super::columns::scale_rows;
 use crate::SolverError;
 #[cfg(feature = "dense")]
 use crate::cholesky::CholeskyFactor;
-use crate::operator::Operator;
 
 /// An approximate inverse M of N = A^T W A + P.
 pub trait Preconditioner: Sync {
@@ -93,46 +92,12 @@ impl Preconditioner for Diagonal {
     }
 }
 
-/// `A^T D^2 A / W`, D a quadrature weight for each direction: its share of the sphere.
-///
-/// Where `A^T D A = I` nearly holds, `A^T W A` is multiplication by the density W / D and this is multiplication by its
-/// inverse; degrees next to the highest apart. It costs as much as the normal equations, and gains where the density
-/// varies smoothly and mildly: on icospheres a third of the iterations; on samplings whose density varies by a hundred
-/// or more it loses (measured on the head of 27,618 vertices).
-pub struct Density<'a> {
-    operator: &'a dyn Operator,
-    squares: Vec<f64>,
-}
-
-impl<'a> Density<'a> {
-    /// Makes it from each direction's share of the sphere, (n), in steradians, and the weights of the fit, (n).
-    pub fn new(operator: &'a dyn Operator, areas: &[f64], weights: Option<&[f64]>) -> Self {
-        let squares = areas.iter().enumerate().map(|(i, area)| match weights.map(|weights| weights[i]) {
-            None => area * area,
-            Some(weight) if weight > 0.0 => area * area / weight,
-            // Not part of the fit: nothing to be inverted.
-            Some(_) => 0.0,
-        });
-        Self { operator, squares: squares.collect() }
-    }
-}
-
-impl Preconditioner for Density<'_> {
-    fn name(&self) -> &'static str {
-        "density"
-    }
-
-    fn apply(&self, r: &Array2<f64>) -> Result<Array2<f64>, SolverError> {
-        self.operator.normal(r.view(), Some(&self.squares))
-    }
-}
-
 /// The inverse of the density from moments, for samplings of any kind: see [`InverseDensity`].
 #[cfg(feature = "dense")]
-pub(crate) struct ByMoments<'a>(pub(crate) &'a InverseDensity);
+pub(crate) struct Density<'a>(pub(crate) &'a InverseDensity);
 
 #[cfg(feature = "dense")]
-impl Preconditioner for ByMoments<'_> {
+impl Preconditioner for Density<'_> {
     fn name(&self) -> &'static str {
         "density"
     }

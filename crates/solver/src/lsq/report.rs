@@ -15,8 +15,7 @@ pub struct LsqReport {
     pub rows: usize,
     /// Columns of the targets, c.
     pub channels: usize,
-    /// The preconditioner of the last steps: `none`, `density` (of the samples, or by moments),
-    /// `factor`, `stored-factor`.
+    /// The preconditioner of the last steps: `none`, `density` (by moments), `factor`, `stored-factor`.
     pub preconditioner: &'static str,
     /// Iterations of conjugate gradients.
     pub iterations: usize,
@@ -70,6 +69,12 @@ pub enum LsqWarning {
     /// A factor would have helped, and there is no memory for one.
     #[error("no factor was made: {reason}")]
     NoFactor {
+        /// What stood in the way.
+        reason: String,
+    },
+    /// Iterations were to be preconditioned with the density of the samples, and went without.
+    #[error("iterations weren't preconditioned with the density of the samples: {reason}")]
+    NoDensity {
         /// What stood in the way.
         reason: String,
     },

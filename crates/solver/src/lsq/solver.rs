@@ -131,11 +131,6 @@ impl<'a> LsqSolver<'a> {
             check::weights(weights, expected)?;
         }
         check::unread(params.unread.as_ref(), expected)?;
-        if let Some(areas) = &params.areas
-            && areas.len() != expected
-        {
-            return Err(SolverError::Rows { what: "the list of areas", expected, found: areas.len() });
-        }
         Self::of(Source::Samples(operator), make_gram, params)
     }
 
@@ -223,6 +218,7 @@ impl<'a> LsqSolver<'a> {
         let started = Instant::now();
         (self.factor_seconds, self.moment_seconds) = (0.0, 0.0);
         self.warnings.clear();
+        self.warnings.extend(self.no_density(given).map(|reason| LsqWarning::NoDensity { reason }));
         monitor.begin(FIT, 0);
         let mut cg = match self.moments_at_once(given, monitor)? {
             Some(right_sides) => Cg::from_right_sides(right_sides),

@@ -43,7 +43,7 @@ fn a_penalty_by_degree_gives_the_dense_solution_by_every_strategy() {
                 penalty: Some(by_degree.clone()),
                 smoothness,
                 weights: Some(weights.clone()),
-                ..params(&sampling, strategy)
+                ..params(strategy)
             };
             near(solve(&sampling, DEGREE, &targets, params).coefficients.values(), &format!("{strategy:?}"));
         }
@@ -65,7 +65,7 @@ fn noise_power_is_that_of_the_dense_matrix() {
         let weighted = &a * &Array2::from_shape_fn((n, 1), |(i, _)| weights[i]);
         let trace = inverse(&a.t().dot(&weighted)).diag().to_owned();
         let noise = white_noise(n, 0..NOISE_COLUMNS, Some(&weights));
-        let params = LsqParams { weights: Some(weights.clone()), ..params(&sampling, Strategy::Auto) };
+        let params = LsqParams { weights: Some(weights.clone()), ..params(Strategy::Auto) };
         let fit = solve(&sampling, DEGREE, &noise, params);
         let mut power = NoisePower::new(DEGREE);
         // In any pieces.
@@ -101,7 +101,7 @@ fn noisy(sampling: &Sampling, sigma: f64) -> (Array2<f64>, Array2<f64>) {
 fn on_an_even_sampling_it_multiplies_by_the_gains() {
     let sampling = even(4000);
     let (_, targets) = noisy(&sampling, 0.5);
-    let plain = solve(&sampling, DEGREE, &targets, params(&sampling, Strategy::Auto));
+    let plain = solve(&sampling, DEGREE, &targets, params(Strategy::Auto));
     let mut power = NoisePower::new(DEGREE);
     // The noise of a sampling that is exactly even: 4 pi / n in each coefficient.
     let even_noise = Array2::from_elem((basis_size(DEGREE), 1), (4.0 * std::f64::consts::PI / 4000.0).sqrt());
@@ -109,7 +109,7 @@ fn on_an_even_sampling_it_multiplies_by_the_gains() {
     let found = power.denoise(plain.coefficients.values().view(), residual_square(plain.residual.view(), None));
     assert!((found.sigma / 0.5 - 1.0).abs() < 0.03, "{}", found.sigma);
     assert!(found.gain[0] == 1.0 && found.penalty[0] == 0.0 && found.gain[DEGREE] < 0.9);
-    let params = LsqParams { penalty: Some(found.penalty.clone()), ..params(&sampling, Strategy::Auto) };
+    let params = LsqParams { penalty: Some(found.penalty.clone()), ..params(Strategy::Auto) };
     let penalised = solve(&sampling, DEGREE, &targets, params);
     let gains = degree_penalty(&found.gain);
     let freedom: f64 = gains.iter().sum();
@@ -128,14 +128,13 @@ fn noise_is_found_and_most_of_it_removed_on_uneven_samplings() {
     for sampling in [irregular(600, 5), clustered(600)] {
         let (clean, targets) = noisy(&sampling, 0.3);
         let n = clean.nrows();
-        let plain = solve(&sampling, DEGREE, &targets, params(&sampling, Strategy::Auto));
-        let noise =
-            solve(&sampling, DEGREE, &white_noise(n, 0..NOISE_COLUMNS, None), params(&sampling, Strategy::Auto));
+        let plain = solve(&sampling, DEGREE, &targets, params(Strategy::Auto));
+        let noise = solve(&sampling, DEGREE, &white_noise(n, 0..NOISE_COLUMNS, None), params(Strategy::Auto));
         let mut power = NoisePower::new(DEGREE);
         power.add(noise.coefficients.values().view(), residual_square(noise.residual.view(), None));
         let found = power.denoise(plain.coefficients.values().view(), residual_square(plain.residual.view(), None));
         assert!((found.sigma / 0.3 - 1.0).abs() < 0.06, "{}", found.sigma);
-        let params = LsqParams { penalty: Some(found.penalty.clone()), ..params(&sampling, Strategy::Auto) };
+        let params = LsqParams { penalty: Some(found.penalty.clone()), ..params(Strategy::Auto) };
         let penalised = solve(&sampling, DEGREE, &targets, params);
         let a = matrix(&sampling.directions, DEGREE);
         let error = |x: &Array2<f64>| (a.dot(x) - &clean).iter().map(|d| d * d).sum::<f64>();
@@ -148,7 +147,7 @@ fn noise_is_found_and_most_of_it_removed_on_uneven_samplings() {
 fn without_noise_nothing_is_penalised() {
     let sampling = even(300);
     let (clean, _) = noisy(&sampling, 0.0);
-    let plain = solve(&sampling, DEGREE, &clean, params(&sampling, Strategy::Auto));
+    let plain = solve(&sampling, DEGREE, &clean, params(Strategy::Auto));
     let mut power = NoisePower::new(DEGREE);
     power.add(Array2::ones((basis_size(DEGREE), 1)).view(), 200.0);
     let found = power.denoise(plain.coefficients.values().view(), 0.0);
@@ -163,7 +162,7 @@ fn bad_penalties_and_too_few_rows_get_typed_errors() {
     let sampling = even(100);
     let targets = Random(1).normals(100, 1);
     let error = |penalty: Vec<f64>| {
-        let params = LsqParams { penalty: Some(penalty), ..params(&sampling, Strategy::Auto) };
+        let params = LsqParams { penalty: Some(penalty), ..params(Strategy::Auto) };
         try_solve(&sampling, 4, &targets, params, &Silent).unwrap_err()
     };
     assert!(matches!(error(vec![1.0; 4]), SolverError::Rows { expected: 5, found: 4, .. }));

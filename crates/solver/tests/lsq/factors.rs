@@ -30,7 +30,7 @@ fn a_solver_keeps_its_factor_from_batch_to_batch() {
         made.fetch_add(1, Ordering::Relaxed);
         Ok(Box::new(moment_gram(&sampling.directions, None, 14)?) as Box<dyn GramMatrix>)
     };
-    let mut solver = LsqSolver::new(&operator, Some(&gram), params(&sampling, Strategy::Auto)).unwrap();
+    let mut solver = LsqSolver::new(&operator, Some(&gram), params(Strategy::Auto)).unwrap();
     for seed in 0..3 {
         let targets = Random(seed).normals(400, 3);
         let fit = solver.fit(&targets, std::slice::from_ref(&(0..3)), &Silent).unwrap();
@@ -76,7 +76,7 @@ fn a_stored_factor_gives_what_a_made_one_gives_and_single_precision_is_refined()
         let targets = Random(9).normals(n, 4);
         let expected = dense(&matrix(&sampling.directions, max_degree), &targets, Some(&weights), smoothness);
         let operator = transforms(&sampling.directions, max_degree);
-        let base = LsqParams { weights: Some(weights.clone()), smoothness, ..params(&sampling, Strategy::Cholesky) };
+        let base = LsqParams { weights: Some(weights.clone()), smoothness, ..params(Strategy::Cholesky) };
         let made = solve(&sampling, max_degree, &targets, base.clone());
         for scalar in [Scalar::F64, Scalar::F32] {
             let factor = stored(folder.path(), &sampling, max_degree, Some(&weights), smoothness, scalar);
@@ -109,7 +109,7 @@ fn a_single_precision_factor_of_ill_conditioned_equations_ends_with_the_best_tha
     assert!(expected.condition() > 2e3, "{}", expected.condition());
     let operator = transforms(&sampling.directions, 16);
     let factor = stored(folder.path(), &sampling, 16, None, 0.0, Scalar::F32);
-    let mut solver = LsqSolver::new(&operator, None, params(&sampling, Strategy::Auto)).unwrap().with_factor(&factor);
+    let mut solver = LsqSolver::new(&operator, None, params(Strategy::Auto)).unwrap().with_factor(&factor);
     let fit = solver.fit(&targets, std::slice::from_ref(&(0..2)), &Silent).unwrap();
     assert!(fit.report.optimality <= 1e-9, "{:?}", fit.report);
     expected.meets(&fit, fit.report.optimality, "single");
@@ -136,7 +136,7 @@ fn iterations_by_moments_go_before_a_stored_factor_while_they_are_faster() {
             Ok((Arc::new(moment_normal(&sampling.directions, weights, DEGREE, accuracy)?), None))
         };
         let weighted = weights.map(<[f64]>::to_vec);
-        let params = LsqParams { weights: weighted, smoothness, ..params(&sampling, Strategy::Auto) };
+        let params = LsqParams { weights: weighted, smoothness, ..params(Strategy::Auto) };
         let mut solver = LsqSolver::new(&operator, None, params).unwrap().with_factor(&factor).with_moments(&moments);
         let fit = solver.fit(&targets, std::slice::from_ref(&(0..48)), &Silent).unwrap();
         dense(&a, &targets, weights, smoothness).meets(&fit, fit.report.optimality, "beside a factor");

@@ -61,7 +61,7 @@ fn cross_validation_asks_for_next_to_nothing_where_there_is_no_noise() {
     known.slice_mut(s![..16, ..]).assign(&Random(1).normals(16, 3));
     let targets = matrix(&sampling.directions, 12).dot(&known);
     let found = choose_smoothness(&operator, None, &targets, &Silent).unwrap();
-    let params = LsqParams { smoothness: found.smoothness, ..params(&sampling, Strategy::Auto) };
+    let params = LsqParams { smoothness: found.smoothness, ..params(Strategy::Auto) };
     let fit = solve(&sampling, 12, &targets, params);
     let off = norms(&(fit.coefficients.values() - &known));
     assert!(off.iter().zip(norms(&known)).all(|(off, norm)| *off < 1e-6 * norm), "{off:?} {found:?}");

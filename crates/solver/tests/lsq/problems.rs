@@ -14,11 +14,10 @@ use spharm_solver::{
 };
 use spharm_transform::TransformParams;
 
-/// A sampling and each direction's share of the sphere, nearly.
+/// A sampling.
 pub(crate) struct Sampling {
     pub(crate) name: &'static str,
     pub(crate) directions: Directions,
-    pub(crate) areas: Vec<f64>,
 }
 
 /// n directions on a spiral whose height falls by `depth` of the i-th of n.
@@ -27,8 +26,7 @@ pub(crate) fn spiral(name: &'static str, n: usize, depth: impl Fn(f64) -> f64) -
     let at = |i: usize| 1.0 - 2.0 * depth(i as f64 / n as f64);
     let angles: Vec<[f64; 2]> =
         (0..n).map(|i| [(0.5 * (at(i) + at(i + 1))).acos(), (golden * i as f64) % TAU]).collect();
-    let areas = (0..n).map(|i| TAU * (at(i) - at(i + 1))).collect();
-    Sampling { name, directions: Directions::from_angles(&angles).unwrap(), areas }
+    Sampling { name, directions: Directions::from_angles(&angles).unwrap() }
 }
 
 pub(crate) fn even(n: usize) -> Sampling {
@@ -44,8 +42,7 @@ pub(crate) fn clustered(n: usize) -> Sampling {
 pub(crate) fn irregular(n: usize, seed: u64) -> Sampling {
     let mut random = Random(seed);
     let angles: Vec<[f64; 2]> = (0..n).map(|_| [(1.0 - 2.0 * random.unit()).acos(), TAU * random.unit()]).collect();
-    let areas = vec![4.0 * PI / n as f64; n];
-    Sampling { name: "irregular", directions: Directions::from_angles(&angles).unwrap(), areas }
+    Sampling { name: "irregular", directions: Directions::from_angles(&angles).unwrap() }
 }
 
 /// All in a cap of the sphere.
@@ -195,6 +192,6 @@ pub(crate) fn try_solve(
 pub(crate) const ACCURACY: f64 = 1e-12;
 pub(crate) const STRATEGIES: [Strategy; 4] = [Strategy::Auto, Strategy::Cg, Strategy::DensityCg, Strategy::Cholesky];
 
-pub(crate) fn params(sampling: &Sampling, strategy: Strategy) -> LsqParams {
-    LsqParams { strategy, areas: Some(sampling.areas.clone()), threads: 2, ..LsqParams::default() }
+pub(crate) fn params(strategy: Strategy) -> LsqParams {
+    LsqParams { strategy, threads: 2, ..LsqParams::default() }
 }

@@ -14,7 +14,7 @@ fn bad_input_gets_typed_errors() {
     let sampling = even(100);
     let good = Random(1).normals(100, 2);
     let error = |targets: &Array2<f64>, change: &dyn Fn(&mut LsqParams)| {
-        let mut params = params(&sampling, Strategy::Auto);
+        let mut params = params(Strategy::Auto);
         change(&mut params);
         try_solve(&sampling, 4, targets, params, &Silent).unwrap_err()
     };
@@ -35,23 +35,15 @@ fn bad_input_gets_typed_errors() {
     assert!(matches!(found, SolverError::Weight { .. }), "{found}");
     let found = error(&good, &|params| params.weights = Some(vec![1.0; 7]));
     assert!(matches!(found, SolverError::Rows { expected: 100, found: 7, .. }), "{found}");
-    let found = error(&good, &|params| params.areas = Some(vec![1.0; 101]));
-    assert!(matches!(found, SolverError::Rows { expected: 100, found: 101, .. }), "{found}");
     for smoothness in [-1e-9, f64::NAN, f64::INFINITY] {
         let found = error(&good, &|params| params.smoothness = smoothness);
         assert!(matches!(found, SolverError::Smoothness { .. }), "{found}");
     }
     // A strategy that needs what isn't there.
     let operator = transforms(&sampling.directions, 4);
-    let mut solver = LsqSolver::new(&operator, None, params(&sampling, Strategy::Cholesky)).unwrap();
+    let mut solver = LsqSolver::new(&operator, None, params(Strategy::Cholesky)).unwrap();
     let found = solver.fit(&good, std::slice::from_ref(&(0..2)), &Silent).unwrap_err();
     assert!(matches!(found, SolverError::NoGram), "{found}");
-    let mut solver =
-        LsqSolver::new(&operator, None, LsqParams { areas: None, ..params(&sampling, Strategy::DensityCg) });
-    if let Ok(solver) = &mut solver {
-        let fit = solver.fit(&good, std::slice::from_ref(&(0..2)), &Silent).unwrap();
-        assert_eq!(fit.report.preconditioner, "none", "no areas, no density");
-    }
     let found = error(&good, &|params| (params.strategy, params.memory) = (Strategy::Cholesky, 1000));
     assert!(found.to_string().contains("the smallest that works is"), "{found}");
 }
@@ -61,8 +53,7 @@ fn a_fit_that_is_told_to_stop_stops() {
     let sampling = irregular(400, 4);
     let targets = Random(5).normals(400, 3);
     for strategy in STRATEGIES {
-        let found =
-            try_solve(&sampling, 12, &targets, params(&sampling, strategy), &AtomicBool::new(true)).unwrap_err();
+        let found = try_solve(&sampling, 12, &targets, params(strategy), &AtomicBool::new(true)).unwrap_err();
         assert!(matches!(found, SolverError::Interrupted(_)), "{strategy:?}: {found}");
     }
     let found = choose_smoothness(&transforms(&sampling.directions, 12), None, &targets, &AtomicBool::new(true));
@@ -78,7 +69,7 @@ fn a_fit_that_is_told_to_stop_stops() {
             self.0.load(Ordering::Relaxed) >= 3
         }
     }
-    let mut solver = LsqSolver::new(&operator, None, params(&sampling, Strategy::Cg)).unwrap();
+    let mut solver = LsqSolver::new(&operator, None, params(Strategy::Cg)).unwrap();
     let monitor = StopAtThird(AtomicU64::new(0));
     let found = solver.fit(&targets, std::slice::from_ref(&(0..3)), &monitor).unwrap_err();
     assert!(matches!(found, SolverError::Interrupted(_)), "{found}");

@@ -31,7 +31,7 @@ fn standard_errors_are_those_of_the_dense_inverse() {
             Ok(Box::new(gram) as Box<dyn GramMatrix>)
         };
         for strategy in [Strategy::Auto, Strategy::Cg, Strategy::Cholesky] {
-            let params = LsqParams { weights: Some(weights.clone()), smoothness, ..params(&sampling, strategy) };
+            let params = LsqParams { weights: Some(weights.clone()), smoothness, ..params(strategy) };
             let mut solver = LsqSolver::new(&operator, Some(&gram), params).unwrap();
             let fit = solver.fit(&targets, std::slice::from_ref(&(0..2)), &Silent).unwrap();
             let errors = solver.standard_errors(&fit.residual, &Silent).unwrap();
@@ -66,7 +66,7 @@ fn coefficients_scatter_by_their_standard_errors() {
     targets += &a.dot(&known);
     let operator = transforms(&sampling.directions, 4);
     let gram = || Ok(Box::new(moment_gram(&sampling.directions, Some(&weights), 4)?) as Box<dyn GramMatrix>);
-    let params = LsqParams { weights: Some(weights.clone()), ..params(&sampling, Strategy::Auto) };
+    let params = LsqParams { weights: Some(weights.clone()), ..params(Strategy::Auto) };
     let mut solver = LsqSolver::new(&operator, Some(&gram), params).unwrap();
     let fit = solver.fit(&targets, std::slice::from_ref(&(0..DRAWS)), &Silent).unwrap();
     let errors = solver.standard_errors(&fit.residual, &Silent).unwrap();
@@ -83,7 +83,7 @@ fn standard_errors_of_what_is_not_determined_are_refused() {
         let targets = Random(1).normals(sampling.directions.len(), 1);
         let operator = transforms(&sampling.directions, max_degree);
         let gram = || Ok(Box::new(moment_gram(&sampling.directions, None, max_degree)?) as Box<dyn GramMatrix>);
-        let mut solver = LsqSolver::new(&operator, Some(&gram), params(sampling, Strategy::Auto)).unwrap();
+        let mut solver = LsqSolver::new(&operator, Some(&gram), params(Strategy::Auto)).unwrap();
         let fit = solver.fit(&targets, std::slice::from_ref(&(0..1)), &Silent).unwrap();
         solver.standard_errors(&fit.residual, &Silent).unwrap_err()
     };

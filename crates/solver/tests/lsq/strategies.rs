@@ -26,7 +26,7 @@ fn every_way_gives_the_dense_least_squares_weighted_and_penalised_or_not() {
             for strategy in STRATEGIES {
                 let what =
                     format!("{}, {strategy:?}, weights {}, smoothness {smoothness}", sampling.name, weights.is_some());
-                let params = LsqParams { weights: weights.clone(), smoothness, ..params(&sampling, strategy) };
+                let params = LsqParams { weights: weights.clone(), smoothness, ..params(strategy) };
                 let fit = solve(&sampling, max_degree, &targets, params);
                 assert_eq!(fit.report.stop, Stop::Converged, "{what}");
                 assert!(fit.report.optimality <= 2e-10, "{what}: {}", fit.report.optimality);
@@ -73,13 +73,13 @@ fn a_batch_gives_what_each_column_gives_alone_and_a_zero_column_zero() {
     targets.column_mut(6).mapv_inplace(|v| 1e-9 * v);
     let expected = dense(&matrix(&sampling.directions, 7), &targets, None, 0.0);
     for strategy in STRATEGIES {
-        let together = solve(&sampling, 7, &targets, params(&sampling, strategy));
+        let together = solve(&sampling, 7, &targets, params(strategy));
         assert_eq!(together.report.stop, Stop::Converged);
         expected.meets(&together, 2e-10, &format!("{strategy:?}"));
         assert!(together.coefficients.values().column(5).iter().all(|v| *v == 0.0));
         for c in [0, 5, 6] {
             let one = targets.slice(s![.., c..c + 1]).to_owned();
-            let alone = solve(&sampling, 7, &one, params(&sampling, strategy));
+            let alone = solve(&sampling, 7, &one, params(strategy));
             let both = [&together, &alone].map(|fit| fit.coefficients.values().clone());
             let off = norms(&(&both[0].slice(s![.., c..c + 1]) - &both[1]))[0];
             assert!(off <= 1e-8 * norms(&both[1])[0], "{strategy:?}, column {c}: {off:.1e}");
@@ -87,7 +87,7 @@ fn a_batch_gives_what_each_column_gives_alone_and_a_zero_column_zero() {
     }
     let nothing = Array2::zeros((500, 2));
     for strategy in STRATEGIES {
-        let fit = solve(&sampling, 7, &nothing, params(&sampling, strategy));
+        let fit = solve(&sampling, 7, &nothing, params(strategy));
         assert_eq!(
             (fit.report.stop, fit.report.norm, fit.report.optimality),
             (Stop::Converged, 0.0, 0.0),
@@ -103,7 +103,7 @@ fn too_few_iterations_end_with_the_best_solution_so_far() {
     let a = matrix(&sampling.directions, 12);
     let mut before = f64::INFINITY;
     for (max_iterations, strategy) in [(1, Strategy::Cg), (4, Strategy::Cg), (16, Strategy::Cg), (16, Strategy::Auto)] {
-        let fit = solve(&sampling, 12, &targets, LsqParams { max_iterations, ..params(&sampling, strategy) });
+        let fit = solve(&sampling, 12, &targets, LsqParams { max_iterations, ..params(strategy) });
         let what = format!("{:?}", fit.report);
         assert_eq!((fit.report.stop, fit.report.iterations), (Stop::IterationLimit, max_iterations), "{what}");
         assert_eq!((fit.report.preconditioner, fit.report.refinements), ("none", 0), "{what}");

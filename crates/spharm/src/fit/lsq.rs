@@ -20,7 +20,7 @@ use super::job::Job;
 use super::lsq_plan::{LsqPlan, Sizes, transform};
 use super::shared::{Within, allowed, check_auto, converged, note_solution, strategy};
 use crate::report::{BatchReport, Denoised};
-use crate::{Error, FitParams, FitWarning, Preconditioner, Smoothness, Weights, defaults};
+use crate::{Error, FitParams, FitWarning, Smoothness, Weights, defaults};
 
 /// Fits targets at their vertices as long as they aren't to be fitted as surfaces.
 pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Result<(), E> {
@@ -81,7 +81,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
         make_gram: &make_gram,
         make_moments: &make_moments,
         stored: stored.as_ref().filter(|_| !automatic),
-        solver: solver_params(job, smoothness, &plan, together, moment_bytes)?,
+        solver: solver_params(job, smoothness, &plan, together, moment_bytes),
         warnings,
         smooth_by_default: job.smooth_by_default().then(|| job.vertices_with_weight()),
         monitor,
@@ -259,22 +259,14 @@ fn note_plan(job: &Job<'_>, plan: &LsqPlan, count: usize, together: usize, monit
     monitor.note(Level::Info, text);
 }
 
-fn solver_params(
-    job: &Job<'_>,
-    smoothness: f64,
-    plan: &LsqPlan,
-    together: usize,
-    moment_bytes: usize,
-) -> Result<LsqParams, Error> {
+fn solver_params(job: &Job<'_>, smoothness: f64, plan: &LsqPlan, together: usize, moment_bytes: usize) -> LsqParams {
     let params = job.params;
-    let by_density = matches!(params.preconditioner, Preconditioner::Density);
-    Ok(LsqParams {
+    LsqParams {
         weights: job.weights.clone(),
         unread: job.unread.clone(),
         smoothness,
         penalty: None,
         strategy: strategy(params.preconditioner),
-        areas: by_density.then(|| areas(job)).transpose()?,
         tolerance: params.tolerance,
         max_iterations: params.max_iterations,
         memory: plan.budget,
@@ -283,7 +275,7 @@ fn solver_params(
         gram_bytes: moment_gram_bytes(job.sphere.directions.len(), params.max_degree).unwrap_or(0),
         moment_bytes,
         threads: job.threads,
-    })
+    }
 }
 
 /// The penalty of all targets, where it isn't chosen for each.
@@ -294,14 +286,6 @@ fn smoothness(job: &Job<'_>, monitor: &dyn Monitor) -> f64 {
         monitor.note(Level::Info, text);
     }
     smoothness
-}
-
-fn areas(job: &Job<'_>) -> Result<Vec<f64>, Error> {
-    if job.sphere.faces.is_empty() {
-        let sphere = job.sphere.name().to_owned();
-        return Err(Error::NeedsTriangles { what: "the density of the sampling", sphere });
-    }
-    Ok(job.sphere.areas())
 }
 
 /// The scheme's factor in the store, where there is one that belongs to this fit.
