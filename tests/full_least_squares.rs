@@ -81,7 +81,12 @@ fn without_a_store_fit_gives_the_full_least_squares() {
             assert!(off <= 1e-9, "{way}, {weights}: {off:e}");
             let batch = &ours["batches"][0];
             assert_eq!((&batch["stop"], batch["shift"].as_f64()), (&"converged".into(), Some(0.0)), "{batch}");
-            assert_eq!(batch["preconditioner"], if way == "auto" { "none" } else { way }, "{batch}");
+            // An icosphere is too even for its density to gain anything.
+            assert_eq!(batch["preconditioner"], if way == "factor" { way } else { "none" }, "{batch}");
+            assert!(batch["steps"].as_array().is_some_and(|steps| !steps.is_empty()), "{batch}");
+            if way == "density" {
+                assert_eq!(batch["products"], "moments", "{batch}");
+            }
         }
     }
 }

@@ -161,6 +161,8 @@ def fit(
         Optimality to reach: the gradient relative to that at zero coefficients.
     max_iterations : int
     preconditioner : {"auto", "none", "density", "factor"}
+        ``density`` divides by that of uneven samples, from moments of them; ``factor`` factorises the normal equations;
+        ``auto`` does the first if that pays, and the second if iterations are slow.
     strict : bool
         Raise an error if the tolerance isn't met, or if the sphere may not be a sphere.
     dtype : {"f64", "f32"}, optional

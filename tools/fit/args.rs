@@ -196,7 +196,8 @@ pub(super) struct Solver {
     pub(super) max_iterations: usize,
     /// Preconditioner of the iterations (lsq)
     ///
-    /// auto uses the density where many samples are uneven, and makes a factor where iterations are slow.
+    /// auto divides by the density of uneven samples if moments of them pay, and makes a factor if iterations are slow.
+    /// density makes moments and divides by it in any case; none does neither; factor makes one from the start.
     #[arg(long, value_name = "auto|none|density|factor", default_value = "auto", hide_short_help = true)]
     pub(super) preconditioner: Preconditioner,
     /// Scalar type of the basis [default: the store's, f64 first]

@@ -1,38 +1,35 @@
-//! The full least squares, by products with the basis and, where that is too slow, a factor of the normal equations.
+//! The full least squares, by products with the basis and, if that is too slow, a factor of the normal equations.
 //!
 //! ```text
 //! min | W^(1/2) (A x - f) |^2 + x^T P x,   P = lambda diag (l (l + 1))^2 + diag p_l
 //! ```
 //!
-//! for each column f of the targets. This is the paper's NLSF, without its matrix. [`Strategy::Auto`] proceeds as
-//! follows:
+//! for each column f of the targets. This is the paper's NLSF, without its matrix. There are three tools:
 //!
-//! 1. Conjugate gradients ([`cg`]) by fast operators. On an even sampling the normal matrix `N = A^T W A + P` is nearly
-//!    a multiple of the identity, and a handful of iterations suffices.
-//! 2. Where they are slow, a Cholesky factor of N in single precision, from the Gram matrix, to precondition with, from
-//!    some 4,000 columns on and where condition numbers, which are estimated with it, allow for that.
-//! 3. Else the Cholesky factor of N in double precision, and refinement: `x += N^-1 g` with the gradient
-//!    `g = A^T W (f - A x) - P x` formed by the operator, until the optimality `|g| / |A^T W f|` is met or stops
-//!    improving. A factor that is at hand, say in a store, is used from the start; where N is well conditioned, when
-//!    the iterations that seem to be left would take longer.
-//! 4. Where N is numerically singular, the factor of `N + mu I`: `x += (N + mu I)^-1 g`, iterated Tikhonov
-//!    regularisation. From x = 0 that tends to the minimum-norm solution; what the targets determine worse than `mu`
-//!    allows for stays small instead of growing to 1e11. A. Bjorck, "Numerical methods for least squares problems"
-//!    (1996), section 4.1.3.
+//! - Conjugate gradients ([`cg`]) by fast operators. On an even sampling the normal matrix `N = A^T W A + P` is nearly
+//!   a multiple of the identity, and a handful of iterations suffices. Products with N come from the samples, or from
+//!   moments of the sampling ([`MomentProblem`]) at a cost that doesn't depend on the number of samples, three columns
+//!   at a time; there the inverse of the density preconditions, see
+//!   [`InverseDensity`](spharm_transform::InverseDensity), if the sampling is uneven. The gradient is formed from the
+//!   samples in the end if its errors may matter, and the iteration goes on from there if the optimality asks for it.
+//! - A Cholesky factor of N, made from the Gram matrix or read from a store, and refinement: `x += N^-1 g` with the
+//!   gradient `g = A^T W (f - A x) - P x` formed by the operator, until the optimality `|g| / |A^T W f|` is met or stops
+//!   improving.
+//! - If N is numerically singular, the factor of `N + mu I`: `x += (N + mu I)^-1 g`, iterated Tikhonov
+//!   regularisation. From x = 0 that tends to the minimum-norm solution; what the targets determine worse than `mu` allows for stays
+//!   small instead of growing to 1e11. A. Bjorck, "Numerical methods for least squares problems" (1996), section 4.1.3.
 //!
-//! Where the samples are many, products with N in 1 come from moments of the sampling ([`MomentProblem`]), at a cost
-//! that doesn't depend on their number, three columns are iterated at a time, and where the sampling is uneven the
-//! inverse of its density preconditions ([`InverseDensity`](spharm_transform::InverseDensity)); the gradient is formed
-//! from the samples in the end where its errors may count, and the iteration goes on from there where the optimality
-//! asks for it.
-//!
-//! The report says which of these was done, and how close the result is.
+//! Which of them are used, in which order and how long, is decided in one place: `strategy` has a function from sizes,
+//! what is available and what is asked for to a list of steps, and the table of it. [`Strategy::Auto`] iterates first,
+//! by moments if these pay, and leaves the iterations for a factor if that seems faster. The plan is noted as a detail;
+//! the report has the steps that were taken ([`StepReport`]), and how close the result is.
 //!
 //! | module | contents |
 //! |---|---|
-//! | `params`, `solver`, `iterate`, `choice`, `progress`, `cost` | [`LsqParams`], [`LsqSolver`]: the strategy |
+//! | `strategy`, `limits`, `cost`, `plan` | which steps to take, by which numbers |
+//! | `params`, `solver`, `available`, `run`, `progress` | [`LsqParams`], [`LsqSolver`]: takes the steps |
 //! | [`normal_equations`], [`cg`], [`preconditioner`] | conjugate gradients |
-//! | `factor`, `refine` | the factor of N, shifted where N is singular; refinement with it |
+//! | `factor`, `refine` | the factor of N, shifted if N is singular; refinement with it |
 //! | `problem` | products and gradients, from samples or from moments |
 //! | `moments`, `moment_solver` | [`MomentProblem`], [`solve_moments`]: fits from sums over the samples alone |
 //! | `standard_errors` | of the coefficients |
@@ -61,9 +58,9 @@
 
 #[cfg(feature = "dense")]
 mod assess;
-pub mod cg;
 #[cfg(feature = "dense")]
-mod choice;
+mod available;
+pub mod cg;
 mod columns;
 #[cfg(feature = "dense")]
 mod cost;
@@ -72,13 +69,15 @@ pub mod denoise;
 mod factor;
 pub mod gcv;
 #[cfg(feature = "dense")]
-mod iterate;
+mod limits;
 #[cfg(feature = "dense")]
 mod moment_solver;
 mod moments;
 pub mod normal_equations;
 #[cfg(feature = "dense")]
 mod params;
+#[cfg(feature = "dense")]
+mod plan;
 pub mod preconditioner;
 mod problem;
 mod progress;
@@ -86,11 +85,15 @@ mod progress;
 mod refine;
 #[cfg(feature = "dense")]
 mod report;
+#[cfg(feature = "dense")]
+mod run;
 mod signs;
 #[cfg(feature = "dense")]
 mod solver;
 #[cfg(feature = "dense")]
 mod standard_errors;
+#[cfg(feature = "dense")]
+mod strategy;
 
 pub use cg::Stop;
 #[cfg(feature = "dense")]
@@ -104,6 +107,6 @@ pub use normal_equations::NormalEquations;
 #[cfg(feature = "dense")]
 pub use params::{LsqParams, Strategy};
 #[cfg(feature = "dense")]
-pub use report::{LsqReport, LsqSeconds, LsqWarning};
+pub use report::{LsqReport, LsqSeconds, LsqWarning, StepReport};
 #[cfg(feature = "dense")]
 pub use solver::{CheckLimits, LsqFit, LsqSolver, MakeGram, MakeMoments, MomentsAndRightSides, solve};

@@ -193,17 +193,19 @@ impl Weights {
     }
 }
 
-/// What the iterations of the full least squares are preconditioned with.
+/// Preconditioner of the iterations of the full least squares.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Preconditioner {
-    /// The density of uneven samplings, by moments; a Cholesky factor if convergence is slow and memory allows.
+    /// The density of uneven samples, if moments of them pay; then a Cholesky factor of the normal equations, if
+    /// iterations are slow and memory allows.
     #[default]
     Auto,
-    /// Nothing.
+    /// None.
     None,
-    /// The density of the sampling; needs triangles.
+    /// The density of uneven samples, from moments of them; none if the samples are even, if there is a smoothness, or,
+    /// with a warning, if the memory doesn't suffice.
     Density,
-    /// The Cholesky factor of all normal equations.
+    /// No iterations: a Cholesky factor of the normal equations from the start.
     Factor,
 }
 

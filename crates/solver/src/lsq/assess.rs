@@ -7,7 +7,7 @@ use ndarray::{Array2, s};
 
 use super::cg::{Cg, Stop};
 use super::columns::norms;
-use super::report::{LsqReport, LsqSeconds, LsqWarning};
+use super::report::{LsqReport, LsqSeconds, LsqWarning, StepReport};
 use super::solver::{LsqSolver, Solution, Source};
 use crate::cholesky::CholeskyFactor;
 use crate::residual::ResidualNorms;
@@ -18,6 +18,7 @@ impl LsqSolver<'_> {
         &mut self,
         cg: &Cg,
         solution: &Solution,
+        steps: Vec<StepReport>,
         groups: &[Range<usize>],
         started: Instant,
     ) -> LsqReport {
@@ -50,6 +51,7 @@ impl LsqSolver<'_> {
                 _ => "moments",
             },
             refinements: solution.refinements.unwrap_or(0),
+            steps,
             optimality,
             stop,
             condition: self.condition(cg),

@@ -3,12 +3,10 @@
 use spharm_harmonics::index::{first_column, max_degree_of};
 use spharm_monitor::Monitor;
 
+use super::limits::SINGULAR_RECIPROCAL;
 use crate::SolverError;
 use crate::cholesky::{CholeskyFactor, FactorParams, MemoryFactor, factorise};
 use crate::gram::{GramMatrix, Penalised};
-
-/// Below this reciprocal condition number a matrix counts as singular: nothing is left of a solve's digits.
-const SINGULAR: f64 = 1e-14;
 
 /// The factor of `N + mu I`.
 pub(super) struct MadeFactor {
@@ -33,7 +31,7 @@ pub(super) fn factorise_shifted(
     };
     let mut breaks_at = None;
     match factor(0.0) {
-        Ok(factor) if factor.condition().reciprocal > SINGULAR => {
+        Ok(factor) if factor.condition().reciprocal > SINGULAR_RECIPROCAL => {
             return Ok(MadeFactor { factor, shift: 0.0, breaks_at });
         }
         Ok(_) => {}

@@ -104,10 +104,15 @@ pub fn solve_moments_of_groups(
     let mut solver = LsqSolver::of(Source::Moments(problem), Some(&make_gram), params.clone())?;
     // Groups share it: it is made before them, by all threads.
     let _ = solver.inverse_density();
+    if let Some(group) = groups.first() {
+        solver.plan(Given::Sums(problem), group.len()).note(monitor);
+    }
+    solver.notes_plans = false;
     // A product of a group takes one thread. A factor takes all of them, and the memory for one.
     let without_factor = |group: &Range<usize>| {
         let refuse = || Err(SolverError::NoGram);
         let mut solver = LsqSolver::of(Source::Moments(problem), Some(&refuse), params.clone())?;
+        solver.notes_plans = false;
         match fit(&mut solver, group) {
             Err(SolverError::NoGram) => Ok(None),
             found => found.map(Some),

@@ -1,60 +1,54 @@
 //! Whether iterations get on fast enough to go on without a factor.
 
-/// Iterations after which a factor is made, where one can be, unless few more are expected to be needed: on samplings
-/// that need more, many more are needed.
 #[cfg(feature = "dense")]
-pub(super) const BEFORE_FACTOR: usize = 60;
-/// Iterations over which progress is measured.
-#[cfg(feature = "dense")]
-const STRETCH: usize = 30;
-
-/// The same beside a factor that is there already.
-#[cfg(feature = "dense")]
-pub(super) const STRETCH_BESIDE: usize = 3;
+use super::plan::Leave;
 
 /// How fast an iteration gets on.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Progress {
     tolerance: f64,
-    /// Iterations that may seem to be left when a factor could be used instead.
-    allowed: f64,
-    stretch: usize,
-    at_least: usize,
+    /// Iterations after which it may be left, and those over which its gain is measured.
+    after: usize,
+    every: usize,
+    /// Iterations that may seem to be left then.
+    most: f64,
     before: f64,
 }
 
 #[cfg(feature = "dense")]
 impl Progress {
-    /// Of iterations without a factor, which takes long to make.
-    pub(super) fn new(tolerance: f64, allowed: f64) -> Self {
-        Self { tolerance, allowed, stretch: STRETCH, at_least: BEFORE_FACTOR, before: f64::INFINITY }
-    }
-
-    /// Of iterations beside a factor, from an optimality of `before` on.
-    pub(super) fn beside_factor(tolerance: f64, allowed: f64, before: f64) -> Self {
-        Self { tolerance, allowed, stretch: STRETCH_BESIDE, at_least: STRETCH_BESIDE, before }
+    /// Of iterations from an optimality of `before` on; `density` tells whether the density preconditions them.
+    pub(super) fn new(leave: &Leave, density: bool, tolerance: f64, before: f64) -> Self {
+        let &Leave { after, every, most, most_with_density } = leave;
+        Self { tolerance, after, every, most: if density { most_with_density } else { most }, before }
     }
 }
 
 impl Progress {
     /// Whether to go on after so many iterations of a run.
     pub(super) fn may_go_on(&mut self, iteration: usize, optimality: f64) -> bool {
-        if !iteration.is_multiple_of(self.stretch) {
+        if !iteration.is_multiple_of(self.every) {
             return true;
         }
         let gained = (self.before / optimality).ln();
         self.before = optimality;
-        if iteration < self.at_least {
+        if iteration < self.after {
             return true;
         }
-        let left = self.stretch as f64 * (optimality / self.tolerance).ln() / gained;
-        gained > 0.0 && left <= self.allowed
+        let left = self.every as f64 * (optimality / self.tolerance).ln() / gained;
+        gained > 0.0 && left <= self.most
     }
 }
 
 #[cfg(all(test, feature = "dense"))]
 mod tests {
     use super::*;
+
+    const BESIDE: Leave = Leave { after: 3, every: 3, most: 10.0, most_with_density: 4.0 };
+
+    fn before(most: f64) -> Leave {
+        Leave { after: 60, every: 30, most, most_with_density: 0.0 }
+    }
 
     /// The iteration at which an iteration that gains so much at each step is given up, of the first 300.
     fn given_up(mut progress: Progress, gain: f64) -> Option<usize> {
@@ -63,21 +57,23 @@ mod tests {
 
     #[test]
     fn iterations_beside_a_factor_go_on_while_few_are_left() {
-        let beside = Progress::beside_factor(1e-12, 10.0, 1.0);
+        let beside = Progress::new(&BESIDE, false, 1e-12, 1.0);
         // Twelve at ten each; three are made.
         assert_eq!(given_up(beside, 10.0), None);
         // Forty.
-        assert_eq!(given_up(beside, 2.0), Some(STRETCH_BESIDE));
-        assert_eq!(given_up(beside, 1.0), Some(STRETCH_BESIDE));
+        assert_eq!(given_up(beside, 2.0), Some(3));
+        assert_eq!(given_up(beside, 1.0), Some(3));
         // What was gained before counts.
-        assert_eq!(given_up(Progress::beside_factor(1e-12, 10.0, 1e-2), 10.0), Some(STRETCH_BESIDE));
+        assert_eq!(given_up(Progress::new(&BESIDE, false, 1e-12, 1e-2), 10.0), Some(3));
+        // Nine are more than four with the density.
+        assert_eq!(given_up(Progress::new(&BESIDE, true, 1e-12, 1.0), 10.0), Some(3));
     }
 
     #[test]
     fn a_factor_is_made_where_many_are_left_after_sixty() {
-        // 0.7 digits in a stretch.
-        assert_eq!(given_up(Progress::new(1e-10, 100.0), 1.05), Some(BEFORE_FACTOR));
-        assert_eq!(given_up(Progress::new(1e-10, 1000.0), 1.05), None);
-        assert_eq!(given_up(Progress::new(1e-10, 1000.0), 1.0), Some(BEFORE_FACTOR));
+        // 0.7 digits in thirty.
+        assert_eq!(given_up(Progress::new(&before(100.0), false, 1e-10, 1.0), 1.05), Some(60));
+        assert_eq!(given_up(Progress::new(&before(1000.0), false, 1e-10, 1.0), 1.05), None);
+        assert_eq!(given_up(Progress::new(&before(1000.0), false, 1e-10, 1.0), 1.0), Some(60));
     }
 }

@@ -5,18 +5,12 @@ use spharm_monitor::{Level, Monitor};
 
 use super::cg::{Cg, CgParams, Stop, relative};
 use super::columns::norms;
+use super::limits::{ITERATIONS_WITHOUT_GAIN_WITH_FACTOR, MOST_REFINEMENTS, ROUNDING_OPTIMALITY};
 use super::preconditioner::ByFactor;
 use super::problem::Problem;
+use super::run::Taken;
 use super::solver::{LsqSolver, Solution};
 use crate::SolverError;
-
-/// Most refinements.
-const REFINEMENTS: usize = 40;
-/// Iterations without the optimality halving after which to give up, where each is preconditioned with the factor and
-/// worth many.
-const PATIENCE: usize = 30;
-/// Optimality that rounding errors of targets and transforms leave.
-const ROUNDING: f64 = 1e-9;
 
 impl LsqSolver<'_> {
     /// Refines x until its optimality is met or stops improving.
@@ -24,6 +18,7 @@ impl LsqSolver<'_> {
         &self,
         cg: &mut Cg,
         problem: &dyn Problem,
+        taken: &mut Taken,
         monitor: &dyn Monitor,
     ) -> Result<Solution, SolverError> {
         let factor = self.factor()?;
@@ -36,7 +31,7 @@ impl LsqSolver<'_> {
         }
         let (mut stop, mut refinements, mut residual) = (Stop::IterationLimit, 0, None);
         let mut optimality = cg.optimality();
-        while refinements < REFINEMENTS {
+        while refinements < MOST_REFINEMENTS {
             monitor.check()?;
             let mut step = cg.gradient.clone();
             factor.solve(&mut step)?;
@@ -66,12 +61,14 @@ impl LsqSolver<'_> {
         if refinements == 0 {
             (cg.gradient, residual) = problem.gradient(&cg.x)?;
         }
+        let left = (stop == Stop::Stalled).then(|| "the optimality stopped improving".to_owned());
+        taken.add_of("refinement", preconditioner, refinements, cg, left);
         // A factor with fewer digits than the condition takes is a good preconditioner yet.
         let rest = self.params.max_iterations.saturating_sub(cg.iterations);
-        if stop != Stop::Converged && !shifted && cg.optimality() > ROUNDING && rest > 0 {
+        if stop != Stop::Converged && !shifted && cg.optimality() > ROUNDING_OPTIMALITY && rest > 0 {
             let before = (cg.x.clone(), cg.gradient.clone());
             let optimality = cg.optimality();
-            let params = CgParams { tolerance, max_iterations: rest, patience: PATIENCE };
+            let params = CgParams { tolerance, max_iterations: rest, patience: ITERATIONS_WITHOUT_GAIN_WITH_FACTOR };
             stop = cg.run(problem, &ByFactor(factor), &params, monitor)?;
             let (gradient, formed) = problem.gradient(&cg.x)?;
             cg.gradient = gradient;
@@ -81,9 +78,10 @@ impl LsqSolver<'_> {
                 (cg.x, cg.gradient) = before;
                 stop = Stop::Stalled;
             }
+            taken.add("iterations with the factor", preconditioner, cg, None);
         }
         // As far as rounding goes is as far as it can go: the factor is that of N.
-        if stop == Stop::Stalled && cg.optimality() <= ROUNDING {
+        if stop == Stop::Stalled && cg.optimality() <= ROUNDING_OPTIMALITY {
             stop = Stop::Converged;
         }
         Ok(Solution { stop, preconditioner, refinements: Some(refinements), residual })

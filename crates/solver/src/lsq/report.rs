@@ -23,6 +23,8 @@ pub struct LsqReport {
     pub products: &'static str,
     /// Refinements with a factor.
     pub refinements: usize,
+    /// The steps that were taken, in order.
+    pub steps: Vec<StepReport>,
     /// The largest relative gradient of all columns: formed from the samples where there are some, or that of
     /// iterations by moments, with an estimate of what these leave it off by, where that is little beside the
     /// tolerance.
@@ -47,6 +49,49 @@ pub struct LsqReport {
     pub residuals: Vec<ResidualNorms>,
     /// Wall times.
     pub seconds: LsqSeconds,
+}
+
+/// A step of a fit.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct StepReport {
+    /// `moments`, `iterations by samples`, `iterations by moments`, `factor`, `refinement`, `iterations with the
+    /// factor`; `confirmation` of the gradient, with the iterations that it shows to be lacking; `iterations from zero`
+    /// if rounding errors had taken over.
+    pub name: &'static str,
+    /// Its preconditioner, as in [`LsqReport::preconditioner`].
+    pub preconditioner: &'static str,
+    /// Number of fits that took it, in a report of several.
+    pub fits: usize,
+    /// Iterations of conjugate gradients, or refinements.
+    pub iterations: usize,
+    /// Wall time.
+    pub seconds: f64,
+    /// The largest relative gradient of all columns after it.
+    pub optimality: f64,
+    /// Why it was left before its end.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub left: Option<String>,
+}
+
+impl LsqReport {
+    /// Adds the steps of another fit: to the same ones, else at the end.
+    pub fn add_steps(&mut self, others: Vec<StepReport>) {
+        for other in others {
+            let same = |step: &&mut StepReport| {
+                (step.name, step.preconditioner, &step.left) == (other.name, other.preconditioner, &other.left)
+            };
+            match self.steps.iter_mut().find(same) {
+                Some(step) => {
+                    step.fits += other.fits;
+                    step.iterations = step.iterations.max(other.iterations);
+                    step.seconds += other.seconds;
+                    step.optimality = step.optimality.max(other.optimality);
+                }
+                None => self.steps.push(other),
+            }
+        }
+    }
 }
 
 /// Seconds by kind of work.

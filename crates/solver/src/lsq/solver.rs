@@ -8,25 +8,19 @@ use ndarray::Array2;
 use spharm_harmonics::{Coefficients, basis_size};
 use spharm_monitor::{Monitor, Stage};
 
-use super::cg::{Cg, CgParams, Stop};
+use super::cg::Stop;
 use super::factor::{MadeFactor, factorise_shifted};
 use super::moments::{MomentProblem, Summed};
 use super::normal_equations::NormalEquations;
 use super::params::{LsqParams, Strategy};
+use super::plan::{self, Plan};
 use super::problem::{Moments, Problem, Sampled};
 use super::report::{LsqReport, LsqWarning};
+use super::strategy::choose;
 use crate::cholesky::{CholeskyFactor, FactorParams, plan_factor};
 use crate::gram::{GramMatrix, degree_penalty, smoothness_penalty};
 use crate::operator::Operator;
 use crate::{MomentNormal, SolverError, check};
-
-/// Iterations without the optimality halving after which to give up.
-const PATIENCE: usize = 250;
-/// Above this reciprocal condition number few iterations are needed, and for few columns or by moments they may be
-/// faster than a stored factor.
-const WELL_CONDITIONED: f64 = 1e-2;
-/// Most columns for which that holds.
-const FEW: usize = 12;
 
 /// The stage of a fit but for the making of a factor; how many steps it will take isn't known.
 pub(super) const FIT: Stage = Stage::counted("fit", "steps");
@@ -98,6 +92,8 @@ pub struct LsqSolver<'a> {
     pub(super) made: Option<MadeFactor>,
     pub(super) moments: Option<Moments>,
     pub(super) warnings: Vec<LsqWarning>,
+    /// Whether each fit notes its plan.
+    pub(super) notes_plans: bool,
     pub(super) factor_seconds: f64,
     pub(super) moment_seconds: f64,
 }
@@ -155,6 +151,7 @@ impl<'a> LsqSolver<'a> {
             made: None,
             moments: None,
             warnings: Vec::new(),
+            notes_plans: true,
             factor_seconds: 0.0,
             moment_seconds: 0.0,
         })
@@ -218,36 +215,28 @@ impl<'a> LsqSolver<'a> {
         let started = Instant::now();
         (self.factor_seconds, self.moment_seconds) = (0.0, 0.0);
         self.warnings.clear();
-        self.warnings.extend(self.no_density(given).map(|reason| LsqWarning::NoDensity { reason }));
         monitor.begin(FIT, 0);
-        let mut cg = match self.moments_at_once(given, monitor)? {
-            Some(right_sides) => Cg::from_right_sides(right_sides),
-            None => Cg::new(&*self.problem(given))?,
+        let columns = match given {
+            Given::Targets(_, targets) => targets.ncols(),
+            Given::Sums(problem) => problem.channels(),
         };
-        let iterated = if self.starts_with_factor(cg.x.ncols()) {
-            self.make_factor(self.params.strategy == Strategy::Cholesky, monitor)?;
-            None
-        } else {
-            self.iterate(&mut cg, given, monitor)?
-        };
-        let solution = match iterated {
-            Some(solution) => solution,
-            None => self.refine(&mut cg, &*self.problem(given), monitor)?,
-        };
+        let plan = self.plan(given, columns);
+        if self.notes_plans {
+            plan.note(monitor);
+        }
+        let (cg, solution, steps) = self.run(&plan, given, monitor)?;
         monitor.end();
-        let report = self.report(&cg, &solution, groups, started);
+        let report = self.report(&cg, &solution, steps, groups, started);
         Ok((Coefficients::new(cg.x)?, solution.residual, report))
     }
 
-    /// Whether to use a factor from the start.
-    pub(super) fn starts_with_factor(&self, columns: usize) -> bool {
-        let at_hand = self.stored.is_some() || self.made.is_some();
-        let well = self.stored.is_some_and(|factor| factor.condition().reciprocal > WELL_CONDITIONED);
-        match self.params.strategy {
-            Strategy::Cholesky => true,
-            Strategy::Auto => at_hand && !(well && (columns <= FEW || self.moments_beside_factor(columns))),
-            _ => false,
+    /// Decides how to solve what is given, with so many columns.
+    pub(super) fn plan(&mut self, given: Given<'_>, columns: usize) -> Plan {
+        let available = self.available(given);
+        if self.params.strategy == Strategy::DensityCg && available.moments == plan::Moments::None {
+            self.warnings.push(LsqWarning::NoDensity { reason: self.why_no_moments() });
         }
+        choose(&self.sizes(columns), &available, &self.request())
     }
 
     /// The factor to solve with: the stored one, else the one that was made.
@@ -299,11 +288,6 @@ impl<'a> LsqSolver<'a> {
         let (plan, _) = plan_factor(size, params, false)?;
         // What is held is there already.
         self.check_limits.map_or(Ok(()), |check| check(plan.memory - self.params.held + plan.reserved))
-    }
-
-    pub(super) fn cg_params(&self) -> CgParams {
-        let LsqParams { tolerance, max_iterations, .. } = self.params;
-        CgParams { tolerance, max_iterations, patience: PATIENCE }
     }
 
     pub(super) fn problem<'s>(&'s self, given: Given<'s>) -> Box<dyn Problem + 's> {

@@ -1,12 +1,16 @@
 //! Every strategy gives the solution of the dense problem.
 
+use std::fmt;
+use std::sync::{Arc, Mutex};
+
 use ndarray::{Array2, s};
+use spharm_monitor::{Level, Monitor};
 use spharm_solver::gram::smoothness_penalty;
-use spharm_solver::lsq::Stop;
-use spharm_solver::{LsqParams, Strategy};
+use spharm_solver::lsq::{StepReport, Stop};
+use spharm_solver::{GramMatrix, LsqParams, LsqSolver, Strategy, moment_gram, moment_normal};
 
 use crate::problems::{
-    ACCURACY, Random, STRATEGIES, clustered, dense, even, irregular, largest, matrix, norms, params, solve,
+    ACCURACY, Random, STRATEGIES, clustered, dense, even, irregular, largest, matrix, norms, params, solve, transforms,
     uneven_weights,
 };
 
@@ -113,4 +117,58 @@ fn too_few_iterations_end_with_the_best_solution_so_far() {
         assert!(square <= before * (1.0 + 1e-12), "more iterations, less residual");
         before = square;
     }
+}
+
+/// Details that a solver notes.
+#[derive(Default)]
+struct Details(Mutex<Vec<String>>);
+
+impl Monitor for Details {
+    fn note(&self, level: Level, text: fmt::Arguments<'_>) {
+        if level == Level::Detail {
+            self.0.lock().unwrap().push(text.to_string());
+        }
+    }
+}
+
+#[test]
+fn plans_are_noted_and_the_report_has_the_steps_that_were_taken_and_why() {
+    const DEGREE: usize = 14;
+    let sampling = irregular(400, 4);
+    let operator = transforms(&sampling.directions, DEGREE);
+    let gram = || Ok(Box::new(moment_gram(&sampling.directions, None, DEGREE)?) as Box<dyn GramMatrix>);
+    let moments = |accuracy: f64, _: Option<&Array2<f64>>| {
+        Ok((Arc::new(moment_normal(&sampling.directions, None, DEGREE, accuracy)?), None))
+    };
+    let targets = Random(3).normals(400, 3);
+    let taken = |params: LsqParams| {
+        let details = Details::default();
+        let mut solver = LsqSolver::new(&operator, Some(&gram), params).unwrap().with_moments(&moments);
+        let report = solver.fit(&targets, std::slice::from_ref(&(0..3)), &details).unwrap().report;
+        let why = |step: &StepReport| (step.name, step.left.clone().unwrap_or_default());
+        for step in &report.steps {
+            assert!(step.fits == 1 && step.seconds >= 0.0 && step.optimality.is_finite(), "{step:?}");
+        }
+        let steps: Vec<_> = report.steps.iter().map(why).collect();
+        assert_eq!(
+            report.steps.iter().map(|step| step.iterations).sum::<usize>(),
+            report.iterations + report.refinements
+        );
+        assert_eq!(report.steps.last().unwrap().optimality, report.optimality);
+        (steps, details.0.into_inner().unwrap())
+    };
+    let of =
+        |steps: &[(&'static str, &str)]| steps.iter().map(|(name, why)| (*name, (*why).to_owned())).collect::<Vec<_>>();
+    let (steps, notes) = taken(params(Strategy::Auto));
+    let expected =
+        [("moments", ""), ("iterations by moments", "a factor seems faster"), ("factor", ""), ("refinement", "")];
+    assert_eq!(steps, of(&expected));
+    assert_eq!(notes.len(), 5, "{notes:?}");
+    assert_eq!(notes[0], "step 1: moments of the samples");
+    let (steps, _) = taken(LsqParams { memory: 1 << 20, max_iterations: 100, ..params(Strategy::Auto) });
+    assert!(steps[2].0 == "factor" && steps[2].1.starts_with("no factor was made"), "{steps:?}");
+    assert_eq!(steps[3..], of(&[("iterations by moments", "all iterations are used up"), ("confirmation", "")]));
+    let (steps, notes) = taken(LsqParams { max_iterations: 5, ..params(Strategy::Cg) });
+    let expected = [("moments", ""), ("iterations by moments", "all iterations are used up"), ("confirmation", "")];
+    assert_eq!((steps, notes.len()), (of(&expected), 2));
 }

@@ -97,6 +97,7 @@ pub(crate) fn set_columns(all: &mut Array2<f64>, columns: &Range<usize>, values:
 /// Adds a penalised fit's report to that of the plain one.
 pub(crate) fn merge(report: &mut LsqReport, penalised: LsqReport) {
     report.iterations += penalised.iterations;
+    report.add_steps(penalised.steps);
     report.refinements += penalised.refinements;
     report.optimality = report.optimality.max(penalised.optimality);
     if penalised.stop != Stop::Converged {

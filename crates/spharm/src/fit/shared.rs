@@ -84,6 +84,8 @@ pub(crate) fn together(some: LsqReport, other: LsqReport) -> LsqReport {
     let (mut report, mut residuals) = (other, some.residuals);
     residuals.append(&mut report.residuals);
     report.channels += some.channels;
+    let steps = std::mem::replace(&mut report.steps, some.steps);
+    report.add_steps(steps);
     report.iterations = report.iterations.max(some.iterations);
     report.refinements = report.refinements.max(some.refinements);
     report.optimality = report.optimality.max(some.optimality);

@@ -1,0 +1,119 @@
+//! What decides about the steps of a fit, and the steps: see `strategy`.
+
+use std::fmt;
+
+use spharm_monitor::{Level, Monitor};
+
+use super::params::Strategy;
+
+/// Sizes of a problem: `rows_with_weight` of the rows (samples) count; `columns` are those of the targets.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sizes {
+    pub(super) rows: usize,
+    pub(super) rows_with_weight: usize,
+    pub(super) max_degree: usize,
+    pub(super) columns: usize,
+}
+
+/// What a solver has, or can make.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Available {
+    pub(super) moments: Moments,
+    pub(super) factor: Factor,
+}
+
+/// Moments of the samples. Those of problems without samples are made; `uneven` ones have a density to divide by.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Moments {
+    None,
+    Makeable,
+    Made { uneven: bool },
+}
+
+/// A factor of the normal matrix: from its Gram matrix, or from a store, with its reciprocal condition number.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Factor {
+    None,
+    Makeable,
+    Made,
+    Stored { reciprocal: f64 },
+}
+
+/// What is asked for.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Request {
+    pub(super) strategy: Strategy,
+    pub(super) tolerance: f64,
+    pub(super) max_iterations: usize,
+    pub(super) penalised: bool,
+}
+
+/// The steps of a fit. One that meets the tolerance, or stops improving, or uses up all iterations, is the last.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Plan {
+    pub(super) steps: Vec<Step>,
+}
+
+/// A step of a fit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Step {
+    /// Makes moments of the samples.
+    MakeMoments,
+    /// Conjugate gradients until `at_most` iterations have been made in all, or until a factor seems faster.
+    Cg { by_moments: bool, precondition: Precondition, at_most: usize, leave_for_factor: Option<Leave> },
+    /// Takes the factor, and makes it first if need be, with a shifted diagonal if the matrix is singular. If it can't
+    /// be made: an error if it is `required`, else refinement is left out.
+    Factor { from: Factor, required: bool },
+    /// Refines with the factor. The last step if it is taken.
+    Refine,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Precondition {
+    Diagonal,
+    /// With the inverse of the density, if the samples are uneven.
+    Density,
+}
+
+/// When to leave iterations for a factor: after `after` of them, if more than `most` seem to be left by what the last
+/// `every` gained; `most_with_density` where the density preconditions.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Leave {
+    pub(super) after: usize,
+    pub(super) every: usize,
+    pub(super) most: f64,
+    pub(super) most_with_density: f64,
+}
+
+impl Plan {
+    /// Notes each step.
+    pub(super) fn note(&self, monitor: &dyn Monitor) {
+        for (step, number) in self.steps.iter().zip(1..) {
+            monitor.note(Level::Detail, format_args!("step {number}: {step}"));
+        }
+    }
+}
+
+impl fmt::Display for Step {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::MakeMoments => f.write_str("moments of the samples"),
+            Self::Cg { by_moments, precondition, at_most, leave_for_factor } => {
+                f.write_str(if *by_moments { "iterations by moments" } else { "iterations by samples" })?;
+                if *precondition == Precondition::Density {
+                    f.write_str(", with the density of uneven samples")?;
+                }
+                write!(f, ", to {at_most} in all")?;
+                let Some(Leave { after, most, .. }) = leave_for_factor else { return Ok(()) };
+                write!(f, ", from {after} on until more than {most:.0} seem to be left")
+            }
+            Self::Factor { from: Factor::Stored { reciprocal }, .. } => {
+                write!(f, "the stored factor, of a reciprocal condition number of {reciprocal:.1e}")
+            }
+            Self::Factor { from: Factor::Made, .. } => f.write_str("the factor of an earlier batch"),
+            Self::Factor { required: true, .. } => f.write_str("a factor"),
+            Self::Factor { .. } => f.write_str("a factor, if there is memory for it"),
+            Self::Refine => f.write_str("refinement with the factor"),
+        }
+    }
+}

@@ -1,0 +1,217 @@
+//! The steps of a plan, one after the other, and their report.
+
+use std::time::Instant;
+
+use ndarray::Array2;
+use spharm_monitor::{Level, Monitor};
+use spharm_transform::FINEST;
+
+use super::cg::{Cg, CgParams, Stop};
+use super::columns::dots;
+use super::limits::{COARSEST_MOMENT_ACCURACY, ITERATIONS_WITHOUT_GAIN, MOMENT_ACCURACY_PER_TOLERANCE};
+use super::plan::{Leave, Plan, Precondition, Step};
+use super::problem::{Moments, Problem};
+use super::progress::Progress;
+use super::report::{LsqWarning, StepReport};
+use super::solver::{Given, LsqSolver, Solution};
+use crate::SolverError;
+
+/// The steps that were taken, and the state in which the last one ended.
+pub(super) struct Taken {
+    steps: Vec<StepReport>,
+    iterations: usize,
+    since: Instant,
+}
+
+impl Taken {
+    fn new() -> Self {
+        Self { steps: Vec::new(), iterations: 0, since: Instant::now() }
+    }
+
+    /// Adds a step that has ended, and why if that was before its end.
+    pub(super) fn add(&mut self, name: &'static str, preconditioner: &'static str, cg: &Cg, left: Option<String>) {
+        let iterations = cg.iterations.saturating_sub(self.iterations);
+        self.add_of(name, preconditioner, iterations, cg, left);
+    }
+
+    /// The same for a step whose iterations aren't those of conjugate gradients.
+    pub(super) fn add_of(
+        &mut self,
+        name: &'static str,
+        preconditioner: &'static str,
+        iterations: usize,
+        cg: &Cg,
+        left: Option<String>,
+    ) {
+        let (seconds, optimality) = (self.since.elapsed().as_secs_f64(), cg.optimality());
+        self.steps.push(StepReport { name, preconditioner, fits: 1, iterations, seconds, optimality, left });
+        (self.iterations, self.since) = (cg.iterations, Instant::now());
+    }
+}
+
+impl LsqSolver<'_> {
+    /// Takes the steps of a plan.
+    pub(super) fn run(
+        &mut self,
+        plan: &Plan,
+        given: Given<'_>,
+        monitor: &dyn Monitor,
+    ) -> Result<(Cg, Solution, Vec<StepReport>), SolverError> {
+        let mut taken = Taken::new();
+        let (mut cg, steps) = match (&plan.steps[..], given) {
+            // With right-hand sides, which may come with them.
+            ([Step::MakeMoments, steps @ ..], Given::Targets(_, targets)) => {
+                let right_sides = self.take_moments(Some(targets), monitor)?;
+                let cg = right_sides.map_or_else(|| Cg::new(&*self.problem(given)), |b| Ok(Cg::from_right_sides(b)))?;
+                taken.add("moments", "none", &cg, None);
+                (cg, steps)
+            }
+            (steps, _) => (Cg::new(&*self.problem(given))?, steps),
+        };
+        let mut ended = (Stop::IterationLimit, Precondition::Diagonal);
+        let mut has_factor = false;
+        for step in steps {
+            match step {
+                Step::MakeMoments => {
+                    self.take_moments(None, monitor)?;
+                    taken.add("moments", "none", &cg, None);
+                }
+                &Step::Cg { precondition, at_most, leave_for_factor, .. } => {
+                    let stop = self.iterate(&mut cg, precondition, at_most, leave_for_factor, given, monitor)?;
+                    ended = (stop, precondition);
+                    // The user's limit is a limit on all the work: no factor then.
+                    let over = stop != Stop::IterationLimit || cg.iterations >= self.params.max_iterations;
+                    let left = match (stop, over) {
+                        (Stop::Converged, _) => None,
+                        (Stop::Stalled, _) => Some("the optimality stopped improving"),
+                        (Stop::IterationLimit, true) => Some("all iterations are used up"),
+                        (Stop::IterationLimit, false) if leave_for_factor.is_some() => Some("a factor seems faster"),
+                        (Stop::IterationLimit, false) => Some("moments pay from here on"),
+                    };
+                    let name = self.preconditioner(precondition).name();
+                    taken.add(self.name_of_iterations(given), name, &cg, left.map(str::to_owned));
+                    if over {
+                        break;
+                    }
+                }
+                Step::Factor { required, .. } => {
+                    has_factor = self.make_factor(*required, monitor)?;
+                    let refused = self.warnings.last().filter(|_| !has_factor).map(ToString::to_string);
+                    taken.add("factor", "none", &cg, refused);
+                }
+                Step::Refine if has_factor => {
+                    let solution = self.refine(&mut cg, &*self.problem(given), &mut taken, monitor)?;
+                    return Ok((cg, solution, taken.steps));
+                }
+                Step::Refine => {}
+            }
+        }
+        let (stop, precondition) = ended;
+        let solution = self.confirm(&mut cg, stop, precondition, given, &mut taken, monitor)?;
+        Ok((cg, solution, taken.steps))
+    }
+
+    fn iterate(
+        &self,
+        cg: &mut Cg,
+        precondition: Precondition,
+        at_most: usize,
+        leave_for_factor: Option<Leave>,
+        given: Given<'_>,
+        monitor: &dyn Monitor,
+    ) -> Result<Stop, SolverError> {
+        let params = CgParams { max_iterations: at_most.saturating_sub(cg.iterations), ..self.cg_params() };
+        let density = precondition == Precondition::Density && self.inverse_density().is_some();
+        let progress = leave_for_factor.map(|leave| Progress::new(&leave, density, params.tolerance, cg.optimality()));
+        cg.run_while(&*self.problem(given), &*self.preconditioner(precondition), &params, progress, monitor)
+    }
+
+    /// Forms the gradient of what iterations ended with, and mends what it shows to be wrong.
+    fn confirm(
+        &mut self,
+        cg: &mut Cg,
+        stop: Stop,
+        precondition: Precondition,
+        given: Given<'_>,
+        taken: &mut Taken,
+        monitor: &dyn Monitor,
+    ) -> Result<Solution, SolverError> {
+        let params = self.cg_params();
+        let preconditioner = self.preconditioner(precondition);
+        let (mut stop, mut residual) = cg.confirm(stop, &*self.problem(given), &*preconditioner, &params, monitor)?;
+        let mut name = preconditioner.name();
+        let too_far = stop != Stop::Converged && further_than_zero(cg, &*self.problem(given))?;
+        let digits_lost = stop == Stop::Converged && cg.optimality() > 1.5 * params.tolerance && self.moments.is_some();
+        let wrong = match (too_far, digits_lost) {
+            (true, _) => Some("rounding errors have carried the solution away"),
+            (false, true) => Some("moments lose digits"),
+            (false, false) => None,
+        };
+        taken.add("confirmation", name, cg, wrong.map(str::to_owned));
+        if too_far {
+            // Rounding has carried it there: up to where it was best, it hadn't.
+            let before = cg.iterations;
+            let first = CgParams { max_iterations: cg.best_at, ..params };
+            *cg = Cg::new(&*self.problem(given))?;
+            cg.run(&*self.problem(given), &*preconditioner, &first, monitor)?;
+            (_, residual) = cg.confirm(Stop::Stalled, &*self.problem(given), &*preconditioner, &params, monitor)?;
+            if further_than_zero(cg, &*self.problem(given))? {
+                *cg = Cg::new(&*self.problem(given))?;
+                (_, residual) = cg.confirm(Stop::Stalled, &*self.problem(given), &*preconditioner, &params, monitor)?;
+            }
+            cg.iterations += before;
+            taken.add("iterations from zero", name, cg, None);
+        }
+        drop(preconditioner);
+        if digits_lost {
+            self.warnings.push(LsqWarning::MomentsLoseDigits { optimality: cg.optimality() });
+            (self.moments, self.make_moments) = (None, None);
+            let preconditioner = self.preconditioner(Precondition::Diagonal);
+            let left = CgParams { max_iterations: params.max_iterations - cg.iterations, ..params };
+            stop = cg.run(&*self.problem(given), &*preconditioner, &left, monitor)?;
+            (stop, residual) = cg.confirm(stop, &*self.problem(given), &*preconditioner, &params, monitor)?;
+            name = preconditioner.name();
+            taken.add(self.name_of_iterations(given), name, cg, None);
+        }
+        Ok(Solution { stop, preconditioner: name, refinements: None, residual })
+    }
+
+    fn name_of_iterations(&self, given: Given<'_>) -> &'static str {
+        match given {
+            Given::Targets(..) if self.moments.is_none() => "iterations by samples",
+            _ => "iterations by moments",
+        }
+    }
+
+    pub(super) fn cg_params(&self) -> CgParams {
+        let (tolerance, max_iterations) = (self.params.tolerance, self.params.max_iterations);
+        CgParams { tolerance, max_iterations, patience: ITERATIONS_WITHOUT_GAIN }
+    }
+
+    /// Makes moments; returns right-hand sides, (K, c), of targets if they came with them.
+    fn take_moments(
+        &mut self,
+        targets: Option<&Array2<f64>>,
+        monitor: &dyn Monitor,
+    ) -> Result<Option<Array2<f64>>, SolverError> {
+        let Some(make) = self.make_moments else { return Ok(None) };
+        monitor.note(Level::Status, format_args!("moments"));
+        let accuracy = MOMENT_ACCURACY_PER_TOLERANCE * self.params.tolerance;
+        let accuracy = accuracy.clamp(FINEST, COARSEST_MOMENT_ACCURACY);
+        let started = Instant::now();
+        let (normal, right_sides) = make(accuracy, targets)?;
+        self.moments = Some(Moments { normal, accuracy });
+        // Made now if it is to be.
+        let _ = self.inverse_density();
+        self.moment_seconds = started.elapsed().as_secs_f64();
+        Ok(right_sides)
+    }
+}
+
+/// Whether a column of x is further from its target than zero is, penalty included:
+/// `|W^(1/2) (f - A x)|^2 + x^T P x - |W^(1/2) f|^2 = -x^T (b + r)`, with b the right-hand side and r = b - N x the
+/// gradient.
+fn further_than_zero(cg: &Cg, problem: &dyn Problem) -> Result<bool, SolverError> {
+    let sum = problem.right_sides()? + &cg.gradient;
+    Ok(dots(&cg.x, &sum).iter().any(|gain| *gain < 0.0))
+}

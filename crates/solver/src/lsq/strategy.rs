@@ -1,0 +1,114 @@
+//! The strategy of a least-squares fit, as data: [`choose`] decides which steps to take, and computes nothing else. The
+//! solver takes one step after the other (`run`) and reports them.
+//!
+//! | request | available | steps |
+//! |---|---|---|
+//! | factor | | factor, refinement |
+//! | auto | factor, but for the exception below | factor, refinement |
+//! | any | moments, or no samples | iterations by moments |
+//! | any | moments that pay at once (`cost`) or that the density is asked of | moments, iterations by them |
+//! | any | moments that pay later | iterations by samples until then, moments, iterations by them |
+//! | any | no moments that pay | iterations by samples |
+//!
+//! The exception: a stored factor of a well-conditioned matrix is left alone for few columns, and where moments and a
+//! few iterations cost less than its use. The density preconditions iterations by moments if it is asked for or the
+//! choice is left to the solver, without a penalty, with enough rows. With auto, at most as many columns as rows, and
+//! a factor or a Gram matrix, iterations are left where a factor seems faster; factor and refinement follow them, and,
+//! if it can't be made, more iterations. The numbers are in `limits`.
+
+#[cfg(test)]
+mod tests;
+
+use spharm_harmonics::basis_size;
+
+use super::cost::Cost;
+use super::limits::{
+    BEGUN_PER_SOLVE_COST, FEW_COLUMNS, ITERATIONS_BEFORE_FACTOR, ITERATIONS_BESIDE_FACTOR, ITERATIONS_OF_PROGRESS,
+    LEFT_PER_FACTOR_COST, ROWS_PER_COLUMN_FOR_DENSITY, WELL_CONDITIONED_RECIPROCAL,
+};
+use super::params::Strategy;
+use super::plan::{Available, Factor, Leave, Moments, Plan, Precondition, Request, Sizes, Step};
+
+/// Decides which steps to take.
+pub(super) fn choose(sizes: &Sizes, available: &Available, request: &Request) -> Plan {
+    let &Request { strategy, max_iterations, .. } = request;
+    let &Available { moments, factor } = available;
+    let cost = Cost { rows: sizes.rows, max_degree: sizes.max_degree, channels: sizes.columns };
+    let before_moments = iterations_before_moments(&cost, moments, request);
+    let at_hand = matches!(factor, Factor::Made | Factor::Stored { .. });
+    let well = matches!(factor, Factor::Stored { reciprocal } if reciprocal > WELL_CONDITIONED_RECIPROCAL);
+    let left_alone = well && (sizes.columns <= FEW_COLUMNS || pays_beside_factor(&cost, moments, before_moments));
+    let by_factor = [Step::Factor { from: factor, required: strategy == Strategy::Cholesky }, Step::Refine];
+    if strategy == Strategy::Cholesky || (strategy == Strategy::Auto && at_hand && !left_alone) {
+        return Plan { steps: by_factor.to_vec() };
+    }
+    let density = density_may_precondition(sizes, request);
+    let iterate = |by_moments: bool, at_most: usize, leave_for_factor: Option<Leave>| {
+        let precondition = if by_moments && density { Precondition::Density } else { Precondition::Diagonal };
+        Step::Cg { by_moments, precondition, at_most, leave_for_factor }
+    };
+    let (mut steps, mut by_moments) = (Vec::new(), matches!(moments, Moments::Made { .. }));
+    if let Some(first) = before_moments {
+        if first > 0 {
+            steps.push(iterate(false, first.min(max_iterations), None));
+        }
+        if first >= max_iterations.max(1) {
+            return Plan { steps };
+        }
+        steps.push(Step::MakeMoments);
+        by_moments = true;
+    }
+    let may_leave = strategy == Strategy::Auto && factor != Factor::None && basis_size(sizes.max_degree) <= sizes.rows;
+    steps.push(iterate(by_moments, max_iterations, may_leave.then(|| leave(&cost, by_moments, factor))));
+    if may_leave {
+        steps.extend(by_factor);
+        if factor == Factor::Makeable {
+            steps.push(iterate(by_moments, max_iterations, None));
+        }
+    }
+    Plan { steps }
+}
+
+/// Whether the density may precondition iterations by moments.
+pub(super) fn density_may_precondition(sizes: &Sizes, request: &Request) -> bool {
+    let enough = sizes.rows_with_weight >= ROWS_PER_COLUMN_FOR_DENSITY * basis_size(sizes.max_degree);
+    matches!(request.strategy, Strategy::Auto | Strategy::DensityCg) && enough && !request.penalised
+}
+
+/// Iterations by the samples before moments are made: none if these pay within the expected ones, else as many as take
+/// as long as moments would have; `None` where moments aren't to be made.
+fn iterations_before_moments(cost: &Cost, moments: Moments, request: &Request) -> Option<usize> {
+    let paid_after = cost.paid_after();
+    match moments {
+        Moments::Makeable if request.strategy == Strategy::DensityCg => Some(0),
+        Moments::Makeable if paid_after > ITERATIONS_BEFORE_FACTOR as f64 => None,
+        Moments::Makeable if cost.at_once(request.tolerance) => Some(0),
+        Moments::Makeable => Some(paid_after.ceil() as usize),
+        Moments::None | Moments::Made { .. } => None,
+    }
+}
+
+/// Whether iterations by moments are worth beginning beside a factor of a matrix of moderate condition.
+fn pays_beside_factor(cost: &Cost, moments: Moments, before_moments: Option<usize>) -> bool {
+    let (making, each) = match (moments, before_moments) {
+        (Moments::Made { uneven: true }, _) => (0.0, cost.preconditioned()),
+        (Moments::Made { uneven: false }, _) => (0.0, cost.by_moments()),
+        (_, Some(0)) => (cost.making(), cost.by_moments()),
+        _ => return false,
+    };
+    making + ITERATIONS_BESIDE_FACTOR as f64 * each < BEGUN_PER_SOLVE_COST * cost.with_factor()
+}
+
+/// When to leave iterations for a factor.
+fn leave(cost: &Cost, by_moments: bool, factor: Factor) -> Leave {
+    let (after, every) = (ITERATIONS_BEFORE_FACTOR, ITERATIONS_OF_PROGRESS);
+    let most_by = |all: f64| (all / cost.by_moments(), all / cost.preconditioned());
+    let ((after, every), (most, most_with_density)) = match (by_moments, factor) {
+        (true, Factor::Stored { .. }) => {
+            ((ITERATIONS_BESIDE_FACTOR, ITERATIONS_BESIDE_FACTOR), most_by(cost.with_factor()))
+        }
+        (true, _) => ((after, every), most_by(LEFT_PER_FACTOR_COST * cost.factor())),
+        (false, _) => ((after, every), (0.0, 0.0)),
+    };
+    Leave { after, every, most, most_with_density }
+}

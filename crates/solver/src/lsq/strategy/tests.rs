@@ -1,0 +1,105 @@
+//! Plans of given sizes, availability and request.
+
+use super::*;
+
+const AUTO: Request = Request { strategy: Strategy::Auto, tolerance: 1e-10, max_iterations: 3000, penalised: false };
+/// A cortex to degree 100.
+const CORTEX: Sizes = Sizes { rows: 40_962, rows_with_weight: 40_962, max_degree: 100, columns: 3 };
+const STORED: Factor = Factor::Stored { reciprocal: 0.1 };
+const EVEN: Moments = Moments::Made { uneven: false };
+
+fn sizes(rows: usize, max_degree: usize, columns: usize) -> Sizes {
+    Sizes { rows, rows_with_weight: rows, max_degree, columns }
+}
+
+fn by(strategy: Strategy) -> Request {
+    Request { strategy, ..AUTO }
+}
+
+/// A plan's steps in a few words.
+fn words(sizes: Sizes, moments: Moments, factor: Factor, request: Request) -> String {
+    let word = |step: &Step| match *step {
+        Step::MakeMoments => "make moments".to_owned(),
+        Step::Cg { by_moments, precondition, at_most, leave_for_factor } => format!(
+            "{}{} to {at_most}{}",
+            if by_moments { "moments" } else { "samples" },
+            if precondition == Precondition::Density { " with density" } else { "" },
+            leave_for_factor.map_or_else(String::new, |leave| format!(" or slow after {}", leave.after)),
+        ),
+        Step::Factor { required, .. } => (if required { "required factor" } else { "factor" }).to_owned(),
+        Step::Refine => "refine".to_owned(),
+    };
+    choose(&sizes, &Available { moments, factor }, &request).steps.iter().map(word).collect::<Vec<_>>().join("; ")
+}
+
+#[test]
+fn plans_are_as_expected() {
+    let by_samples = "samples to 3000 or slow after 60; factor; refine; samples to 3000";
+    let by_moments =
+        "moments with density to 3000 or slow after 60; factor; refine; moments with density to 3000".to_owned();
+    let at_once = format!("make moments; {by_moments}");
+    let rough = Request { tolerance: 1e-6, ..AUTO };
+    let penalised = Request { penalised: true, ..AUTO };
+    let many = sizes(1_000_000, 30, 1);
+    let dense = sizes(100_000, 1000, 1);
+    let masked = Sizes { rows_with_weight: 20_401, ..CORTEX };
+    for (sizes, moments, factor, request, expected) in [
+        // Sums over a surface.
+        (CORTEX, EVEN, Factor::Makeable, AUTO, &by_moments[..]),
+        (
+            CORTEX,
+            EVEN,
+            Factor::Makeable,
+            penalised,
+            "moments to 3000 or slow after 60; factor; refine; moments to 3000",
+        ),
+        (masked, EVEN, Factor::None, AUTO, "moments to 3000"),
+        (CORTEX, EVEN, Factor::Makeable, by(Strategy::Cg), "moments to 3000"),
+        (CORTEX, EVEN, Factor::Makeable, by(Strategy::DensityCg), "moments with density to 3000"),
+        (CORTEX, EVEN, Factor::Makeable, by(Strategy::Cholesky), "required factor; refine"),
+        // Samples.
+        (CORTEX, Moments::None, Factor::Makeable, AUTO, by_samples),
+        (CORTEX, Moments::None, Factor::None, AUTO, "samples to 3000"),
+        (CORTEX, Moments::None, Factor::None, by(Strategy::Cholesky), "required factor; refine"),
+        (CORTEX, Moments::Makeable, Factor::Makeable, AUTO, &at_once),
+        (CORTEX, Moments::Makeable, Factor::None, by(Strategy::Cg), "make moments; moments to 3000"),
+        // Moments pay after four iterations, and five are expected.
+        (many, Moments::Makeable, Factor::None, AUTO, "make moments; moments with density to 3000"),
+        (many, Moments::Makeable, Factor::None, rough, "samples to 4; make moments; moments with density to 3000"),
+        (many, Moments::Makeable, Factor::Makeable, Request { max_iterations: 4, ..rough }, "samples to 4"),
+        (many, Moments::Makeable, Factor::Makeable, Request { max_iterations: 2, ..rough }, "samples to 2"),
+        // More columns of the basis than samples, and moments that never pay unless they are asked for.
+        (dense, Moments::Makeable, Factor::Makeable, AUTO, "samples to 3000"),
+        (dense, Moments::Makeable, Factor::None, by(Strategy::DensityCg), "make moments; moments to 3000"),
+        (CORTEX, Moments::None, Factor::None, by(Strategy::DensityCg), "samples to 3000"),
+        // A factor that exists.
+        (CORTEX, Moments::Makeable, Factor::Made, AUTO, "factor; refine"),
+        (CORTEX, EVEN, Factor::Stored { reciprocal: 1e-6 }, AUTO, "factor; refine"),
+        (CORTEX, EVEN, Factor::Stored { reciprocal: 1e-6 }, by(Strategy::Cg), "moments to 3000"),
+        (CORTEX, Moments::None, STORED, AUTO, "samples to 3000 or slow after 60; factor; refine"),
+        (sizes(40_962, 100, 96), Moments::None, STORED, AUTO, "factor; refine"),
+        (sizes(40_962, 100, 96), EVEN, STORED, AUTO, "moments with density to 3000 or slow after 3; factor; refine"),
+        (sizes(900, 12, 48), EVEN, STORED, AUTO, "factor; refine"),
+    ] {
+        assert_eq!(words(sizes, moments, factor, request), expected, "{sizes:?} {moments:?} {factor:?} {request:?}");
+    }
+}
+
+/// Iterations that may seem to be left when they are left for a factor.
+#[test]
+fn the_more_a_factor_costs_the_more_iterations_may_be_left() {
+    let most = |moments: Moments, factor: Factor| {
+        let plan = choose(&CORTEX, &Available { moments, factor }, &AUTO);
+        let Some(Step::Cg { leave_for_factor: Some(leave), .. }) = plan.steps.first() else { panic!("{plan:?}") };
+        let beside = if matches!(factor, STORED) && moments == EVEN { [3, 3] } else { [60, 30] };
+        assert_eq!([leave.after, leave.every], beside);
+        assert!((leave.most - 1.5 * leave.most_with_density).abs() <= 1e-12 * leave.most);
+        leave.most
+    };
+    // A fifth of the 8.8 s for a factor of 10,201 columns, by products of 3.3 ms.
+    assert!((most(EVEN, Factor::Makeable) - 541.6).abs() < 1.0);
+    // 0.19 s to use one.
+    assert!((most(EVEN, STORED) - 57.8).abs() < 3.0);
+    assert_eq!(most(Moments::None, Factor::Makeable), 0.0);
+    assert_eq!(most(Moments::None, STORED), 0.0);
+}
