@@ -42,8 +42,10 @@ fn readme() -> String {
 fn pages() -> Vec<PathBuf> {
     let named = |name: &str| root().join(name);
     let mut pages: Vec<_> = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", "store-format.md"].map(named).into();
-    let docs = fs::read_dir(root().join("docs")).unwrap().map(|entry| entry.unwrap().path());
-    pages.extend(docs.filter(|path| path.extension().is_some_and(|extension| extension == "md")));
+    for folder in ["docs", "docs/contributing"] {
+        let docs = fs::read_dir(root().join(folder)).unwrap().map(|entry| entry.unwrap().path());
+        pages.extend(docs.filter(|path| path.extension().is_some_and(|extension| extension == "md")));
+    }
     pages
 }
 

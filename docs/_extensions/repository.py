@@ -2,6 +2,8 @@
 in the site.
 """
 
+import re
+
 COPIES = {"../store-format.md": "store-format", "../README.md": "/index", "../CONTRIBUTING.md": "contributing"}
 
 
@@ -13,8 +15,7 @@ def links(app, name, source):
 
 def included(app, relative, parent, source):
     """The same for files that a page of `reference` includes, whose links are relative to the root."""
-    for name in ("methods", "parameterisation", "files", "performance", "accuracy", "memory", "correctness"):
-        source[0] = source[0].replace(f"](docs/{name}.md", f"](../{name}.md")
+    source[0] = re.sub(r"\]\(docs/([\w/-]+)\.md", r"](../\1.md", source[0])
     source[0] = source[0].replace("](store-format.md)", "](../reference/store-format.md)")
 
 
