@@ -1,0 +1,111 @@
+#!/usr/bin/env python3
+"""Lists the crates that are published, in their order, and makes their packages, unbuilt; Python's standard library only.
+
+- `spharm` and the crates that it depends on are published, and no others.
+- Each has what the registry asks for, at most five keywords, and the version of all; dependencies on others of them have it, too.
+- `cargo package` makes each, from what cargo has at hand or else from the registry, and none has more bytes than registries take.
+
+`cargo publish --workspace` publishes them, where the address of the repository is in Cargo.toml.
+"""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+PUBLIC = "spharm"
+MOST_KEYWORDS = 5
+MOST_BYTES = 10 << 20
+#: Of the registry's categories those that fit; another one is refused when it is uploaded.
+CATEGORIES = {"algorithms", "encoding", "external-ffi-bindings", "filesystem", "graphics", "mathematics", "science"}
+
+
+def metadata():
+    command = ["cargo", "metadata", "--no-deps", "--format-version", "1"]
+    return json.loads(subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, check=True).stdout)
+
+
+def needed(packages):
+    """For each crate the crates of this repository that it can't be built without. Cargo drops others that have no version."""
+    def is_needed(entry):
+        return entry["name"] in packages and entry.get("path") and entry["kind"] != "dev"
+
+    return {name: {entry["name"] for entry in package["dependencies"] if is_needed(entry)} for name, package in packages.items()}
+
+
+def in_order(names, edges):
+    """Each crate after those that it needs, else by name."""
+    done = []
+    while left := sorted(set(names) - set(done)):
+        ready = [name for name in left if edges[name] & set(names) <= set(done)]
+        if not ready:
+            sys.exit(f"error: {', '.join(left)} depend on each other in a circle")
+        done.append(ready[0])
+    return done
+
+
+def all_of(name, edges):
+    found, left = set(), [name]
+    while left:
+        name = left.pop()
+        if name not in found:
+            found.add(name)
+            left.extend(edges[name])
+    return found
+
+
+def faults(packages, edges):
+    published = {name for name, package in packages.items() if package["publish"] != []}
+    wanted = all_of(PUBLIC, edges)
+    for name in sorted(published ^ wanted):
+        yield f"{name}: " + (f"isn't published, but {PUBLIC} needs it" if name in wanted else f"published, but not for {PUBLIC}")
+    version = packages[PUBLIC]["version"]
+    for name in sorted(published):
+        package = packages[name]
+        for field in ("description", "license", "readme", "documentation", "keywords", "categories"):
+            if not package[field]:
+                yield f"{name}: no {field}"
+        if len(package["keywords"]) > MOST_KEYWORDS or any(len(word) > 20 for word in package["keywords"]):
+            yield f"{name}: more than {MOST_KEYWORDS} keywords, or one of more than 20 letters"
+        if unknown := set(package["categories"]) - CATEGORIES:
+            yield f"{name}: no category {', '.join(sorted(unknown))}"
+        if package["version"] != version:
+            yield f"{name}: version {package['version']}, {PUBLIC} has {version}"
+        for entry in package["dependencies"]:
+            wanted_version = "*" if entry["name"] not in published else f"={version}"
+            if entry["name"] in packages and entry["req"] != wanted_version:
+                yield f"{name}: depends on {entry['name']} {entry['req']}, expected {wanted_version}"
+
+
+def package(names, version, target):
+    """Makes the packages, of what cargo has at hand if that suffices."""
+    command = ["cargo", "package", "--quiet", "--no-verify", "--allow-dirty", *(word for name in names for word in ("-p", name))]
+    made = subprocess.run([*command, "--offline"], cwd=ROOT, stderr=subprocess.PIPE, text=True)
+    if made.returncode != 0:
+        made = subprocess.run(command, cwd=ROOT)
+    else:
+        sys.stderr.write(made.stderr)
+    if made.returncode != 0:
+        sys.exit("error: cargo package failed")
+    return {name: (target / "package" / f"{name}-{version}.crate").stat().st_size for name in names}
+
+
+def main():
+    found = metadata()
+    packages = {package["name"]: package for package in found["packages"]}
+    edges = needed(packages)
+    if wrong := list(faults(packages, edges)):
+        sys.exit("\n".join(wrong))
+    names = in_order(all_of(PUBLIC, edges), edges)
+    sizes = package(names, packages[PUBLIC]["version"], Path(found["target_directory"]))
+    for name in names:
+        print(f"{name:20} {sizes[name] / 1024:6.0f} KiB")
+    if large := [name for name in names if sizes[name] > MOST_BYTES]:
+        sys.exit(f"error: more than {MOST_BYTES >> 20} MiB: {', '.join(large)}")
+    if not packages[PUBLIC]["repository"]:
+        print("note: Cargo.toml has no address of the repository yet, which publishing needs", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    main()
