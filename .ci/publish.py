@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Lists the crates that are published, in their order, and makes their packages, unbuilt; Python's standard library only.
 
-- `spharm` and the crates that it depends on are published, and no others.
+- `spharm`, `spharm-cohort` and the crates that they depend on are published, and no others.
 - Each has what the registry asks for, at most five keywords, and the version of all; dependencies on others of them have it, too.
 - `cargo package` makes each, from what cargo has at hand or else from the registry, and none has more bytes than registries take.
 
@@ -14,7 +14,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-PUBLIC = "spharm"
+PUBLIC = ["spharm", "spharm-cohort"]
 MOST_KEYWORDS = 5
 MOST_BYTES = 10 << 20
 #: Of the registry's categories those that fit; another one is refused when it is uploaded.
@@ -45,8 +45,8 @@ def in_order(names, edges):
     return done
 
 
-def all_of(name, edges):
-    found, left = set(), [name]
+def all_of(names, edges):
+    found, left = set(), list(names)
     while left:
         name = left.pop()
         if name not in found:
@@ -59,8 +59,8 @@ def faults(packages, edges):
     published = {name for name, package in packages.items() if package["publish"] != []}
     wanted = all_of(PUBLIC, edges)
     for name in sorted(published ^ wanted):
-        yield f"{name}: " + (f"isn't published, but {PUBLIC} needs it" if name in wanted else f"published, but not for {PUBLIC}")
-    version = packages[PUBLIC]["version"]
+        yield f"{name}: " + ("isn't published, but needed" if name in wanted else "published, but not needed")
+    version = packages[PUBLIC[0]]["version"]
     for name in sorted(published):
         package = packages[name]
         for field in ("description", "license", "readme", "documentation", "keywords", "categories"):
@@ -71,7 +71,7 @@ def faults(packages, edges):
         if unknown := set(package["categories"]) - CATEGORIES:
             yield f"{name}: no category {', '.join(sorted(unknown))}"
         if package["version"] != version:
-            yield f"{name}: version {package['version']}, {PUBLIC} has {version}"
+            yield f"{name}: version {package['version']}, {PUBLIC[0]} has {version}"
         for entry in package["dependencies"]:
             wanted_version = "*" if entry["name"] not in published else f"={version}"
             if entry["name"] in packages and entry["req"] != wanted_version:
@@ -98,12 +98,12 @@ def main():
     if wrong := list(faults(packages, edges)):
         sys.exit("\n".join(wrong))
     names = in_order(all_of(PUBLIC, edges), edges)
-    sizes = package(names, packages[PUBLIC]["version"], Path(found["target_directory"]))
+    sizes = package(names, packages[PUBLIC[0]]["version"], Path(found["target_directory"]))
     for name in names:
         print(f"{name:20} {sizes[name] / 1024:6.0f} KiB")
     if large := [name for name in names if sizes[name] > MOST_BYTES]:
         sys.exit(f"error: more than {MOST_BYTES >> 20} MiB: {', '.join(large)}")
-    if not packages[PUBLIC]["repository"]:
+    if not packages[PUBLIC[0]]["repository"]:
         print("note: Cargo.toml has no address of the repository yet, which publishing needs", file=sys.stderr)
 
 

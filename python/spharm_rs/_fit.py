@@ -126,8 +126,6 @@ def fit(
     objective : {"surface", "vertices"}, optional
         What is fitted: all triangles of the surface, each part weighted by its share of the sphere, or its vertices alone, as
         in the paper. By default the surface if there is one over triangles; the vertices of signals and over a store.
-        ``hold_out``, ``stderr`` and ``smoothness="auto"`` need a fit of the vertices: for a surface give
-        ``objective="vertices"``.
     weights : {"uniform", "area"} or array_like of float, (n,)
         Weight of each vertex: one, its share of the sphere, or these. Values at vertices of weight 0 are never read, and may
         be NaN; a fit of the surface leaves out the triangles that they are corners of.
@@ -139,9 +137,9 @@ def fit(
         from each channel of a signal. Replaces ``smoothness``; for ``lsq`` only. ``report["denoise"]`` has the
         noise found, ``sigma``, the ``gain`` of each degree, and ``degrees_of_freedom``.
     stderr : bool
-        Compute the standard error of each coefficient, in a fit of the vertices.
+        Compute the standard error of each coefficient, for independent noise of the vertices.
     hold_out : float, optional
-        Fraction of the vertices to leave out and assess separately, in a fit of the vertices.
+        Fraction of the vertices to leave out and assess separately; a fit of the surface leaves out their triangles.
     surface_distance : bool
         Measure the distance between model and surface if the surface is fitted; takes about a second.
     method : {"lsq", "irf", "sirf", "mirf", "nlsf", "quadrature"}, optional

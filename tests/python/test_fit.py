@@ -110,15 +110,12 @@ def test_values_of_weight_zero_are_never_read(study: Study) -> None:
     assert np.isfinite(sp.fit(signal, sphere, 3, weights=weights).coefficients).all()
 
 
-def test_a_setting_of_the_vertices_is_refused_for_surfaces(study: Study) -> None:
-    surface, sphere = study[:2]
-    setting: dict[str, Any]
-    for setting in ({"hold_out": 0.1}, {"stderr": True}, {"smoothness": "auto"}):
-        for over in (sphere, None):
-            with pytest.raises(ValueError, match="needs a fit of the vertices"):
-                sp.fit(surface, over, max_degree=6, **setting)
+def test_a_setting_leaves_the_objective_as_it_is(study: Study) -> None:
+    surface, sphere = study
+    settings: list[dict[str, Any]] = [{"hold_out": 0.1}, {"stderr": True}, {"smoothness": "auto"}, {"preconditioner": "density"}]
+    for setting in settings:
+        assert sp.fit(surface, sphere, 6, **setting).provenance["objective"] == "surface"
         assert sp.fit(surface, sphere, 6, objective="vertices", **setting).provenance["objective"] == "vertices"
-    assert sp.fit(surface, sphere, 6, preconditioner="density").provenance["objective"] == "surface"
 
 
 def test_many_are_fitted_as_each(study: Study) -> None:
