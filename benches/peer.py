@@ -286,7 +286,7 @@ def head(peer, folder):
     msd, optimality = problem.judge(alms)
     assert abs(msd / reference - 1) <= 1e-4, msd / reference - 1
     detail = f"{mine:.3f} s / {theirs:.3f} s; msd {msd / reference - 1:+.1e}, optimality {optimality:.1e}, {report['preconditioner']}"
-    bar("head27618, L = 100, least squares", 0.6, mine / theirs, detail)
+    bar("head27618, L = 100, least squares", 1.1, mine / theirs, detail)
 
 
 def gram(peer, folder, repeats):

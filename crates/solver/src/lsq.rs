@@ -13,10 +13,10 @@
 //!   [`InverseDensity`](spharm_transform::InverseDensity), if the sampling is uneven. The gradient is formed from the
 //!   samples in the end if its errors may matter, and the iteration goes on from there if the optimality asks for it.
 //! - A Cholesky factor of N, made from the Gram matrix or read from a store, and refinement: `x += N^-1 g` with the
-//!   gradient `g = A^T W (f - A x) - P x` formed by the operator, until the optimality `|g| / |A^T W f|` is met or stops
-//!   improving.
-//! - If N is numerically singular, the factor of `N + mu I`: `x += (N + mu I)^-1 g`, iterated Tikhonov
-//!   regularisation. From x = 0 that tends to the minimum-norm solution; what the targets determine worse than `mu` allows for stays
+//!   gradient `g = A^T W (f - A x) - P x` formed by the operator, until the optimality `|g| / |A^T W f|` is met or
+//!   stops improving.
+//! - If N is numerically singular, the factor of `N + mu I`: `x += (N + mu I)^-1 g`, iterated Tikhonov regularisation.
+//!   From x = 0 that tends to the minimum-norm solution; what the targets determine worse than `mu` allows for stays
 //!   small instead of growing to 1e11. A. Bjorck, "Numerical methods for least squares problems" (1996), section 4.1.3.
 //!
 //! Which of them are used, in which order and how long, is decided in one place: `strategy` has a function from sizes,

@@ -1,4 +1,4 @@
-//! The strategy of [`LsqSolver`] on moments alone.
+//! [`LsqSolver`] on moments alone.
 
 use std::ops::Range;
 

@@ -1,4 +1,4 @@
-//! The strategy: conjugate gradients, a factor with refinement, or a shifted factor.
+//! The solver: what it has, and how a fit goes from plan to report. The steps themselves are in `run`.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -248,8 +248,8 @@ impl<'a> LsqSolver<'a> {
         }
     }
 
-    /// Makes a factor unless there is one. False where memory or the
-    /// process's limits don't allow for one; an error then where it is `required`.
+    /// Makes a factor unless there is one. False if memory or the process's limits don't allow for one; an error then
+    /// if it is `required`.
     pub(super) fn make_factor(&mut self, required: bool, monitor: &dyn Monitor) -> Result<bool, SolverError> {
         if self.stored.is_some() || self.made.is_some() {
             return Ok(true);
@@ -283,7 +283,7 @@ impl<'a> LsqSolver<'a> {
         }
     }
 
-    /// Checks that budget and process's limits allow for a factorisation.
+    /// Checks that the budget and the process's limits allow for a factorisation.
     fn plan_factor(&self, size: usize, params: &FactorParams) -> Result<(), SolverError> {
         let (plan, _) = plan_factor(size, params, false)?;
         // What is held is there already.
