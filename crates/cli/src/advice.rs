@@ -9,6 +9,7 @@ use std::io;
 
 use spharm::shape::even::NO_TRIANGLES;
 use spharm::{Error, ModelError, MomentsError, ShapeError};
+use spharm_cohort::run::RunError;
 use spharm_parametrize::ParametrizeError;
 use spharm_solver::SolverError;
 use spharm_store::{Scalar, StoreError};
@@ -23,17 +24,12 @@ pub fn advice(error: &(dyn std::error::Error + 'static)) -> Option<String> {
         let store = || cause.downcast_ref().and_then(of_store);
         let solver = || cause.downcast_ref().and_then(of_solver);
         let parametrize = || cause.downcast_ref().and_then(of_parametrize);
-        let fit = || {
-            cause.downcast_ref().and_then(|error| match error {
-                Error::Model(error) => of_model(error),
-                error => fit::of_fit(error),
-            })
-        };
+        let fit = || cause.downcast_ref().and_then(of_fit);
         let moments = || cause.downcast_ref().and_then(of_moments);
         let model = || cause.downcast_ref().and_then(of_model);
         let shape = || cause.downcast_ref().and_then(of_shape);
         let refusal = || cause.downcast_ref().map(fit::of_refusal);
-        let run = || cause.downcast_ref().and_then(fit::of_run);
+        let run = || cause.downcast_ref().and_then(of_run);
         surface
             .or_else(store)
             .or_else(solver)
@@ -45,6 +41,28 @@ pub fn advice(error: &(dyn std::error::Error + 'static)) -> Option<String> {
             .or_else(refusal)
             .or_else(run)
     })
+}
+
+/// The advice on the error of a crate below the facade, which has its message.
+fn of_fit(error: &Error) -> Option<String> {
+    match error {
+        Error::Surface(error) => of_surface(error),
+        Error::Store(error) => of_store(error),
+        Error::Solver(error) => of_solver(error),
+        Error::Parametrize(error) => of_parametrize(error),
+        Error::Model(error) => of_model(error),
+        Error::Shape(error) => of_shape(error),
+        error => fit::of_fit(error),
+    }
+}
+
+fn of_run(error: &RunError) -> Option<String> {
+    match error {
+        RunError::Fit(error) => of_fit(error),
+        RunError::Output(refusal) => Some(fit::of_refusal(refusal)),
+        RunError::AreaOfLabel { .. } => Some("leave --area out".to_owned()),
+        _ => None,
+    }
 }
 
 fn of_surface(error: &SurfaceError) -> Option<String> {

@@ -10,6 +10,7 @@ use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 use clap::Command;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::flag;
+use spharm_cohort::run::RunError;
 use spharm_monitor::Interrupted;
 use spharm_solver::SolverError;
 
@@ -144,9 +145,12 @@ fn chained(error: &(dyn Error + 'static)) -> String {
 
 /// Returns whether the work was interrupted on request.
 pub fn is_interrupted(error: &anyhow::Error) -> bool {
-    error
-        .chain()
-        .any(|cause| cause.is::<Interrupted>() || matches!(cause.downcast_ref(), Some(SolverError::Interrupted(_))))
+    error.chain().any(|cause| {
+        let of_fit = || cause.downcast_ref::<spharm::Error>().is_some_and(spharm::Error::is_interrupted);
+        let of_run = || cause.downcast_ref::<RunError>().is_some_and(RunError::is_interrupted);
+        let of_solver = || matches!(cause.downcast_ref(), Some(SolverError::Interrupted(_)));
+        cause.is::<Interrupted>() || of_fit() || of_run() || of_solver()
+    })
 }
 
 /// Returns whether the reader of stdout has gone away, which isn't a failure of this program.

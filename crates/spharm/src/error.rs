@@ -18,34 +18,34 @@ use spharm_transform::TransformError;
 #[non_exhaustive]
 pub enum Error {
     /// A file that can't be read, or surfaces and spheres that don't belong together.
-    #[error("{0}")]
+    #[error(transparent)]
     Surface(#[from] SurfaceError),
     /// A surface without a map to the sphere.
-    #[error("{0}")]
+    #[error(transparent)]
     Parametrize(#[from] ParametrizeError),
     /// A basis or factor that can't be read.
-    #[error("{0}")]
+    #[error(transparent)]
     Store(#[from] StoreError),
     /// A fit that can't be computed.
-    #[error("{0}")]
-    Solver(#[source] SolverError),
+    #[error(transparent)]
+    Solver(SolverError),
     /// Directions or coefficients that are refused.
-    #[error("{0}")]
+    #[error(transparent)]
     Harmonics(#[from] HarmonicsError),
     /// A transform that can't be made.
-    #[error("{0}")]
+    #[error(transparent)]
     Transform(#[from] TransformError),
     /// The computation was asked to stop.
-    #[error("{0}")]
+    #[error(transparent)]
     Interrupted(#[from] Interrupted),
     /// A model, or a file that one is made from.
     #[error(transparent)]
     Model(#[from] ModelError),
     /// Shapes that can't be analysed.
-    #[error("{0}")]
+    #[error(transparent)]
     Shape(#[from] ShapeError),
     /// A template that can't be moved onto a surface.
-    #[error("{0}")]
+    #[error(transparent)]
     Register(#[from] RegisterError),
     /// A surface without area, or with coordinates that aren't finite.
     #[error("a surface has no area: expected triangles with finite coordinates and an area above 0")]

@@ -56,24 +56,39 @@ pub struct SchemeKey(pub [u8; 32]);
 
 const CONTEXT: &str = "spharm-rs 2026-11 sampling scheme key v1";
 
+/// Coordinates that are hashed at a time.
+const PART: usize = 1 << 15;
+
 impl SchemeKey {
     /// Computes the key of harmonics of type `scalar` at `directions`, (n) unit vectors in order.
     pub fn of(directions: &Directions, scalar: Scalar) -> Self {
         let mut hasher = blake3::Hasher::new_derive_key(CONTEXT);
-        let mut field = |tag: &str, value: &[u8]| {
+        let head = |hasher: &mut blake3::Hasher, tag: &str, bytes: usize| {
             hasher.update(&(tag.len() as u64).to_le_bytes());
             hasher.update(tag.as_bytes());
-            hasher.update(&(value.len() as u64).to_le_bytes());
-            hasher.update(value);
+            hasher.update(&(bytes as u64).to_le_bytes());
         };
-        field("normalisation", b"real orthonormal, no Condon-Shortley phase");
-        field("ordering", b"l^2 + l + m");
-        field("scalar", scalar.name().as_bytes());
-        field("count", &(directions.len() as u64).to_le_bytes());
-        // -0 becomes +0; Directions has no NaN and no infinity.
-        let bits = |c: f64| (c + 0.0).to_bits().to_le_bytes();
-        let bytes: Vec<u8> = directions.as_slice().iter().flatten().flat_map(|&c| bits(c)).collect();
-        field("directions", &bytes);
+        let coordinates = directions.as_slice().as_flattened();
+        let count = (directions.len() as u64).to_le_bytes();
+        let fields: [(&str, &[u8]); 4] = [
+            ("normalisation", b"real orthonormal, no Condon-Shortley phase"),
+            ("ordering", b"l^2 + l + m"),
+            ("scalar", scalar.name().as_bytes()),
+            ("count", &count),
+        ];
+        for (tag, value) in fields {
+            head(&mut hasher, tag, value.len());
+            hasher.update(value);
+        }
+        head(&mut hasher, "directions", 8 * coordinates.len());
+        let mut bytes = vec![0; 8 * coordinates.len().min(PART)];
+        for part in coordinates.chunks(PART) {
+            let bytes = &mut bytes[..8 * part.len()];
+            // -0 becomes +0; Directions has no NaN and no infinity.
+            let (words, _) = bytes.as_chunks_mut();
+            words.iter_mut().zip(part).for_each(|(word, &c)| *word = (c + 0.0).to_bits().to_le_bytes());
+            hasher.update(bytes);
+        }
         Self(*hasher.finalize().as_bytes())
     }
 

@@ -4,7 +4,6 @@ use std::path::PathBuf;
 
 use spharm::{Error, FitParams, Method, Smoothness};
 use spharm_cohort::rerun::Refusal;
-use spharm_cohort::run::RunError;
 
 use crate::names::NameTemplate;
 use crate::size::Size;
@@ -37,11 +36,6 @@ pub(super) fn of_refusal(refusal: &Refusal) -> String {
         Refusal::Exists { .. } => "choose another --output, or give --force or --skip-existing".to_owned(),
         _ => "choose another --output, or give --force to replace it".to_owned(),
     }
-}
-
-/// What to do about an error of a row.
-pub(super) fn of_run(error: &RunError) -> Option<String> {
-    matches!(error, RunError::AreaOfLabel { .. }).then(|| "leave --area out".to_owned())
 }
 
 /// Returns the advice on a model that oscillates between the vertices.

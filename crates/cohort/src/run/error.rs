@@ -15,13 +15,13 @@ use crate::rerun::Refusal;
 #[non_exhaustive]
 pub enum RunError {
     /// A surface that can't be read, mapped or fitted, or a model that can't be written.
-    #[error("{0}")]
+    #[error(transparent)]
     Fit(#[from] Error),
     /// A table that can't be read, or a status file that can't be written.
-    #[error("{0}")]
+    #[error(transparent)]
     Table(#[from] CohortError),
     /// An output that exists.
-    #[error("{0}")]
+    #[error(transparent)]
     Output(#[from] Refusal),
     /// An output with the name of an input.
     #[error("{}: the input; choose another name for the output", .path.display())]
@@ -148,10 +148,19 @@ impl From<Interrupted> for RunError {
 pub fn concerns_all(error: &(dyn std::error::Error + 'static)) -> bool {
     use ErrorKind::{FileTooLarge, QuotaExceeded, ReadOnlyFilesystem, StorageFull};
     // None of these is an error of reading.
-    let kind = |cause: &(dyn std::error::Error + 'static)| match (cause.downcast_ref(), cause.downcast_ref()) {
-        (Some(SurfaceError::Io { cause, .. }), _) => Some(cause.kind()),
-        (_, Some(Error::Model(ModelError::Surface(SurfaceError::Io { cause, .. })))) => Some(cause.kind()),
-        _ => cause.downcast_ref::<std::io::Error>().map(std::io::Error::kind),
+    let io_of =
+        |error: &SurfaceError| if let SurfaceError::Io { cause, .. } = error { Some(cause.kind()) } else { None };
+    let of_fit = |error: &Error| match error {
+        Error::Surface(error) | Error::Model(ModelError::Surface(error)) => io_of(error),
+        _ => None,
+    };
+    let kind = |cause: &(dyn std::error::Error + 'static)| {
+        let fit = match cause.downcast_ref() {
+            Some(RunError::Fit(error)) => Some(error),
+            _ => cause.downcast_ref(),
+        };
+        let io = || cause.downcast_ref::<std::io::Error>().map(std::io::Error::kind);
+        fit.and_then(of_fit).or_else(|| cause.downcast_ref().and_then(io_of)).or_else(io)
     };
     std::iter::successors(Some(error), |&error| error.source())
         .filter_map(kind)
