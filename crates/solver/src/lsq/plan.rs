@@ -105,7 +105,7 @@ impl fmt::Display for Step {
                 }
                 write!(f, ", to {at_most} in all")?;
                 let Some(Leave { after, most, .. }) = leave_for_factor else { return Ok(()) };
-                write!(f, ", from {after} on until more than {most:.0} seem to be left")
+                write!(f, "; on with a factor after {after}, if more than {most:.0} seem to be left")
             }
             Self::Factor { from: Factor::Stored { reciprocal }, .. } => {
                 write!(f, "the stored factor, of a reciprocal condition number of {reciprocal:.1e}")
@@ -113,7 +113,7 @@ impl fmt::Display for Step {
             Self::Factor { from: Factor::Made, .. } => f.write_str("the factor of an earlier batch"),
             Self::Factor { required: true, .. } => f.write_str("a factor"),
             Self::Factor { .. } => f.write_str("a factor, if there is memory for it"),
-            Self::Refine => f.write_str("refinement with the factor"),
+            Self::Refine => f.write_str("refinement with the factor, which ends the fit"),
         }
     }
 }
