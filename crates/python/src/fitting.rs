@@ -152,9 +152,8 @@ pub(crate) fn fit<'py>(
             let sphere = sphere.check()?;
             let target = target(view, triangles.as_deref(), surface, &sphere)?;
             refuse_doubtful(&sphere, &params)?;
-            let read = |_: usize| Ok::<_, Error>(target.clone());
-            let (mut fits, many) = spharm::fit_many(&sphere, 1, &read, &params, &|_, fit| Ok(fit), monitor)?;
-            Ok(Fits::OnSphere(sphere, fits.pop().ok_or(Failure::Panic)?, many))
+            let (fit, many) = spharm::fit_target(&sphere, target, &params, monitor)?;
+            Ok(Fits::OnSphere(sphere, fit, many))
         }
         Given::Bare(mesh) => {
             let preparation = Preparation { cut_handles, ..Preparation::default() };

@@ -17,7 +17,7 @@ fn ten_lines(path: &Path, degree: usize) -> Result<(), Error> {
     let beside = |ending: &str| PathBuf::from(path).with_extension(ending);
     let surface = read_mesh(path)?;
     let fitted = fit_mesh(&surface, &FitParams::lsq(degree))?;
-    println!("msd {:.2e}, off-vertex {:.2e}", fitted.fit.report.msd, fitted.fit.report.off_vertex);
+    println!("msd {:?}, off-vertex {:?}", fitted.fit.report.msd, fitted.fit.report.off_vertex);
     let model = Model::from(fitted);
     model.write(beside("spharm.npz"))?;
     write_mesh(beside("model.ply"), &model.reconstruct(&Sphere::icosphere(6), degree)?)

@@ -9,7 +9,7 @@ use spharm_surface::{Mesh, Target};
 
 use crate::parametrize::volume::{Repair, VoxelSteps};
 use crate::parametrize::{HandlesReport, Input, Parametrized, Source, parametrize_with};
-use crate::{Error, Fit, FitParams, ManyReport, check_mapping, check_memory, fit_many};
+use crate::{Error, Fit, FitParams, ManyReport, check_mapping, check_memory, fit_target};
 
 /// Changes to a surface without a sphere before it is mapped to one; a surface over a sphere has none.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -93,13 +93,9 @@ impl MappedSurface {
     /// # Errors
     ///
     /// Those of [`fit()`](crate::fit()).
-    #[expect(clippy::missing_panics_doc, reason = "the one target has been handed over, or there was an error")]
     pub fn fit(&self, params: &FitParams, monitor: &dyn Monitor) -> Result<(Fit, ManyReport), Error> {
         let sphere = &self.parametrized.sphere;
-        let target = Target::from_mesh(&self.parametrized.map.surface, sphere)?;
-        let read = |_| Ok::<_, Error>(target.clone());
-        let (mut fits, report) = fit_many(sphere, 1, &read, params, &|_, fit| Ok(fit), monitor)?;
-        Ok((fits.pop().expect("a target that was read has been fitted, or there was an error"), report))
+        fit_target(sphere, Target::from_mesh(&self.parametrized.map.surface, sphere)?, params, monitor)
     }
 
     /// Records repairs, cuts and the voxels' steps in a model's provenance.

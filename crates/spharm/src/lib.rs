@@ -119,7 +119,7 @@ pub mod warning;
 pub use error::Error;
 pub use fit::{
     Fit, MomentsFit, MomentsReport, Quadrature, ToTarget, check_mapping, check_memory, fit, fit_each, fit_many,
-    fit_moments, fit_with,
+    fit_moments, fit_target, fit_with,
 };
 pub use fit_mesh::{MappedSurface, MeshFit, Preparation, check_surface, fit_mesh, fit_mesh_with};
 pub use model::versions;

@@ -17,15 +17,15 @@ pub struct FitReport {
     pub channels: usize,
     /// Cube root of the bounding box's volume, in the target's unit; none for what has no volume.
     pub scale: Option<f64>,
-    /// Mean squared distance at the vertices, bounding box scaled to volume 1; NaN for what has no volume.
+    /// Mean squared distance at the vertices, bounding box scaled to volume 1; none for what has no volume.
     #[serde(skip)]
-    pub msd: f64,
+    pub msd: Option<f64>,
     /// Maximal squared distance at the vertices, scaled likewise.
     #[serde(skip)]
-    pub xsd: f64,
-    /// Mean squared distance at the centres of some of the triangles, scaled likewise; NaN also without triangles.
+    pub xsd: Option<f64>,
+    /// Mean squared distance at the centres of some of the triangles, scaled likewise; none also without triangles.
     #[serde(skip)]
-    pub off_vertex: f64,
+    pub off_vertex: Option<f64>,
     /// Distances at the vertices, sweep after sweep; the last are those of the model.
     pub passes: Vec<Distances>,
     /// Distances between the model and its surface, both ways, where that is what was fitted.

@@ -43,7 +43,8 @@ impl Fitted {
             let mesh = mesh_of(places[index].clone(), &sphere.faces);
             Ok::<_, Error>(Target::from_mesh(&mesh, sphere)?)
         };
-        let done = |_: usize, fit: Fit| Ok((fit.coefficients, fit.report.msd.sqrt() * fit.report.scale.unwrap_or(1.0)));
+        let rms = |fit: &Fit| fit.report.msd.map_or(f64::NAN, f64::sqrt) * fit.report.scale.unwrap_or(1.0);
+        let done = |_: usize, fit: Fit| Ok((fit.coefficients.clone(), rms(&fit)));
         let (fits, _) = fit_many(sphere, places.len(), &read, &settings, &done, monitor)?;
         let (coefficients, rms) = fits.into_iter().unzip();
         Ok(Self { places, coefficients, rms })

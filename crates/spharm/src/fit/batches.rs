@@ -352,9 +352,9 @@ fn fit_of(job: &Job<'_>, batch: &Batch, solved: &Solved, index: usize) -> Result
     let report = FitReport {
         channels: target.channels,
         scale,
-        msd: last.and_then(|last| last.msd).unwrap_or(f64::NAN),
-        xsd: last.and_then(|last| last.xsd).unwrap_or(f64::NAN),
-        off_vertex: between.and_then(|between| between.msd).unwrap_or(f64::NAN),
+        msd: last.and_then(|last| last.msd),
+        xsd: last.and_then(|last| last.xsd),
+        off_vertex: between.and_then(|between| between.msd),
         passes,
         between,
         surface_distance: solved.surface_distances.get(index).copied().flatten(),
