@@ -324,7 +324,7 @@ fn manifests_that_are_wrong_are_refused_before_any_work() {
     let study = Study::new(1);
     study.write("twice.tsv", "id\tsurface\na\ts0.ply\n# c\r\na\ts0.ply\n");
     let error = fail(&mut study.fit("twice.tsv", "out", &["--keep-going", "--status", "s.tsv"]));
-    assert!(error.contains("twice.tsv: line 4: the id a is that of line 2"), "{error}");
+    assert!(error.contains("twice.tsv: line 4: duplicate id a, first used on line 2"), "{error}");
     assert!(!study.path("out").exists() && !study.path("s.tsv").exists());
     let output = finish(&mut study.fit("all.tsv", "out", &["--shard", "2/2"]));
     assert_eq!(output.status.code(), Some(2), "{}", text(&output));

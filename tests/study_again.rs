@@ -93,7 +93,7 @@ fn a_study_runs_once_at_a_time() {
     succeed(&mut study(site.path(), &["study.toml", "--shard", "0/2"]));
     assert!(fail(&mut study(site.path(), &["study.toml"])).contains("running already"));
     let output = finish(&mut study(site.path(), &["study.toml", "--shard", "5/3"]));
-    assert!(output.status.code() == Some(2) && text(&output).contains("expected a shard such as 0/10"));
+    assert!(output.status.code() == Some(2) && text(&output).contains("expected INDEX/COUNT, such as 0/10"));
 }
 
 #[test]

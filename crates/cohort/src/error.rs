@@ -28,13 +28,13 @@ pub enum CohortError {
         found: String,
     },
     /// A table without any row below its header.
-    #[error("{}: expected a header and a row for each surface, found no row", .path.display())]
+    #[error("{}: the table has no rows; expected a header and one row per surface", .path.display())]
     NoRows {
         /// The table.
         path: PathBuf,
     },
     /// A column that is needed and isn't there.
-    #[error("{}: line {line}: expected a column {column}, found {}{hint}", .path.display(), .found.join(", "))]
+    #[error("{}: line {line}: missing column {column}; found {}{hint}", .path.display(), .found.join(", "))]
     NoColumn {
         /// The table.
         path: PathBuf,
@@ -48,7 +48,7 @@ pub enum CohortError {
         hint: &'static str,
     },
     /// Two columns of one name.
-    #[error("{}: line {line}: column {column} is there twice; rename one", .path.display())]
+    #[error("{}: line {line}: duplicate column {column}; rename one", .path.display())]
     ColumnTwice {
         /// The table.
         path: PathBuf,
@@ -59,7 +59,7 @@ pub enum CohortError {
     },
     /// A column whose name is almost one that means something.
     #[error(
-        "{}: line {line}: column {column:?} is not known; expected {nearest}, or a name that is less like it",
+        "{}: line {line}: unknown column {column:?}; rename it to {nearest}, or to something less similar",
         .path.display()
     )]
     NearlyColumn {
@@ -73,7 +73,7 @@ pub enum CohortError {
         nearest: &'static str,
     },
     /// A row with more or fewer cells than the header.
-    #[error("{}: line {line}: expected {expected} cells, as the header has, found {found}", .path.display())]
+    #[error("{}: line {line}: expected {expected} cells as in the header, found {found}", .path.display())]
     Cells {
         /// The table.
         path: PathBuf,
@@ -99,7 +99,7 @@ pub enum CohortError {
         found: String,
     },
     /// Two rows of one id, or with one output.
-    #[error("{}: line {line}: the {what} {value} is that of line {first}; give each row its own", .path.display())]
+    #[error("{}: line {line}: duplicate {what} {value}, first used on line {first}", .path.display())]
     Twice {
         /// The table.
         path: PathBuf,
@@ -113,13 +113,13 @@ pub enum CohortError {
         first: usize,
     },
     /// A status file that another process writes to.
-    #[error("{}: another process writes to this status file; give each shard one of its own", .path.display())]
+    #[error("{}: another process is writing to this status file; give each shard its own status file", .path.display())]
     Locked {
         /// The file.
         path: PathBuf,
     },
     /// A file that exists and isn't a status file.
-    #[error("{}: expected a status file, whose first line is {expected:?}, found {found:?}", .path.display())]
+    #[error("{}: not a status file: expected {expected:?} as the first line, found {found:?}", .path.display())]
     NotStatus {
         /// The file.
         path: PathBuf,
@@ -129,7 +129,7 @@ pub enum CohortError {
         found: String,
     },
     /// A shard that isn't one.
-    #[error("expected a shard such as 0/10, the first of ten, or slurm, found {found}")]
+    #[error("invalid shard {found}; expected INDEX/COUNT, such as 0/10 for the first of ten, or slurm")]
     NotAShard {
         /// What was given.
         found: String,

@@ -39,7 +39,7 @@ fn commas_are_for_csv() {
     let manifest = Manifest::parse("s.CSV", text).expect("a manifest");
     assert_eq!((manifest.rows[0].id.as_str(), &manifest.rows[0].surface), ("a, b", &PathBuf::from("x,y.ply")));
     let error = Manifest::parse("s.tsv", text).unwrap_err().to_string();
-    assert!(error.contains("expected a column id") && error.contains(".csv"), "{error}");
+    assert!(error.contains("missing column id") && error.contains(".csv"), "{error}");
 }
 
 #[test]
@@ -48,14 +48,14 @@ fn what_is_wrong_is_named_with_its_line() {
         ("", "", "no row"),
         ("id\tsurface\n", "", "no row"),
         ("# only\n\n", "", "no row"),
-        ("id\tfile\na\tb\n", "line 1", "expected a column surface, found id, file"),
-        ("ID\tsurface\na\tb\n", "line 1", "expected a column id"),
-        ("id\tsurface\tsurface\na\tb\tc\n", "line 1", "column surface is there twice"),
-        ("id\tsurface\tSphere\na\tb\tc\n", "line 1", "column \"Sphere\" is not known; expected sphere"),
-        ("id\tsurface\tlabels\na\tb\t17\n", "line 1", "column \"labels\" is not known; expected label"),
-        ("id\tsurface\toutptu\na\tb\tc\n", "line 1", "expected output"),
-        ("id\tsurface\na\tb\n\n# c\na\tc\n", "line 5", "the id a is that of line 2"),
-        ("id\tsurface\na\tb\nb\n", "line 3", "expected 2 cells, as the header has, found 1"),
+        ("id\tfile\na\tb\n", "line 1", "missing column surface; found id, file"),
+        ("ID\tsurface\na\tb\n", "line 1", "missing column id"),
+        ("id\tsurface\tsurface\na\tb\tc\n", "line 1", "duplicate column surface"),
+        ("id\tsurface\tSphere\na\tb\tc\n", "line 1", "unknown column \"Sphere\"; rename it to sphere"),
+        ("id\tsurface\tlabels\na\tb\t17\n", "line 1", "unknown column \"labels\"; rename it to label"),
+        ("id\tsurface\toutptu\na\tb\tc\n", "line 1", "rename it to output"),
+        ("id\tsurface\na\tb\n\n# c\na\tc\n", "line 5", "duplicate id a, first used on line 2"),
+        ("id\tsurface\na\tb\nb\n", "line 3", "expected 2 cells as in the header, found 1"),
         ("id\tsurface\na\tb\tc\n", "line 2", "found 3"),
         ("id\tsurface\n\tb\n", "line 2", "column id: expected an id, found nothing"),
         ("id\tsurface\na\t\n", "line 2", "column surface: expected a file, found nothing"),
@@ -67,8 +67,8 @@ fn what_is_wrong_is_named_with_its_line() {
         ("id\tsurface\na\tb\0c\n", "line 2", "column surface: expected text without control characters"),
         ("id\tsurface\tlabel\na\tb\tx\n", "line 2", "column label: expected a whole number, found \"x\""),
         ("id\tsurface\toutput\na\tb\tx/\n", "line 2", "column output: expected a file"),
-        ("id\tsurface\toutput\na\tb\tc\nb\td\t./x/../c.npz\n", "line 3", "is that of line 2"),
-        ("id\tsurface\toutput\na\tb\t\nb\td\ta.spharm.npz\n", "line 3", "is that of line 2"),
+        ("id\tsurface\toutput\na\tb\tc\nb\td\t./x/../c.npz\n", "line 3", "first used on line 2"),
+        ("id\tsurface\toutput\na\tb\t\nb\td\ta.spharm.npz\n", "line 3", "first used on line 2"),
     ] {
         let error = refusal(text);
         assert!(error.contains(line) && error.contains(why), "{text:?}: {error}");

@@ -28,7 +28,7 @@ pub enum SolverError {
         granularity: Option<usize>,
     },
     /// A limit on the process that a factor would exceed.
-    #[error("the limit on this process's {what} is {} MiB; this takes {} MiB: raise it or use fewer threads", .limit >> 20, .needed.div_ceil(1 << 20))]
+    #[error("this process's limit on {what} is {} MiB, but {} MiB are needed; raise the limit or use fewer threads", .limit >> 20, .needed.div_ceil(1 << 20))]
     Limit {
         /// Which limit.
         what: &'static str,
@@ -56,7 +56,7 @@ pub enum SolverError {
         max_degree: usize,
     },
     /// A degree above the operator's highest.
-    #[error("degree {found} is above {max_degree}, the highest of the basis")]
+    #[error("degree {found} is above {max_degree}, the highest degree of the basis")]
     Degree {
         /// Degree given.
         found: usize,
@@ -98,7 +98,7 @@ pub enum SolverError {
         found: f64,
     },
     /// A block that is numerically singular and too wide for the budget to be solved the safe way.
-    #[error("degrees {first} to {last} together are numerically singular on this sampling, and solving them safely takes {} MiB of memory", .needed.div_ceil(1 << 20))]
+    #[error("degrees {first} to {last} together are numerically singular on this sampling, and solving them safely needs {} MiB of memory", .needed.div_ceil(1 << 20))]
     Singular {
         /// First degree of the block.
         first: usize,
@@ -108,13 +108,13 @@ pub enum SolverError {
         needed: usize,
     },
     /// A smoothness that isn't a finite number from zero on.
-    #[error("the smoothness must be a finite number that isn't negative, found {found}")]
+    #[error("the smoothness must be finite and not negative, found {found}")]
     Smoothness {
         /// The value given.
         found: f64,
     },
     /// A penalty of a degree that isn't a finite number from zero on.
-    #[error("the penalty of degree {degree} must be a finite number that isn't negative, found {found}")]
+    #[error("the penalty of degree {degree} must be finite and not negative, found {found}")]
     Penalty {
         /// The degree.
         degree: usize,
@@ -123,7 +123,7 @@ pub enum SolverError {
     },
     /// Samples that leave nothing beside the coefficients to tell the noise by.
     #[error(
-        "{rows} vertices for {columns} coefficients leave no residual to tell the noise by; denoising needs more vertices than coefficients: take a lower degree"
+        "{rows} vertices for {columns} coefficients leave no residual to estimate the noise from; denoising needs more vertices than coefficients: choose a lower degree"
     )]
     NoResidual {
         /// Vertices with weight.
@@ -132,10 +132,10 @@ pub enum SolverError {
         columns: usize,
     },
     /// A factor is needed, and there is nothing to make it from.
-    #[error("this strategy needs the Gram matrix or a factor, and has neither")]
+    #[error("this strategy needs the Gram matrix or a factor, but has neither")]
     NoGram,
     /// Sums over no samples, or over samples without weight.
-    #[error("sums over {count} samples of weight {weight}: expected at least one sample with a positive weight")]
+    #[error("no sample has a positive weight (the sums are over {count} samples of total weight {weight})")]
     NoSamples {
         /// Samples with weight.
         count: u64,
@@ -143,7 +143,7 @@ pub enum SolverError {
         weight: f64,
     },
     /// Sums whose arrays don't belong to their degree or number of columns.
-    #[error("sums over the samples: {what} should hold {expected} rows, found {found}")]
+    #[error("sums over the samples: expected {expected} rows in {what}, found {found}")]
     Sums {
         /// Which array.
         what: &'static str,
@@ -153,7 +153,7 @@ pub enum SolverError {
         found: usize,
     },
     /// Sums over samples with a NaN or an infinity.
-    #[error("the sums over the samples hold NaN or infinite values; check the samples' values and weights")]
+    #[error("the sums over the samples contain NaN or infinite values; check the samples' values and weights")]
     SumsNotFinite,
     /// Standard errors of coefficients that the samples don't determine.
     #[error(
@@ -167,7 +167,7 @@ pub enum SolverError {
     },
     /// A Gram matrix without a Cholesky factor.
     #[error(
-        "the Gram matrix is not numerically positive definite: its factorisation breaks at column {column}, of degree {degree}: the sampling does not determine the coefficients from there on; choose a lower degree, add a smoothness penalty, or take the minimum-norm solution"
+        "the Gram matrix is not numerically positive definite: its factorisation breaks down at column {column}, of degree {degree}. The sampling does not determine the coefficients from there on; choose a lower degree, add a smoothness penalty, or use the minimum-norm solution"
     )]
     NotPositiveDefinite {
         /// Column from 0.

@@ -48,7 +48,7 @@ pub enum Error {
     #[error(transparent)]
     Register(#[from] RegisterError),
     /// A surface without area, or with coordinates that aren't finite.
-    #[error("a surface has no area: expected triangles with finite coordinates and an area above 0")]
+    #[error("the surface has no area; expected triangles with finite coordinates and a positive area")]
     NoArea,
     /// What is wrong with one surface of a group.
     #[error("surface {index}: {source}")]
@@ -79,7 +79,7 @@ pub enum Error {
         found: String,
     },
     /// A degree that the harmonics aren't computed to.
-    #[error("degree {found} is above {most}, the highest that is supported")]
+    #[error("degree {found} is above {most}, the highest supported degree")]
     Degree {
         /// The degree asked for.
         found: usize,
@@ -87,7 +87,7 @@ pub enum Error {
         most: usize,
     },
     /// A method that reads a basis, without a store.
-    #[error("the method {method} reads a basis from a store, and none was given")]
+    #[error("method {method} needs a basis store, and none was given")]
     NeedsStore {
         /// The method.
         method: &'static str,
@@ -121,13 +121,13 @@ pub enum Error {
         found: f64,
     },
     /// Weights that leave out every triangle of a surface.
-    #[error("{name}: expected a triangle whose corners all have weights above 0, found none")]
+    #[error("{name}: no triangle has positive weights at all three corners")]
     NoTriangle {
         /// The weights' name.
         name: String,
     },
     /// A fraction to hold out that leaves no vertex out.
-    #[error("a hold-out fraction of {fraction} leaves none of {vertices} vertices out; give a larger fraction")]
+    #[error("a hold-out fraction of {fraction} selects none of {vertices} vertices; choose a larger fraction")]
     HoldOut {
         /// The fraction.
         fraction: f64,
@@ -135,7 +135,7 @@ pub enum Error {
         vertices: usize,
     },
     /// A memory budget below what the fit takes.
-    #[error("a memory budget of {} MiB is too small for this fit, which takes {} MiB", .budget >> 20, .needed.div_ceil(1 << 20))]
+    #[error("a memory budget of {} MiB is too small for this fit, which needs {} MiB", .budget >> 20, .needed.div_ceil(1 << 20))]
     Memory {
         /// The budget, bytes.
         budget: usize,
@@ -143,7 +143,7 @@ pub enum Error {
         needed: usize,
     },
     /// A limit on the process that the computation would exceed.
-    #[error("the limit on this process's {what} is {} MiB; this takes {} MiB: raise it or use fewer threads", .limit >> 20, .needed.div_ceil(1 << 20))]
+    #[error("this process's limit on {what} is {} MiB, but {} MiB are needed; raise the limit or use fewer threads", .limit >> 20, .needed.div_ceil(1 << 20))]
     Limit {
         /// Which limit.
         what: &'static str,
@@ -157,7 +157,7 @@ pub enum Error {
     NotConverged(crate::FitWarning),
     /// A target whose coefficients leave the range of f64.
     #[error(
-        "the model has a coefficient that is {found}, in row {row} of channel {channel}; expected finite ones: divide the target's values by their largest"
+        "the coefficient in row {row} of channel {channel} is {found}, which is not finite; divide the target's values by the largest of them"
     )]
     NotFinite {
         /// Row of the coefficients, l^2 + l + m.
