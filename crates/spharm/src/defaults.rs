@@ -1,6 +1,6 @@
-//! The numbers behind the defaults, each with what it was chosen by.
+//! The numbers behind the defaults, with the reason for each.
 
-/// Granularity of [`Method::Irf`](crate::Method::Irf): the paper's.
+/// Granularity of [`Method::Irf`](crate::Method::Irf), as in the paper.
 pub const GRANULARITY: usize = 100;
 
 /// Passes of an accelerated fit: eight iterations, which suffice on even samplings.
@@ -15,29 +15,29 @@ pub const MAX_ITERATIONS: usize = 3000;
 /// Bytes of memory for a fit over a store.
 pub const MEMORY_OVER_A_STORE: usize = 256 << 20;
 
-/// Accuracy of the transforms under the full least squares. The residual's last digits are theirs.
+/// Accuracy of the transforms within the full least squares. It limits the accuracy of the residual.
 pub(crate) const TRANSFORM_ACCURACY: f64 = 1e-12;
 
-/// Most columns that share a transform and a factor; more share no more of the cost.
+/// Largest number of columns that share a transform and a factor; more don't reduce the cost per column further.
 pub(crate) const MOST_COLUMNS: usize = 96;
 
 /// Most surfaces in one sweep over a store; with more, the products take much longer than reading the basis.
 pub(crate) const MOST_TOGETHER: usize = 128;
 
-/// Most sweeps beyond the one pass of [`Method::Nlsf`](crate::Method::Nlsf). Each reduces the error left by rounding by
-/// eps times the condition.
+/// Most sweeps beyond the one pass of [`Method::Nlsf`](crate::Method::Nlsf). Each multiplies the remaining rounding
+/// error by eps times the condition number.
 pub(crate) const REFINEMENTS: usize = 5;
 
-/// On a sphere made by parametrisation: the penalty at the highest degree relative to the weight of the vertices there.
-/// Large triangles leave a model undetermined between their corners. This holds it there, and adds some per cent to the
+/// Default penalty on a sphere made by parametrisation: its size at the highest degree, relative to the weight of the
+/// vertices. Without it, a model is undetermined between the corners of large triangles. It adds some per cent to the
 /// msd.
 const RELATIVE_PENALTY: f64 = 0.01;
 
-/// Lower degrees have wavelengths longer than any triangle.
+/// Lowest degree with a default penalty. Lower degrees have wavelengths longer than any triangle.
 const PENALTY_FROM_DEGREE: usize = 8;
 
 /// Returns the default smoothness penalty of a fit over a parametrised sphere: `0.01 w / (4 pi) / (L (L + 1))^2`, with
-/// w the sum of the weights, or the number of vertices where all count the same; zero for L below 8.
+/// w the sum of the weights, or the number of vertices if all weights are equal; zero for L below 8.
 pub fn parametrized_smoothness(max_degree: usize, total_weight: f64) -> f64 {
     if max_degree < PENALTY_FROM_DEGREE {
         return 0.0;

@@ -1,4 +1,4 @@
-//! What can go wrong between reading a surface and writing its model.
+//! Errors from reading a surface to writing its model.
 
 use std::path::PathBuf;
 
@@ -13,14 +13,14 @@ use spharm_store::StoreError;
 use spharm_surface::SurfaceError;
 use spharm_transform::TransformError;
 
-/// Errors of this crate. Those of the crates below it are its sources.
+/// Errors of this crate. Errors of its dependencies are their sources.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
     /// A file that can't be read, or surfaces and spheres that don't belong together.
     #[error(transparent)]
     Surface(#[from] SurfaceError),
-    /// A surface without a map to the sphere.
+    /// A surface that can't be mapped to the sphere.
     #[error(transparent)]
     Parametrize(#[from] ParametrizeError),
     /// A basis or factor that can't be read.
@@ -29,16 +29,16 @@ pub enum Error {
     /// A fit that can't be computed.
     #[error(transparent)]
     Solver(SolverError),
-    /// Directions or coefficients that are refused.
+    /// Invalid directions or coefficients.
     #[error(transparent)]
     Harmonics(#[from] HarmonicsError),
-    /// A transform that can't be made.
+    /// A transform that can't be planned or computed.
     #[error(transparent)]
     Transform(#[from] TransformError),
     /// The computation was asked to stop.
     #[error(transparent)]
     Interrupted(#[from] Interrupted),
-    /// A model, or a file that one is made from.
+    /// An invalid model, or an invalid file that a model is made from.
     #[error(transparent)]
     Model(#[from] ModelError),
     /// Shapes that can't be analysed.
@@ -50,35 +50,35 @@ pub enum Error {
     /// A surface without area, or with coordinates that aren't finite.
     #[error("the surface has no area; expected triangles with finite coordinates and a positive area")]
     NoArea,
-    /// What is wrong with one surface of a group.
+    /// An error of one surface of a group.
     #[error("surface {index}: {source}")]
     Member {
         /// The surface, counted from 0.
         index: usize,
-        /// What is wrong.
+        /// Its error.
         source: Box<Error>,
     },
-    /// A file of a group's folder that isn't what it should be.
+    /// A file of a group's folder with unexpected contents.
     #[error("{}: expected {expected}, found {found}", .path.display())]
     GroupFile {
         /// The file.
         path: PathBuf,
-        /// What it should have.
+        /// Expected contents.
         expected: String,
-        /// What it has.
+        /// Actual contents.
         found: String,
     },
-    /// A setting that isn't one of its values, or doesn't go with another.
+    /// A setting with an invalid value, or one that is incompatible with another setting.
     #[error("{what} needs {expected}, found {found}")]
     Setting {
         /// The setting.
         what: &'static str,
-        /// What it may be.
+        /// Its valid values.
         expected: &'static str,
-        /// What it is.
+        /// Its actual value.
         found: String,
     },
-    /// A degree that the harmonics aren't computed to.
+    /// A degree above the highest supported one.
     #[error("degree {found} is above {most}, the highest supported degree")]
     Degree {
         /// The degree asked for.
@@ -86,21 +86,21 @@ pub enum Error {
         /// The highest.
         most: usize,
     },
-    /// A method that reads a basis, without a store.
+    /// A method that needs a basis store, called without one.
     #[error("method {method} needs a basis store, and none was given")]
     NeedsStore {
         /// The method.
         method: &'static str,
     },
-    /// Something that integrates over triangles, on a sphere that has none.
+    /// A computation that integrates over triangles, on a sphere without triangles.
     #[error("{what} needs triangles, and {} has none; give a sphere mesh", .sphere.display())]
     NeedsTriangles {
-        /// What needs them: `quadrature`, `density`, `area`.
+        /// Computation that needs triangles: `quadrature`, `density`, `area`.
         what: &'static str,
         /// The sphere.
         sphere: PathBuf,
     },
-    /// Weights that aren't one for each vertex.
+    /// A number of weights other than the number of vertices.
     #[error("{name}: expected one weight for each of {expected} vertices, found {found}")]
     WeightCount {
         /// The weights' name.
@@ -126,7 +126,7 @@ pub enum Error {
         /// The weights' name.
         name: String,
     },
-    /// A fraction to hold out that leaves no vertex out.
+    /// A hold-out fraction so small that it selects no vertex.
     #[error("a hold-out fraction of {fraction} selects none of {vertices} vertices; choose a larger fraction")]
     HoldOut {
         /// The fraction.
@@ -134,12 +134,12 @@ pub enum Error {
         /// Vertices.
         vertices: usize,
     },
-    /// A memory budget below what the fit takes.
+    /// A memory budget that is too small for the fit.
     #[error("a memory budget of {} MiB is too small for this fit, which needs {} MiB", .budget >> 20, .needed.div_ceil(1 << 20))]
     Memory {
         /// The budget, bytes.
         budget: usize,
-        /// The least that works, bytes.
+        /// The smallest sufficient budget, bytes.
         needed: usize,
     },
     /// A limit on the process that the computation would exceed.
@@ -152,10 +152,10 @@ pub enum Error {
         /// Bytes needed.
         needed: u64,
     },
-    /// With [`FitParams::strict`](crate::FitParams::strict): the iteration ended before the tolerance was met.
+    /// The iteration ended before the tolerance was met; only with [`FitParams::strict`](crate::FitParams::strict).
     #[error("{0}")]
     NotConverged(crate::FitWarning),
-    /// A target whose coefficients leave the range of f64.
+    /// A target whose coefficients exceed the range of f64.
     #[error(
         "the coefficient in row {row} of channel {channel} is {found}, which is not finite; divide the target's values by the largest of them"
     )]
@@ -167,10 +167,10 @@ pub enum Error {
         /// The coefficient.
         found: f64,
     },
-    /// Threads that the system refuses.
+    /// Threads that the system can't start.
     #[error("cannot start {threads} threads: {message}")]
     Threads {
-        /// How many were asked for.
+        /// Requested number of threads.
         threads: usize,
         /// Why.
         message: String,
@@ -178,12 +178,13 @@ pub enum Error {
 }
 
 impl Error {
-    /// Says which surface of a group an error is of; that a computation was asked to stop isn't.
+    /// Adds the index of a group's surface to an error. Interruptions are returned unchanged, since they don't belong
+    /// to a surface.
     pub(crate) fn of_member(index: usize, error: Self) -> Self {
         if error.is_interrupted() { error } else { Self::Member { index, source: Box::new(error) } }
     }
 
-    /// Returns whether the computation was asked to stop, and did.
+    /// Returns whether the error is an interruption: the computation stopped because it was asked to.
     pub fn is_interrupted(&self) -> bool {
         matches!(
             self,

@@ -1,8 +1,8 @@
 //! Spherical-harmonic (SPHARM) models of closed surfaces: read, parametrise, fit, assess, write, reconstruct.
 //!
 //! A SPHARM model describes a closed surface of genus zero by three functions on the sphere, x, y and z, each a sum of
-//! spherical harmonics up to a degree L. This crate has what the program `spharm` computes, as functions; pictures are
-//! drawn by `spharm-render`, and the experiments of the paper are in `spharm-paper`.
+//! spherical harmonics up to a degree L. This crate provides everything that the program `spharm` computes as
+//! functions. `spharm-render` draws pictures, and `spharm-paper` contains the experiments of the paper.
 //!
 //! ```
 //! use spharm::prelude::*;
@@ -19,19 +19,18 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! The program `spharm fit` makes the same calls, so that the coefficients are the same, bit for bit, at the same
-//! number of threads and the same memory budget.
+//! The program `spharm fit` makes the same calls. Its coefficients are bit-identical for the same number of threads and
+//! the same memory budget.
 //!
 //! # The way of the data
 //!
-//! 1. [`io::read_mesh`] reads a closed surface, and [`fit_mesh()`] maps it to a [`Sphere`] one to one, see
-//!    [`parametrize`](mod@parametrize), and fits it there. Surfaces of a study that have a common sphere come with it:
+//! 1. [`io::read_mesh`] reads a closed surface, and [`fit_mesh()`] maps it one to one to a [`Sphere`] and fits it
+//!    there, see [`parametrize`](mod@parametrize). Surfaces of a study with a common sphere are read with that sphere:
 //!    [`read_sphere`], [`Target`].
-//! 2. [`fit()`] finds the coefficients: by default the full least squares. [`fit_many`] streams any number of surfaces
-//!    over one sphere through bounded memory. A [`Method`] over a basis store reads it from disk instead of
-//!    transforming.
-//! 3. The [`FitReport`] says how far the model is from the surface, at the vertices and between them, and what may be
-//!    wrong.
+//! 2. [`fit()`] computes the coefficients, by default by the full least squares. [`fit_many`] streams any number of
+//!    surfaces over one sphere through bounded memory. A [`Method`] over a basis store reads the basis from disk
+//!    instead of transforming.
+//! 3. The [`FitReport`] gives the distances between model and surface, at the vertices and between them, and warnings.
 //! 4. A [`Model`] holds coefficients, sphere and provenance; [`Model::reconstruct`] evaluates it anywhere, to any
 //!    degree.
 //!
@@ -42,28 +41,28 @@
 //! maximum over the vertices of the squared distance, with the surface's bounding box scaled to volume 1.
 //!
 //! Nothing here prints, ends the process, or changes its environment. Reading a store installs a handler of SIGBUS,
-//! which acts inside the store's maps alone. Whatever may take longer than a second takes a [`Monitor`], by which it
-//! shows its progress and is cancelled; its threads are those of the rayon pool that it is called in, or a pool of its
-//! own where [`FitParams::threads`] says so.
+//! which acts only inside the store's maps. Every function that may run longer than a second takes a [`Monitor`], which
+//! shows its progress and can cancel it. Such functions run in the caller's rayon pool, or in a pool of their own if
+//! [`FitParams::threads`] is set.
 //!
 //! # Modules
 //!
 //! | module | contents |
 //! |---|---|
 //! | [`mod@fit`] | [`fit()`], [`fit_many`], [`fit_each`]: coefficients of one target, or of many in bounded memory |
-//! | [`mod@fit_mesh`] | [`fit_mesh()`]: from a surface without a sphere to its model |
+//! | [`mod@fit_mesh`] | [`fit_mesh()`]: maps and fits a surface without a sphere |
 //! | [`params`] | [`FitParams`]: degree, method, smoothness, weights, store, memory, threads |
-//! | [`report`] | what a fit reports |
-//! | [`assess`] | distances at the vertices, between them, at vertices held out |
-//! | [`warning`] | [`FitWarning`]: what may be wrong with a fit |
+//! | [`report`] | reports on fits |
+//! | [`assess`] | distances at the vertices, between them, and at held-out vertices |
+//! | [`warning`] | [`FitWarning`]: possible problems of a fit |
 //! | [`defaults`] | the numbers behind the defaults |
-//! | [`factor`] | the factor of the normal equations, kept in a store |
-//! | [`mod@correspond`] | a group of surfaces over one template's sphere, so that places correspond |
+//! | [`factor`] | the factor of the normal equations, stored beside the basis |
+//! | [`mod@correspond`] | a group of surfaces over one template's sphere, with corresponding points |
 //! | [`machine`] | memory and limits of this process |
 //! | [`mod@parametrize`] | maps from surfaces to the sphere: all methods, label volumes, resampling, quality |
-//! | [`mod@model`] | what a model says of how it was made |
+//! | [`mod@model`] | provenance of models |
 //!
-//! Of the crates below these are re-exported:
+//! These crates are re-exported:
 //!
 //! | module | crate | contents |
 //! |---|---|---|
@@ -72,11 +71,11 @@
 //! | [`solver`] | `spharm-solver` | least squares and iterative residual fitting on arrays |
 //! | [`register`] | `spharm-register` | a template mesh moved onto surfaces of subjects |
 //! | [`shape`] | `spharm-shape` | shape analysis on models: geometry, smoothing, descriptors, retrieval, levels, compression |
-//! | [`moments`] | `spharm-moments` | moments of tables of samples, beyond memory and machine |
+//! | [`moments`] | `spharm-moments` | moments of tables of samples, also of tables beyond one machine's memory |
 //! | [`transform`] | `spharm-transform` | fast synthesis and its adjoint |
 //! | [`harmonics`] | `spharm-harmonics` | the harmonics, [`Directions`], [`Coefficients`] |
 //!
-//! A basis that is built once serves all fits over its sphere:
+//! A basis is built once for all fits over its sphere:
 //!
 //! ```
 //! use spharm::generate::{Cortex, cortex};

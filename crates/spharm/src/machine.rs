@@ -1,4 +1,4 @@
-//! Memory that this process may use, by the system's account.
+//! Memory that this process may use, as reported by the system.
 
 use std::fs::read_to_string;
 use std::path::Path;
@@ -7,16 +7,15 @@ use rustix::process::{Resource, getrlimit};
 
 use crate::Error;
 
-/// What is assumed to be free where the system doesn't say.
+/// Free memory that is assumed if the system doesn't report it.
 const UNKNOWN: u64 = 2 << 30;
 
-/// Limits on a process, the field of `/proc/self/status` that counts against each, and its name.
+/// Limits on a process: the limit, the field of `/proc/self/status` that counts against it, and its name.
 const LIMITS: [(Resource, &str, &str); 2] =
     [(Resource::Data, "VmData:", "data (ulimit -d)"), (Resource::As, "VmSize:", "address space (ulimit -v)")];
 
-/// Returns the bytes of memory that are free: the least of what the system has, what the control groups that this
-/// process is in leave of their limits, and what the limits on its data and address space leave; 2 GiB where none of
-/// them is known.
+/// Returns the free memory in bytes: the minimum of the system's free memory, the rest of the limits of this process's
+/// control groups, and the rest of the limits on its data and address space; 2 GiB if none of them is known.
 pub fn available_memory() -> usize {
     let meminfo = read_to_string("/proc/meminfo").unwrap_or_default();
     let line = meminfo.lines().find_map(|line| line.strip_prefix("MemAvailable:"));
@@ -29,8 +28,8 @@ pub fn available_memory() -> usize {
     free.into_iter().chain(groups).chain(limits).min().unwrap_or(UNKNOWN) as usize
 }
 
-/// The least that the control groups of `/proc/self/cgroup` and those above them leave; the hierarchies of both
-/// versions are mounted below `root`.
+/// Returns the minimum of the memory that the control groups of `/proc/self/cgroup` and their ancestors leave. The
+/// hierarchies of both versions are mounted below `root`.
 fn free_in_groups(groups: &str, root: &Path) -> Option<u64> {
     let of_line = |line: &str| -> Option<u64> {
         let mut parts = line.splitn(3, ':');
@@ -40,18 +39,18 @@ fn free_in_groups(groups: &str, root: &Path) -> Option<u64> {
             names if names.split(',').any(|name| name == "memory") => (root.join("memory"), &V1),
             _ => return None,
         };
-        // In a container the path may be the host's, of which there is only the root here.
+        // In a container the path may be the host's, of which only the root exists here.
         let group = Path::new(path.trim_start_matches('/'));
         group.ancestors().filter_map(|group| version.free(&mount.join(group))).min()
     };
     groups.lines().filter_map(of_line).min()
 }
 
-/// The files in which a version of control groups has limits and use.
+/// Names of the files with the limits and the usage, for a version of control groups.
 struct Version {
     limits: &'static [&'static str],
     used: &'static str,
-    /// Fields of `memory.stat` for pages of files, which count as used and are dropped where memory is short.
+    /// Fields of `memory.stat` for pages of files, which count as used and are dropped if memory is short.
     files: [&'static str; 2],
 }
 
@@ -69,7 +68,7 @@ const V2: Version = Version {
 };
 
 impl Version {
-    /// What a group leaves of its limit; `None` where it has none.
+    /// Returns the memory that a group leaves of its limit; `None` if it has no limit.
     fn free(&self, group: &Path) -> Option<u64> {
         let number = |name: &&str| read_to_string(group.join(name)).ok()?.trim().parse::<u64>().ok();
         let limit = self.limits.iter().filter_map(number).min()?;
@@ -80,7 +79,7 @@ impl Version {
     }
 }
 
-/// A limit on this process that is too low.
+/// A limit on this process that a computation would exceed.
 pub(crate) struct Exceeded {
     pub(crate) what: &'static str,
     /// Bytes allowed.
@@ -89,8 +88,8 @@ pub(crate) struct Exceeded {
     pub(crate) needed: u64,
 }
 
-/// The limit, if there is one, that `data` bytes of anonymous memory and `mapped` bytes of mapped files beyond what
-/// this process has would exceed.
+/// Returns the limit that further `data` bytes of anonymous memory and `mapped` bytes of mapped files would exceed, if
+/// any.
 pub(crate) fn exceeded(data: usize, mapped: usize) -> Option<Exceeded> {
     LIMITS.iter().zip([data, data.saturating_add(mapped)]).find_map(|(&(resource, used, what), more)| {
         let (limit, used) = (getrlimit(resource).current?, process_status(used)?);
@@ -99,17 +98,17 @@ pub(crate) fn exceeded(data: usize, mapped: usize) -> Option<Exceeded> {
     })
 }
 
-/// Checks, before work starts, that this process's limits on data (`ulimit -d`) and address space (`ulimit -v`) allow
-/// for `data` bytes of anonymous memory and `mapped` bytes of mapped files beyond what it has.
+/// Checks, before work starts, that this process's limits on data (`ulimit -d`) and address space (`ulimit -v`) allow a
+/// further `data` bytes of anonymous memory and `mapped` bytes of mapped files.
 ///
 /// # Errors
 ///
-/// [`Error::Limit`] with the limit and the least that works.
+/// [`Error::Limit`] with the limit and the smallest sufficient one.
 pub fn check_limits(data: usize, mapped: usize) -> Result<(), Error> {
     exceeded(data, mapped).map_or(Ok(()), |Exceeded { what, limit, needed }| Err(Error::Limit { what, limit, needed }))
 }
 
-/// Returns a field of `/proc/self/status`, such as `VmHWM:`, in bytes; `None` where the system has none.
+/// Returns a field of `/proc/self/status`, such as `VmHWM:`, in bytes; `None` if the system doesn't provide it.
 pub fn process_status(field: &str) -> Option<u64> {
     let text = read_to_string("/proc/self/status").ok()?;
     let line = text.lines().find_map(|line| line.strip_prefix(field))?;

@@ -1,4 +1,4 @@
-//! From a fit to a model, with how it was made.
+//! Models made from fits, with their provenance.
 
 use serde_json::Value;
 use spharm_harmonics::Coefficients;
@@ -18,16 +18,16 @@ pub fn versions() -> Versions {
     }
 }
 
-/// The field of a provenance that lists what was done to a model's coefficients after the fit, first to last.
+/// The provenance field that lists the operations on a model's coefficients after the fit, in order.
 pub const TRANSFORM: &str = "transform";
 
-/// Returns a model without a sphere that `tool` made of coefficients.
+/// Returns a model without a sphere, made by `tool` from coefficients.
 #[must_use]
 pub fn made(coefficients: Coefficients, kind: Kind, tool: &str) -> Model {
     signed(Model::without_sphere(coefficients, kind), tool)
 }
 
-/// Records in a model which tool made it, and the versions of this build.
+/// Records in a model the tool that made it, and the versions of this build.
 #[must_use]
 pub fn signed(mut model: Model, tool: &str) -> Model {
     model.provenance.tool = Some(tool.to_owned());
@@ -35,10 +35,10 @@ pub fn signed(mut model: Model, tool: &str) -> Model {
     model
 }
 
-/// Returns a model of other coefficients made from those of `source`, over the same sphere.
+/// Returns a model of coefficients that were derived from those of `source`, over the same sphere.
 ///
-/// `transform` says what was done; it is added to the provenance's list [`TRANSFORM`]. Settings and distances, which
-/// are the fit's, are left out, so that nobody takes the model for that of a fit.
+/// `transform` describes the operation; it is added to the provenance's list [`TRANSFORM`]. The settings and distances
+/// of the fit are left out, since the model is no longer the result of that fit.
 #[must_use]
 pub fn transformed(source: &Model, coefficients: Coefficients, tool: &str, transform: Value) -> Model {
     let mut model = signed(Model { coefficients, ..source.clone() }, tool);
@@ -52,7 +52,7 @@ pub fn transformed(source: &Model, coefficients: Coefficients, tool: &str, trans
 }
 
 impl Fit {
-    /// Returns the model of a surface or a signal over the sphere that it was fitted over.
+    /// Returns the model of a surface or a signal over the sphere of the fit.
     #[must_use]
     pub fn into_model(self, sphere: Sphere) -> Model {
         let kind = self.report.settings.kind;

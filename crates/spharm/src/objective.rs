@@ -1,4 +1,4 @@
-//! What of a mesh is fitted: its surface, or its vertices.
+//! The choice between fitting a mesh's surface and fitting its vertices.
 
 use std::str::FromStr;
 
@@ -6,14 +6,14 @@ use spharm_surface::Kind;
 
 use crate::{FitParams, Method};
 
-/// What of a mesh the full least squares fits.
+/// The part of a mesh that the full least squares fits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Objective {
     /// The surface, for meshes over a sphere with triangles; the vertices for signals and for fits over a store.
     #[default]
     Default,
-    /// The surface: the integral over the sphere of the squared distance, by samples of all triangles that are as dense
-    /// as the degree needs. Signals are linear on each triangle.
+    /// The surface: the integral over the sphere of the squared distance, by samples of all triangles, as densely as
+    /// the degree requires. Signals are linear on each triangle.
     Surface,
     /// The vertices alone, as in the paper.
     Vertices,

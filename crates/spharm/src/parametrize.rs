@@ -1,7 +1,8 @@
-//! A sphere for a surface that comes without one.
+//! Maps surfaces without a sphere to the sphere.
 //!
-//! [`parametrize`](parametrize()) is the default, with a [`Sphere`] to fit over. The methods of `spharm-parametrize`
-//! are here one by one, and as values of [`Method`]; `Parametrized::try_from` makes a sphere of what they give.
+//! [`parametrize`](parametrize()) is the default method and returns a [`Sphere`] to fit over. The methods of
+//! `spharm-parametrize` are available individually, and as values of [`Method`]; `Parametrized::try_from` converts
+//! their results to a sphere.
 
 use spharm_monitor::{Monitor, Silent};
 use spharm_surface::{Mesh, Sphere, Target};
@@ -20,7 +21,7 @@ pub use spharm_parametrize::{
 pub struct Parametrized {
     /// The sphere, with the surface's vertices and triangles.
     pub sphere: Sphere,
-    /// The surface and the sphere as meshes, and how the map was found.
+    /// The surface and the sphere as meshes, and a report on the map.
     pub map: Parametrization,
 }
 
@@ -34,11 +35,11 @@ impl TryFrom<Parametrization> for Parametrized {
 }
 
 /// Maps a closed surface of genus zero to the sphere, one to one, by the default method: equal areas with little length
-/// distortion (Shen and Makedon 2006), and least stretch where that fails.
+/// distortion (Shen and Makedon 2006), or least stretch if that fails.
 ///
 /// # Errors
 ///
-/// [`Error::Parametrize`] with what keeps the surface from being mapped.
+/// [`Error::Parametrize`] with the reason why the surface can't be mapped.
 pub fn parametrize(surface: &Mesh, params: &CaldParams) -> Result<Parametrized, Error> {
     parametrize_with(surface, params, &Silent)
 }
@@ -57,11 +58,11 @@ pub fn parametrize_with<'a>(
     Method::Auto(params.clone()).run(surface, monitor)?.try_into()
 }
 
-/// Returns a surface's map to a sphere that was made for it earlier.
+/// Returns a surface's map to a sphere from an existing sphere mesh.
 ///
 /// # Errors
 ///
-/// [`Error::Surface`] where the sphere hasn't the surface's vertices and triangles, [`Error::Parametrize`] where the
+/// [`Error::Surface`] if the sphere's vertices and triangles don't match the surface's, [`Error::Parametrize`] if the
 /// map isn't one to one.
 pub fn with_sphere(surface: &Mesh, sphere: &Mesh) -> Result<Parametrized, Error> {
     Target::from_mesh(surface, &Sphere::from_mesh(sphere)?)?;

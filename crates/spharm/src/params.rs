@@ -1,4 +1,4 @@
-//! How to fit: [`FitParams`] and its parts.
+//! Settings of fits: [`FitParams`] and its parts.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -21,9 +21,10 @@ pub enum Method {
     Irf {
         /// Number of passes, p, at least 1.
         passes: usize,
-        /// Most basis functions that are solved together, g, at least 1.
+        /// Largest number of basis functions that are solved together, g, at least 1.
         granularity: usize,
-        /// Conjugate gradients over pairs of passes, one forward and one backward; `passes` then bounds them.
+        /// Whether to accelerate pairs of passes, one forward and one backward, by conjugate gradients; `passes` is
+        /// then their maximum.
         accelerate: bool,
     },
     /// Stepwise fitting over a store: degrees 0 to `start_degree` together, then one at a time, in one pass.
@@ -52,7 +53,7 @@ impl Method {
         Self::Irf { passes: 1, granularity: defaults::GRANULARITY, accelerate: false }
     }
 
-    /// Returns the method's name in lower case, as reports and models have it.
+    /// Returns the method's name in lower case, as in reports and models.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Lsq => "lsq",
@@ -72,7 +73,7 @@ impl Method {
         }
     }
 
-    /// Returns the granularity, g, where the method has one and it is finite.
+    /// Returns the granularity, g, if the method has one and it is finite.
     pub fn granularity(&self) -> Option<usize> {
         match *self {
             Self::Irf { granularity, .. } if granularity < usize::MAX => Some(granularity),
@@ -80,7 +81,7 @@ impl Method {
         }
     }
 
-    /// Returns the last degree of the first block, s, where the method has one.
+    /// Returns the last degree of the first block, s, if the method has one.
     pub fn start_degree(&self) -> Option<usize> {
         match *self {
             Self::Sirf { start_degree } | Self::Mirf { start_degree, .. } => Some(start_degree),
@@ -109,18 +110,18 @@ impl Method {
 /// The smoothness penalty of the full least squares: `lambda sum (l (l + 1))^2 a^2`, added to the squared distances.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Smoothness {
-    /// None for a surface, or over a given sphere; [`defaults::parametrized_smoothness`] for vertices over one made by
-    /// parametrisation.
+    /// No penalty for surfaces, or over a given sphere; [`defaults::parametrized_smoothness`] for vertices over a
+    /// sphere made by parametrisation.
     #[default]
     Default,
     /// This lambda, finite and not negative.
     Fixed(f64),
-    /// For each target the lambda of the least generalised cross-validation.
+    /// For each target, the lambda that minimises generalised cross-validation.
     Auto,
 }
 
 impl Smoothness {
-    /// Returns how it is chosen, as models record it: `default`, `fixed` or `auto`.
+    /// Returns the name of the choice, as models record it: `default`, `fixed` or `auto`.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Default => "default",
@@ -133,7 +134,7 @@ impl Smoothness {
 impl FromStr for Smoothness {
     type Err = String;
 
-    /// Parses `auto`, or a number from 0.
+    /// Parses `auto`, or a number of at least 0.
     fn from_str(text: &str) -> Result<Self, String> {
         if text == "auto" {
             return Ok(Self::Auto);
@@ -144,8 +145,8 @@ impl FromStr for Smoothness {
 }
 
 /// Weight of each vertex in the least squares. A fit of the surface weighs a sample of a triangle by the harmonic mean
-/// of its corners' weights. A vertex of weight 0 is left out: its value is never read, and may be NaN, and a fit of the
-/// surface leaves out the triangles that it is a corner of, as a mask does.
+/// of its corners' weights. A vertex of weight 0 is left out, as by a mask: its value is never read and may be NaN, and
+/// a fit of the surface leaves out its triangles.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub enum Weights {
     /// One.
@@ -153,9 +154,9 @@ pub enum Weights {
     Uniform,
     /// Its share of the sphere's area, in steradians.
     Area,
-    /// Values of the caller, (n), finite, not negative and not all zero.
+    /// Given values, (n), finite, not negative and not all zero.
     Values {
-        /// What the model's provenance calls them: a file name.
+        /// Their name in the model's provenance: a file name.
         name: String,
         /// The weights, (n).
         values: Vec<f64>,
@@ -167,7 +168,7 @@ impl Weights {
     ///
     /// # Errors
     ///
-    /// [`Error::Surface`] when it can't be read, [`Error::WeightCount`] where it has several columns.
+    /// [`Error::Surface`] if it can't be read, [`Error::WeightCount`] if it has several columns.
     pub fn read(path: impl AsRef<Path>) -> Result<Self, Error> {
         let (signal, name) = (read_signal(&path)?, path.as_ref().to_string_lossy().into_owned());
         if signal.channels != 1 {
@@ -177,7 +178,7 @@ impl Weights {
         Ok(Self::Values { name, values: signal.values })
     }
 
-    /// Returns what the provenance calls them: `uniform`, `area`, or the name of the values.
+    /// Returns their name in the provenance: `uniform`, `area`, or the name of the values.
     pub fn name(&self) -> &str {
         match self {
             Self::Uniform => "uniform",
@@ -186,7 +187,7 @@ impl Weights {
         }
     }
 
-    /// Returns a hash of the caller's values, 64 hexadecimal digits: that by which a store knows a factor's weights.
+    /// Returns a hash of the given values, 64 hexadecimal digits. A store identifies a factor's weights by it.
     pub fn hash(&self) -> Option<String> {
         let Self::Values { values, .. } = self else { return None };
         Some(WeightsHash::of(Some(values)).0.iter().map(|byte| format!("{byte:02x}")).collect())
@@ -196,14 +197,14 @@ impl Weights {
 /// Preconditioner of the iterations of the full least squares.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Preconditioner {
-    /// The density of uneven samples, if moments of them pay; then a Cholesky factor of the normal equations, if
-    /// iterations are slow and memory allows.
+    /// The density of uneven samples, if computing their moments pays off; then a Cholesky factor of the normal
+    /// equations, if iterations are slow and memory allows.
     #[default]
     Auto,
     /// None.
     None,
-    /// The density of uneven samples, from moments of them; none if the samples are even, if there is a smoothness, or,
-    /// with a warning, if the memory doesn't suffice.
+    /// The density of uneven samples, from their moments. None if the samples are even, if there is a smoothness
+    /// penalty, or, with a warning, if memory doesn't suffice.
     Density,
     /// No iterations: a Cholesky factor of the normal equations from the start.
     Factor,
@@ -235,7 +236,7 @@ impl FromStr for Preconditioner {
     }
 }
 
-/// How to fit.
+/// Settings of a fit.
 ///
 /// ```
 /// use spharm::{FitParams, Objective, Smoothness};
@@ -250,41 +251,42 @@ pub struct FitParams {
     pub max_degree: usize,
     /// How the coefficients are found.
     pub method: Method,
-    /// Whether meshes are fitted as surfaces or at their vertices; for [`Method::Lsq`].
+    /// Whether meshes are fitted as surfaces or at their vertices, for [`Method::Lsq`].
     pub objective: Objective,
-    /// Allowed area distortion, from 0 to 1, of the map of a mesh that comes without a sphere, see
-    /// [`CaldParams::area`](crate::parametrize::CaldParams::area); by default 0.8, as far as the fit gains by it.
+    /// Allowed area distortion, from 0 to 1, of the map of a mesh without a sphere, see
+    /// [`CaldParams::area`](crate::parametrize::CaldParams::area); by default 0.8, as far as it improves the fit.
     pub area: Option<f64>,
     /// Smoothness penalty, for [`Method::Lsq`].
     pub smoothness: Smoothness,
-    /// Whether to remove noise within the fit, by a penalty of each degree that is estimated from the target; for
-    /// [`Method::Lsq`] without a smoothness. See [`spharm_solver::lsq::denoise`].
+    /// Whether to remove noise within the fit, by a penalty on each degree that is estimated from the target; for
+    /// [`Method::Lsq`] without a smoothness penalty. See [`spharm_solver::lsq::denoise`].
     pub denoise: bool,
-    /// What each vertex counts.
+    /// Weight of each vertex.
     pub weights: Weights,
-    /// Fraction of the vertices, between 0 and 1, that is left out of the fit and assessed apart.
+    /// Fraction of the vertices, between 0 and 1, that is held out of the fit and assessed separately.
     pub hold_out: Option<f64>,
-    /// Whether to measure the distance between model and surface both ways, where a surface is fitted.
+    /// Whether to measure the distance between model and surface both ways, if a surface is fitted.
     pub surface_distance: bool,
     /// Whether to compute each coefficient's standard error; for [`Method::Lsq`].
     pub standard_errors: bool,
-    /// Optimality to reach, between 0 and 1: the gradient relative to that of no fit; for [`Method::Lsq`].
+    /// Optimality to reach, between 0 and 1: the gradient relative to the gradient at zero coefficients; for
+    /// [`Method::Lsq`].
     pub tolerance: f64,
-    /// Most iterations; for [`Method::Lsq`].
+    /// Maximum number of iterations; for [`Method::Lsq`].
     pub max_iterations: usize,
     /// Preconditioner; for [`Method::Lsq`].
     pub preconditioner: Preconditioner,
     /// Whether a fit that misses the tolerance is an error rather than a warning.
     pub strict: bool,
-    /// Folder of the basis store: the basis for the methods over a store, a factor for [`Method::Lsq`] if it has one.
+    /// Folder of the basis store: of the basis for the methods over a store, of an optional factor for [`Method::Lsq`].
     pub store: Option<PathBuf>,
-    /// Scalar type of the basis; by default the one that the store has, f64 first.
+    /// Scalar type of the basis; by default that of the store's basis, f64 if it has both.
     pub scalar: Option<Scalar>,
-    /// Whether to check every byte of the basis against its hash first.
+    /// Whether to verify the entire basis against its hash before fitting.
     pub verify: bool,
-    /// Bytes of memory to keep to, mapped files included; by default see [`memory_budget`](Self::memory_budget).
+    /// Memory budget in bytes, mapped files included; for the default see [`memory_budget`](Self::memory_budget).
     pub memory: Option<usize>,
-    /// Threads; by default those of the rayon pool that the call is made in.
+    /// Number of threads; by default that of the rayon pool of the call.
     pub threads: Option<usize>,
 }
 
@@ -319,9 +321,9 @@ impl FitParams {
         Self { method: Method::irf(), store: Some(store.into()), ..Self::lsq(max_degree) }
     }
 
-    /// Returns the memory that a fit keeps to, in bytes: [`memory`](Self::memory) if set, else
-    /// [`MEMORY_OVER_A_STORE`](defaults::MEMORY_OVER_A_STORE) for the methods that read a store, and half of what is
-    /// free for the others.
+    /// Returns the memory budget of a fit, in bytes: [`memory`](Self::memory) if set, else
+    /// [`MEMORY_OVER_A_STORE`](defaults::MEMORY_OVER_A_STORE) for the methods that read a store, and half of the free
+    /// memory for the others.
     pub fn memory_budget(&self) -> usize {
         match (self.memory, self.method.blocks()) {
             (Some(bytes), _) => bytes,
@@ -330,14 +332,14 @@ impl FitParams {
         }
     }
 
-    /// Returns the settings of the map of a mesh that comes without a sphere.
+    /// Returns the settings for mapping a mesh without a sphere.
     #[must_use]
     pub fn map(&self) -> CaldParams {
         let usual = CaldParams::for_degree(self.max_degree);
         CaldParams { area: self.area.unwrap_or(usual.area), ..usual }
     }
 
-    /// Checks what can be checked without a sphere.
+    /// Checks all that doesn't depend on a sphere.
     ///
     /// # Errors
     ///

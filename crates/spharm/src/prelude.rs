@@ -1,4 +1,4 @@
-//! What most programs need: `use spharm::prelude::*;`.
+//! Imports for most programs: `use spharm::prelude::*;`.
 
 use std::path::Path;
 
@@ -9,12 +9,12 @@ pub use crate::{
 pub use spharm_surface::io::{read_mesh, read_signal};
 pub use spharm_surface::{read_sphere, read_target};
 
-/// Writes a mesh to a file that isn't there yet, in the format of its name; see
+/// Writes a mesh to a new file, in the format of the file's extension; see
 /// [`io::write_mesh`](spharm_surface::io::write_mesh) for options.
 ///
 /// # Errors
 ///
-/// [`Error::Surface`] where the file exists, its format isn't known, or it can't be written.
+/// [`Error::Surface`] if the file exists, its format is unknown, or it can't be written.
 pub fn write_mesh(path: impl AsRef<Path>, mesh: &Mesh) -> Result<(), Error> {
     Ok(spharm_surface::io::write_mesh(path, mesh, &spharm_surface::io::WriteOptions::default())?)
 }

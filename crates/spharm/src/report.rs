@@ -1,4 +1,4 @@
-//! What a fit reports: of each target, of each batch, of a whole call.
+//! Reports on fits: on each target, on each batch, and on an entire call.
 
 use serde::Serialize;
 use spharm_solver::lsq::{Denoise, Gcv};
@@ -15,9 +15,9 @@ use crate::warning::FitWarning;
 pub struct FitReport {
     /// Number of channels, c.
     pub channels: usize,
-    /// Cube root of the bounding box's volume, in the target's unit; none for what has no volume.
+    /// Cube root of the bounding box's volume, in the target's unit; none for targets without volume.
     pub scale: Option<f64>,
-    /// Mean squared distance at the vertices, bounding box scaled to volume 1; none for what has no volume.
+    /// Mean squared distance at the vertices, bounding box scaled to volume 1; NaN for targets without volume.
     #[serde(skip)]
     pub msd: Option<f64>,
     /// Maximal squared distance at the vertices, scaled likewise.
@@ -26,47 +26,47 @@ pub struct FitReport {
     /// Mean squared distance at the centres of some of the triangles, scaled likewise; none also without triangles.
     #[serde(skip)]
     pub off_vertex: Option<f64>,
-    /// Distances at the vertices, sweep after sweep; the last are those of the model.
+    /// Distances at the vertices after each sweep; the last are those of the model.
     pub passes: Vec<Distances>,
-    /// Distances between the model and its surface, both ways, where that is what was fitted.
+    /// Distances between the model and its surface, both ways, if a surface was fitted.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub surface_distance: Option<SurfaceDistances>,
     /// Distances at the centres of some of the triangles, for a surface over a sphere with triangles.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub between: Option<Distances>,
-    /// Distances at the vertices that were held out and at the others.
+    /// Distances at the held-out vertices and at the others.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub held_out: Option<HeldOut>,
-    /// The noise that was found and removed: of a surface, or of each channel of a signal. Empty without denoising.
+    /// The noise that was estimated and removed, of a surface or of each channel of a signal. Empty without denoising.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub denoise: Vec<Denoised>,
     /// Smoothness penalty, lambda; zero for the methods that have none.
     #[serde(skip)]
     pub smoothness: f64,
-    /// Optimality reached, by the full least squares.
+    /// Optimality reached by the full least squares.
     #[serde(skip)]
     pub optimality: Option<f64>,
-    /// What may be wrong with it.
+    /// Possible problems of the fit.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<FitWarning>,
-    /// How it was fitted, for a model's provenance.
+    /// Settings of the fit, for a model's provenance.
     #[serde(skip)]
     pub settings: Settings,
 }
 
-/// The noise that was removed of a surface, or of a channel of a signal.
+/// The noise that was removed from a surface, or from a channel of a signal.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct Denoised {
     /// The noise, and the gain of each degree.
     #[serde(flatten)]
     pub noise: Denoise,
-    /// Rms of the detail that vertices which were held out tell of beyond the fit's degree, of a channel, in the
-    /// target's unit; none where they are too few to tell.
+    /// Rms of the detail beyond the fit's degree, per channel, in the target's unit, estimated at held-out vertices;
+    /// none if these are too few for an estimate.
     pub left_out: Option<f64>,
 }
 
-/// How a target was fitted.
+/// Settings that a target was fitted with.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct Settings {
@@ -74,9 +74,9 @@ pub struct Settings {
     pub method: crate::Method,
     /// What was fitted: [`Surface`](crate::Objective::Surface) or [`Vertices`](crate::Objective::Vertices).
     pub objective: crate::Objective,
-    /// Area distortion that was allowed to the map of a mesh without a sphere, where it was given.
+    /// Allowed area distortion of the map of a mesh without a sphere, if it was given.
     pub area: Option<f64>,
-    /// How the penalty was chosen: `default`, `fixed`, `auto` or `denoise`.
+    /// Choice of the penalty: `default`, `fixed`, `auto` or `denoise`.
     pub penalty: &'static str,
     /// `uniform`, `area`, or the name of the weights given.
     pub weights: String,
@@ -84,11 +84,11 @@ pub struct Settings {
     pub weights_hash: Option<String>,
     /// Fraction of the vertices that was held out.
     pub hold_out: Option<f64>,
-    /// Optimality asked for.
+    /// Requested optimality.
     pub tolerance: f64,
-    /// Most iterations.
+    /// Maximum number of iterations.
     pub max_iterations: usize,
-    /// Preconditioner asked for.
+    /// Requested preconditioner.
     pub preconditioner: crate::Preconditioner,
     /// Key of the sampling scheme.
     pub scheme: SchemeKey,
@@ -96,27 +96,27 @@ pub struct Settings {
     pub scalar: Scalar,
     /// Whether the target is a surface or a signal.
     pub kind: Kind,
-    /// What the target's file said beside its values.
+    /// Metadata of the target's file.
     pub meta: Meta,
 }
 
-/// What each method reports of the targets that it fitted together.
+/// Report of each method on the targets that it fitted together.
 #[derive(Debug, Clone, Serialize)]
 #[serde(untagged)]
 #[non_exhaustive]
 pub enum BatchReport {
-    /// Of the methods over a store.
+    /// From the methods over a store.
     Streamed(spharm_solver::IrfReport),
-    /// Of the full least squares.
+    /// From the full least squares.
     LeastSquares {
         /// The solver's report.
         #[serde(flatten)]
         report: LsqReport,
-        /// The search for the smoothness, where it was chosen by cross-validation.
+        /// The search for the smoothness, if it was chosen by cross-validation.
         #[serde(skip_serializing_if = "Option::is_none")]
         gcv: Option<Gcv>,
     },
-    /// Of quadrature.
+    /// From quadrature.
     Quadrature {
         /// Highest degree, L.
         max_degree: usize,
