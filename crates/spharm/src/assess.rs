@@ -1,5 +1,4 @@
-//! How far a model is from its surface: everywhere, at the vertices, between them, and at vertices that the fit didn't
-//! see.
+//! Distances between a model and its surface: everywhere, at the vertices, between them, and at held-out vertices.
 
 mod hold_out;
 mod model_surface;

@@ -1,4 +1,4 @@
-//! The Cholesky factor of the normal equations over a sphere, computed once into a store for all fits over that sphere.
+//! The Cholesky factor of the normal equations over a sphere, computed once and stored for all fits over that sphere.
 
 use std::path::Path;
 
@@ -13,29 +13,29 @@ use spharm_surface::Sphere;
 use crate::Error;
 use crate::machine::check_limits;
 
-/// Below this reciprocal condition a solution has lost so many digits that the user should know.
+/// Reciprocal condition number below which users are warned that solutions lose most of their digits.
 const ILL_CONDITIONED: f64 = 1e-12;
 
-/// Which factor to compute, and with what.
+/// Settings of a factor.
 #[derive(Debug, Clone)]
 pub struct FactorSettings {
-    /// Highest degree of the coefficients that it solves for.
+    /// Highest degree of the coefficients to solve for.
     pub max_degree: usize,
-    /// Scalar type of the basis in whose folder the factor is kept.
+    /// Scalar type of the basis in whose folder the factor is stored.
     pub basis_scalar: Scalar,
     /// Scalar type of the factor.
     pub scalar: Scalar,
     /// Smoothness penalty lambda: adds `lambda sum (l (l + 1))^2 |c|^2` to the squared distances; 0 or more.
     pub smoothness: f64,
-    /// Bytes of memory that may be used.
+    /// Memory budget in bytes.
     pub memory: usize,
     /// Number of threads; 0 for those of the rayon pool of the call.
     pub threads: usize,
-    /// Whether to build even what is larger than 64 GiB or than the free disk space.
+    /// Whether to build a factor even if it is larger than 64 GiB or than the free disk space.
     pub allow_large: bool,
 }
 
-/// A factor that has been planned: there is memory and disk for it.
+/// A planned factor, for which memory and disk space suffice.
 #[derive(Debug)]
 pub struct PlannedFactor<'a> {
     store: &'a Path,
@@ -50,7 +50,7 @@ impl<'a> PlannedFactor<'a> {
     ///
     /// # Errors
     ///
-    /// [`StoreError::Budget`], [`StoreError::Space`] or [`Error::Limit`] where memory or disk are too small for it.
+    /// [`StoreError::Budget`], [`StoreError::Space`] or [`Error::Limit`] if memory or disk space is too small for it.
     pub fn new(store: &'a Path, sphere: &'a Sphere, settings: &FactorSettings) -> Result<Self, Error> {
         let rows = sphere.directions.len();
         let spec = FactorSpec {
@@ -79,30 +79,30 @@ impl<'a> PlannedFactor<'a> {
         Ok(Self { store, sphere, spec, params, plan })
     }
 
-    /// Returns the memory and disk that it takes; `None` for a factor that is in the store already.
+    /// Returns the required memory and disk space; `None` for a factor that is already in the store.
     pub fn plan(&self) -> Option<FactorPlan> {
         self.plan
     }
 
-    /// Computes the factor and publishes it in the store, unless it is there.
+    /// Computes the factor and publishes it in the store, unless it is already there.
     ///
     /// # Errors
     ///
-    /// [`SolverError::NotPositiveDefinite`] where the sphere doesn't determine the coefficients,
+    /// [`SolverError::NotPositiveDefinite`] if the sphere doesn't determine the coefficients,
     /// [`StoreError::Interrupted`], and failures of reading and writing.
     pub fn build(&self, monitor: &dyn Monitor) -> Result<FactorReport, Error> {
         let Self { store, sphere, spec, params, .. } = self;
         let source = moment_gram(&sphere.directions, None, spec.max_degree)?;
         let penalised = Penalised::new(&source, smoothness_penalty(spec.max_degree, spec.smoothness));
         build_factor(store, spec, &penalised, params, monitor).map_err(|error| match error {
-            // The bases that are finished stay in the store.
+            // Finished bases stay in the store.
             SolverError::Interrupted(interrupted) => StoreError::from(interrupted).into(),
             error => error.into(),
         })
     }
 }
 
-/// Returns the condition number of a factor's matrix where it is so large that solutions lose most of their digits.
+/// Returns the condition number of a factor's matrix if it is so large that solutions lose most of their digits.
 pub fn ill_conditioned(report: &FactorReport) -> Option<f64> {
     let reciprocal = report.file.header().condition.reciprocal;
     (reciprocal < ILL_CONDITIONED).then_some(1.0 / reciprocal)

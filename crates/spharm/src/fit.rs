@@ -35,21 +35,21 @@ use crate::{Error, FitParams, Method};
 use batches::Run;
 use job::Job;
 
-/// The coefficients of one target, and how they were found.
+/// The coefficients of one target, and a report on the fit.
 #[derive(Debug, Clone)]
 pub struct Fit {
     /// Canonical coefficients, (K, c), in the target's unit.
     pub coefficients: Coefficients,
-    /// Standard error of each coefficient, (K, c), where they were asked for.
+    /// Standard error of each coefficient, (K, c), if requested.
     pub standard_errors: Option<Array2<f64>>,
-    /// How far the model is from the target, and what may be wrong with it.
+    /// Distances between model and target, and warnings.
     pub report: FitReport,
 }
 
-/// What can be fitted over a sphere.
+/// Data that can be fitted over a sphere.
 pub trait ToTarget {
-    /// Returns the target, checked against the sphere. Values may be NaN or infinite at vertices of weight 0, which a
-    /// fit doesn't read.
+    /// Returns the target, checked against the sphere. Values may be NaN or infinite at vertices of weight 0, which
+    /// fits don't read.
     ///
     /// # Errors
     ///
@@ -75,7 +75,7 @@ impl ToTarget for Target {
     }
 }
 
-/// Fits a surface, or a signal, over a sphere that has its vertices.
+/// Fits a surface or a signal over a sphere with the same vertices.
 ///
 /// ```
 /// use spharm::prelude::*;
@@ -91,8 +91,8 @@ impl ToTarget for Target {
 ///
 /// # Errors
 ///
-/// [`Error`]: a target that doesn't belong to the sphere, settings that don't go together, too little memory, a store
-/// that can't be read.
+/// [`Error`]: a target that doesn't match the sphere, incompatible settings, too little memory, a store that can't be
+/// read.
 pub fn fit(sphere: &Sphere, target: &impl ToTarget, params: &FitParams) -> Result<Fit, Error> {
     fit_with(sphere, target, params, &Silent)
 }
@@ -101,7 +101,7 @@ pub fn fit(sphere: &Sphere, target: &impl ToTarget, params: &FitParams) -> Resul
 ///
 /// # Errors
 ///
-/// Those of [`fit()`]; [`Error::is_interrupted`] where the monitor stopped it.
+/// Those of [`fit()`]; [`Error::is_interrupted`] if the monitor stopped it.
 pub fn fit_with(
     sphere: &Sphere,
     target: &impl ToTarget,
@@ -130,11 +130,11 @@ pub fn fit_target(
     Ok((fits.pop().expect("a target that was read has been fitted, or there was an error"), report))
 }
 
-/// Fits many targets over one sphere, as many at a time as the memory allows, and hands over each fit as it is ready.
+/// Fits many targets over one sphere, as many at a time as the memory allows, and passes on each fit when it is ready.
 ///
-/// `read` returns target `0..count`; it is called from several threads, in order but for a few at a time. `done` gets
-/// the number of a target and its fit, also from several threads; what it makes of them is returned in the targets'
-/// order. An error of either ends the call; [`fit_each`] goes on.
+/// `read` returns the target of an index in `0..count`. It is called from several threads, in order except that a few
+/// targets are read at the same time. `done` receives the index of a target and its fit, also from several threads; its
+/// results are returned in the targets' order. An error of either ends the call, unlike in [`fit_each`].
 ///
 /// # Errors
 ///
@@ -150,15 +150,15 @@ pub fn fit_many<T: Send, E: From<Error> + Send>(
     fit_each(sphere, count, read, params, &|number, fit| done(number, fit?), monitor)
 }
 
-/// As [`fit_many`], but targets that can't be read, that don't belong to the sphere or whose fit doesn't reach the
-/// tolerance (with [`FitParams::strict`]) are handed to `done` with their errors, which decides whether that ends the
-/// call.
+/// As [`fit_many`], but errors of single targets are passed to `done`, which decides whether they end the call: targets
+/// that can't be read, that don't match the sphere, or whose fit doesn't reach the tolerance (with
+/// [`FitParams::strict`]).
 ///
-/// The other targets' coefficients don't depend on it.
+/// They don't affect the other targets' coefficients.
 ///
 /// # Errors
 ///
-/// Those of `done`, and of [`fit()`] where they are of all targets: settings, memory, the store.
+/// Those of `done`, and those of [`fit()`] that concern all targets: settings, memory, the store.
 pub fn fit_each<T: Send, E: From<Error> + Send>(
     sphere: &Sphere,
     count: usize,
@@ -173,7 +173,7 @@ pub fn fit_each<T: Send, E: From<Error> + Send>(
         let (scheme, scalar) = (job.key, job.scalar);
         let mut run = Run::new(job, count, read, done, monitor)?;
         match params.method {
-            // Nothing could be read.
+            // No target could be read.
             _ if count > 0 && run.next_is_surface()?.is_none() => {}
             Method::Lsq => run_lsq(&mut run)?,
             Method::Quadrature => quadrature::run(&mut run)?,
@@ -185,7 +185,7 @@ pub fn fit_each<T: Send, E: From<Error> + Send>(
     })
 }
 
-/// Fits all targets: those that are fitted as surfaces, and those at the vertices.
+/// Fits all targets, whether as surfaces or at their vertices.
 fn run_lsq<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Result<(), E> {
     run.monitor.begin(Stage::counted("fit", "surfaces"), run.count as u64);
     while let Some(surface) = run.next_is_surface()? {
@@ -199,7 +199,8 @@ fn run_lsq<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Result<()
     Ok(())
 }
 
-/// Runs work in a rayon pool of so many threads: in the caller's own where it has that many or none are asked for.
+/// Runs work in a rayon pool of `threads` threads: in the caller's own pool if it has that many, or if no number is
+/// given.
 fn in_pool<T: Send, E: From<Error> + Send>(
     threads: Option<usize>,
     work: impl FnOnce() -> Result<T, E> + Send,

@@ -1,4 +1,4 @@
-//! From a surface without a sphere to its model, in memory: prepare, check, map, fit.
+//! Models of surfaces without a sphere, in memory: prepare, check, map, fit.
 //!
 //! The program, volumes, studies and the Python package make these calls, so that the coefficients are the same.
 
@@ -11,20 +11,19 @@ use crate::parametrize::volume::{Repair, VoxelSteps};
 use crate::parametrize::{HandlesReport, Input, Parametrized, Source, parametrize_with};
 use crate::{Error, Fit, FitParams, ManyReport, check_mapping, check_memory, fit_target};
 
-/// Changes to a surface without a sphere before it is mapped to one; a surface over a sphere has none.
+/// Changes to a surface without a sphere before it is mapped to one. A surface over a sphere isn't changed.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Preparation {
     /// Size of a volume's voxels along x, y and z, in mm, in place of the size in its file.
     pub voxel_size: Option<[f64; 3]>,
-    /// Whether labels and meshes are repaired.
+    /// Whether to repair labels and meshes.
     pub fix: bool,
-    /// Whether handles are cut.
+    /// Whether to cut handles.
     pub cut_handles: bool,
 }
 
 impl Preparation {
-    /// Returns the changes that concern a surface: none with a sphere, and no voxel size for a mesh, which has no
-    /// label.
+    /// Returns the changes that apply to a surface: none with a sphere, and no voxel size for a mesh without a label.
     #[must_use]
     pub fn of(self, on_sphere: bool, label: Option<i64>) -> Self {
         match (on_sphere, label) {
@@ -34,18 +33,18 @@ impl Preparation {
         }
     }
 
-    /// Repairs a mesh and cuts its handles, if that is asked for. A label's surface is repaired when it is made.
+    /// Repairs a mesh and cuts its handles, if requested. A label's surface is repaired when it is extracted.
     ///
     /// # Errors
     ///
-    /// [`Error::Parametrize`] for handles that can't be cut.
+    /// [`Error::Parametrize`] if handles can't be cut.
     pub fn apply(self, surface: Input, monitor: &dyn Monitor) -> Result<Input, Error> {
         let surface = if self.fix { surface.mended() } else { surface };
         Ok(if self.cut_handles { surface.without_handles(monitor)? } else { surface })
     }
 }
 
-/// A surface mapped to a sphere of its own, and the changes made to it before.
+/// A surface mapped to a sphere of its own, and the changes made to it beforehand.
 #[derive(Debug, Clone)]
 pub struct MappedSurface {
     /// The map.
@@ -56,7 +55,7 @@ pub struct MappedSurface {
     pub mesh_repair: Option<MeshRepair>,
     /// Handles that were cut.
     pub handles: Option<HandlesReport>,
-    /// The voxels' steps, if a model of the fit's degree follows them.
+    /// The staircase of the voxels, if a model of the fit's degree reproduces it.
     pub steps: Option<VoxelSteps>,
 }
 
@@ -76,7 +75,7 @@ impl MappedSurface {
         Ok(Self::of(surface, parametrized, params))
     }
 
-    /// Returns a surface with a map that was made of it earlier.
+    /// Returns a surface with an existing map.
     #[must_use]
     pub fn of(surface: &Input, parametrized: Parametrized, params: &FitParams) -> Self {
         Self {
@@ -113,17 +112,17 @@ impl MappedSurface {
     }
 }
 
-/// The field of a model's provenance with its [`VoxelSteps`].
+/// The provenance field with a model's [`VoxelSteps`].
 const VOXEL_STEPS: &str = "voxel_steps";
 
-/// Returns the voxels' steps that a model follows, as recorded in its provenance.
+/// Returns the staircase of voxels that a model reproduces, as recorded in its provenance.
 #[must_use]
 pub fn steps_of(provenance: &Provenance) -> Option<VoxelSteps> {
     serde_json::from_value(provenance.other.get(VOXEL_STEPS)?.clone()).ok()
 }
 
-/// Checks, before any work, that memory suffices to map a surface to a sphere and to fit it there. The memory named by
-/// the error suffices for both.
+/// Checks, before any work, that memory suffices to map a surface to a sphere and to fit it there. The error states the
+/// memory that suffices for both.
 ///
 /// # Errors
 ///
@@ -143,7 +142,7 @@ pub fn check_surface(surface: &Input, params: &FitParams) -> Result<(), Error> {
 pub struct MeshFit {
     /// The surface, its sphere, and the changes made to it.
     pub surface: MappedSurface,
-    /// The coefficients, and how they were found.
+    /// The coefficients, and a report on the fit.
     pub fit: Fit,
     /// Sampling scheme, solver reports and wall time of the fit.
     pub many: ManyReport,
@@ -172,14 +171,14 @@ impl From<MeshFit> for Model {
 ///
 /// # Errors
 ///
-/// [`Error::Memory`] before any work, [`Error::Parametrize`] with what keeps the surface from being mapped, and those of
-/// [`fit()`](crate::fit()).
+/// [`Error::Memory`] before any work, [`Error::Parametrize`] with the reason why the surface can't be mapped, and those
+/// of [`fit()`](crate::fit()).
 pub fn fit_mesh(surface: &Mesh, params: &FitParams) -> Result<MeshFit, Error> {
     fit_mesh_with(Input::Mesh(surface.clone()), Preparation::default(), params, &Silent)
 }
 
-/// As [`fit_mesh`], after repairing the surface and cutting its handles if `preparation` says so, with progress and
-/// cancellation. The surface may also be a label's.
+/// As [`fit_mesh`], with progress and cancellation, after repairing the surface and cutting its handles if
+/// `preparation` requests it. The surface may also be that of a label.
 ///
 /// # Errors
 ///

@@ -1,4 +1,4 @@
-//! What may be wrong with a fit that was computed all the same.
+//! Warnings about fits.
 
 use std::fmt;
 
@@ -7,35 +7,35 @@ use spharm_solver::LsqReport;
 use spharm_solver::irf::BlockReport;
 use spharm_solver::lsq::LsqWarning;
 
-/// Share of the noise found that may be detail, by its rms. Vertices that are held out tell of a part of the detail
-/// alone.
+/// Largest rms of unresolved detail, relative to the noise, that gives no warning. Held-out vertices reveal only part
+/// of the detail.
 const DETAIL: f64 = 0.3;
 
-/// Something about a fit that its user should know. It is serialised as its text.
+/// A possible problem of a fit. It is serialised as its text.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum FitWarning {
-    /// The model is far off between the vertices, which leave it undetermined there.
+    /// The model is far from the surface between the vertices, which don't determine it there.
     Oscillation {
-        /// Rms distance between the vertices relative to that at them.
+        /// Rms distance between the vertices, relative to the rms distance at the vertices.
         ratio: f64,
     },
-    /// The normal equations are singular on this sampling: the solution of least norm was taken.
+    /// The normal equations are singular on this sampling: the minimum-norm solution was used.
     Singular {
         /// Highest degree of the fit.
         max_degree: usize,
-        /// Column and degree at which the factorisation of the Gram matrix breaks down, where it does.
+        /// Column and degree at which the factorisation of the Gram matrix breaks down, if it does.
         breaks_at: Option<[usize; 2]>,
         /// The largest norm of a column of coefficients.
         norm: f64,
         /// Optimality reached.
         optimality: f64,
     },
-    /// Fewer vertices than coefficients, so that the default smoothness penalty chose among the solutions.
+    /// There are fewer vertices than coefficients, so the default smoothness penalty determined the solution.
     FewVertices {
         /// Vertices.
         vertices: usize,
-        /// Coefficients of a channel.
+        /// Number of coefficients of a channel.
         functions: usize,
         /// A degree that the vertices determine well.
         suitable_degree: usize,
@@ -44,12 +44,12 @@ pub enum FitWarning {
     NotConverged {
         /// Optimality reached.
         optimality: f64,
-        /// Optimality asked for.
+        /// Requested optimality.
         tolerance: f64,
         /// Iterations and refinements.
         steps: usize,
     },
-    /// A block of degrees that the sampling doesn't determine: its solution of least norm was taken.
+    /// The sampling doesn't determine a block of degrees, and its minimum-norm solution was used.
     RankDeficient {
         /// First degree of the block.
         first_degree: usize,
@@ -60,36 +60,36 @@ pub enum FitWarning {
         /// Columns of the block.
         columns: usize,
     },
-    /// A factor in the store that doesn't belong to this fit or can't be read.
+    /// A factor in the store doesn't match this fit or can't be read.
     FactorUnusable {
         /// Why.
         reason: String,
     },
-    /// Samples that don't determine the degree: there are too few of them, or none in a part of the sphere.
+    /// The samples don't determine the degree: there are too few of them, or none in a part of the sphere.
     Gap {
         /// Highest degree of the fit.
         max_degree: usize,
         /// Samples with weight.
         samples: u64,
-        /// Coefficients of a channel.
+        /// Number of coefficients of a channel.
         functions: usize,
         /// Diameter of the largest cap without samples, degrees.
         largest_gap: f64,
-        /// What is resolved at the highest degree, `pi / L`, degrees.
+        /// Resolution at the highest degree, `pi / L`, degrees.
         resolved: f64,
     },
-    /// Detail beyond the degree of a denoised fit, which was taken for noise.
+    /// Detail beyond the degree of a denoised fit was treated as noise.
     Detail {
         /// Highest degree of the fit.
         max_degree: usize,
         /// Rms of the detail, in the target's unit.
         left_out: f64,
-        /// The noise that was found, in which it is.
+        /// The estimated noise, which includes the detail.
         sigma: f64,
     },
-    /// Standard errors of a fit with weights that are areas.
+    /// Standard errors were computed for a fit weighted by areas.
     AreaErrors,
-    /// Something that the solver reports.
+    /// A warning of the solver.
     Solver(LsqWarning),
 }
 
@@ -151,7 +151,7 @@ impl Serialize for FitWarning {
 
 impl FitWarning {
     /// Returns the warnings of a least-squares report. `by_default` is the number of vertices with weight if the
-    /// smoothness is the default one of a parametrised sphere.
+    /// smoothness is the default of a parametrised sphere.
     pub(crate) fn of_lsq(report: &LsqReport, tolerance: f64, by_default: Option<usize>) -> Vec<Self> {
         let mut warnings = Vec::new();
         let singular = report.shift > 0.0;
@@ -172,7 +172,7 @@ impl FitWarning {
         warnings
     }
 
-    /// Returns a warning where much of what was removed as noise is detail.
+    /// Returns a warning if much of the removed noise is detail.
     pub(crate) fn of_denoised(left_out: f64, sigma: f64, max_degree: usize) -> Option<Self> {
         (left_out > DETAIL * sigma).then_some(Self::Detail { max_degree, left_out, sigma })
     }

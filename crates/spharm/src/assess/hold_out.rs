@@ -1,4 +1,4 @@
-//! Vertices that a fit doesn't see, to assess what it does between those that it sees.
+//! Vertices that are held out of a fit, to assess the model between the fitted vertices.
 
 use ndarray::{Array2, ArrayView2};
 use serde::Serialize;
@@ -9,28 +9,28 @@ use spharm_transform::synthesis;
 use crate::Error;
 use crate::assess::Distances;
 
-/// The vertices that are held out.
+/// The held-out vertices.
 pub(crate) struct HoldOut {
     held: Vec<bool>,
 }
 
-/// Distances at the vertices that were held out and at the others.
+/// Distances at the held-out vertices and at the others.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct HeldOut {
     /// Number of vertices held out.
     pub vertices: usize,
-    /// Distances there.
+    /// Distances at the held-out vertices.
     pub held_out: Distances,
-    /// Distances at the vertices that the fit saw.
+    /// Distances at the fitted vertices.
     pub seen: Distances,
 }
 
 impl HoldOut {
-    /// Chooses a fraction of n vertices, the same ones each time.
+    /// Chooses a fraction of n vertices, always the same ones.
     ///
     /// # Errors
     ///
-    /// [`Error::HoldOut`] where that is none, [`Error::Setting`] where it is all.
+    /// [`Error::HoldOut`] if the fraction selects no vertex, [`Error::Setting`] if it selects all.
     pub(crate) fn new(n: usize, fraction: f64) -> Result<Self, Error> {
         let mut random = SplitMix64::new(0);
         let found = Self { held: (0..n).map(|_| random.between(0.0, 1.0) < fraction).collect() };
@@ -60,7 +60,7 @@ impl HoldOut {
     }
 
     /// Returns the distances of the model with these coefficients, (K, c), from targets, (n, c), at the vertices that
-    /// `unread`, (n), doesn't mark.
+    /// aren't marked in `unread`, (n).
     pub(crate) fn assess(
         &self,
         directions: &Directions,

@@ -1,9 +1,10 @@
-//! How far a model and its surface are from each other everywhere, in place of at corresponding points.
+//! Distances between a model and its surface everywhere, rather than at corresponding points.
 //!
-//! Vertices lie where a surface was meshed finely, and the paper's msd and xsd compare each with the model's value in
-//! the vertex's own direction. What counts for a shape is the distance between two surfaces, whichever points
-//! correspond: so the model is evaluated on an icosphere of about twice as many vertices as its degree has samples in a
-//! fit, and the distance is taken from points all over the one surface to the nearest point of the other, both ways.
+//! The paper's msd and xsd compare each vertex with the model's value in the vertex's own direction, and vertices are
+//! dense where a surface was meshed finely. For a shape, the relevant quantity is the distance between two surfaces,
+//! whichever points correspond. So the model is evaluated on an icosphere with about twice as many vertices as a fit of
+//! its degree has samples, and distances are measured from points all over one surface to the nearest point of the
+//! other, both ways.
 
 use ndarray::ArrayView2;
 use serde::Serialize;
@@ -17,13 +18,13 @@ use spharm_transform::{Transform, TransformParams};
 use crate::Error;
 
 /// Distances between a model and its surface, both ways, over the area of both. If weights of 0 leave out a part of the
-/// surface, from the rest of it to the model alone.
+/// surface, the distances are only those from the rest of the surface to the model.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct SurfaceDistances {
     /// Root mean square, bounding box scaled to volume 1.
     pub rms: f64,
-    /// 95 % of the area is nearer to the other surface than this, scaled likewise.
+    /// 95th percentile over the area, scaled likewise.
     pub percentile95: f64,
     /// Hausdorff distance: the largest, scaled likewise.
     pub hausdorff: f64,
@@ -33,21 +34,21 @@ pub struct SurfaceDistances {
     pub percentile95_raw: f64,
     /// Hausdorff distance in the surface's own unit.
     pub hausdorff_raw: f64,
-    /// Points that distances were taken from, vertices left out.
+    /// Number of points that distances were measured from, excluding vertices.
     pub points: usize,
-    /// Vertices of the model's icosphere.
+    /// Number of vertices of the model's icosphere.
     pub model_vertices: usize,
 }
 
 /// The part of a surface that its model is compared with.
 pub(crate) struct ReadSurface {
     faces: Vec<[u32; 3]>,
-    /// Whether that is all of the surface.
+    /// Whether the faces are the entire surface.
     whole: bool,
 }
 
 impl ReadSurface {
-    /// The triangles of a sphere none of whose corners `unread`, (n), marks.
+    /// Returns the triangles of a sphere without a corner that is marked in `unread`, (n).
     pub(crate) fn new(sphere: &Sphere, unread: Option<&[bool]>) -> Self {
         let is_read = |face: &&[u32; 3]| {
             unread.is_none_or(|unread| face.iter().all(|&v| !unread.get(v as usize).copied().unwrap_or(false)))
@@ -57,16 +58,16 @@ impl ReadSurface {
     }
 }
 
-/// Of an icosphere for each basis function, at least: its triangles' edges are then a sixth of the shortest wavelength.
+/// Minimum number of an icosphere's vertices per basis function: its edges are then a sixth of the shortest wavelength.
 const VERTICES_PER_FUNCTION: usize = 12;
 
-/// Points for each basis function on each surface: four times as many as a fit has samples.
+/// Number of points per basis function on each surface: four times the number of a fit's samples.
 const POINTS_PER_FUNCTION: usize = 24;
 
-/// Least and most subdivisions: 2,562 and 655,362 vertices.
+/// Minimum and maximum number of subdivisions: 2,562 and 655,362 vertices.
 const LEVELS: [u32; 2] = [4, 8];
 
-/// Accuracy of the model on the icosphere, relative to its coefficients.
+/// Accuracy of the model's values on the icosphere, relative to its coefficients.
 const ACCURACY: f64 = 1e-9;
 
 /// An icosphere on which models of a degree are compared with their surfaces.
@@ -85,8 +86,7 @@ fn vertices(level: u32) -> usize {
 }
 
 impl ModelSurface {
-    /// Returns the level of the icosphere for models of a degree, as far as so many bytes allow for it; `None` where
-    /// they don't allow for any.
+    /// Returns the level of the icosphere for models of a degree, within a memory of `bytes`; `None` if no level fits.
     pub(crate) fn level(max_degree: usize, faces: usize, bytes: usize) -> Option<u32> {
         let wanted = VERTICES_PER_FUNCTION * basis_size(max_degree);
         let level = (LEVELS[0]..LEVELS[1]).find(|&level| vertices(level) >= wanted).unwrap_or(LEVELS[1]);
@@ -95,15 +95,15 @@ impl ModelSurface {
             .find(|&level| Self::bytes(max_degree, level, faces).is_some_and(|needed| needed <= bytes))
     }
 
-    /// Returns the bytes that a comparison with a surface of so many triangles takes.
+    /// Returns the memory in bytes for a comparison with a surface of `faces` triangles.
     fn bytes(max_degree: usize, level: u32, faces: usize) -> Option<usize> {
-        /// A triangle in a search tree, with what making it takes; a point with its distance and weight, copied to be
-        /// sorted.
+        /// Bytes of a triangle in a search tree, including its construction, and of a point with its distance and
+        /// weight, including a copy for sorting.
         const TRIANGLE: usize = 400;
         const POINT: usize = 80;
         let transform = Transform::bytes(&params(max_degree), vertices(level), 3).ok()?;
         let triangles = 2 * vertices(level);
-        // Each triangle has a point, large ones have more.
+        // Each triangle has a point; large ones have more.
         let points = POINTS_PER_FUNCTION * basis_size(max_degree) + triangles.max(faces);
         Some(transform + TRIANGLE * triangles.max(faces) + 100 * vertices(level) + POINT * points)
     }
@@ -116,8 +116,8 @@ impl ModelSurface {
         Ok(Self { sphere, transform, points: POINTS_PER_FUNCTION * basis_size(max_degree) })
     }
 
-    /// Returns the distances between a surface, (n, 3) over a sphere's triangles or some of them, and the model with
-    /// these coefficients, (K, 3); `None` for a surface whose bounding box has no volume, or that has no area.
+    /// Returns the distances between a surface, (n, 3) over all or some of a sphere's triangles, and the model with
+    /// these coefficients, (K, 3); `None` for a surface without area or whose bounding box has no volume.
     pub(crate) fn assess(
         &self,
         coefficients: ArrayView2<'_, f64>,
@@ -132,11 +132,11 @@ impl ModelSurface {
         let model = self.sphere.with_vertices(points(self.transform.synthesis(coefficients)?.view()));
         let params = SurfaceDistanceParams { samples: self.points };
         let found = match surface_distance(&surface, &model, &params, &OnlyCancel(monitor)) {
-            // Without an area, as where one vertex lies 1e300 times further out than the others.
+            // The surface has no area, for example if one vertex lies 1e300 times further out than the others.
             Err(SurfaceError::Argument { .. }) => return Ok(None),
             found => found?,
         };
-        // The model has no counterpart where the surface isn't read.
+        // The unread part of the surface is no counterpart for the model.
         let (rms, percentile95, hausdorff, points) = if read.whole {
             let points = found.forward.samples + found.backward.samples;
             (found.rms, found.percentile95, found.hausdorff, points)

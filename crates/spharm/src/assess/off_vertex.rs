@@ -1,4 +1,4 @@
-//! What a model does between the vertices that it was fitted to: it can meet all of them and oscillate elsewhere.
+//! Distances between the vertices that a model was fitted to: it can match all vertices and oscillate elsewhere.
 
 use ndarray::{Array2, ArrayView1, ArrayView2};
 use spharm_harmonics::{Directions, synthesis};
@@ -7,12 +7,12 @@ use spharm_surface::Sphere;
 use crate::Error;
 use crate::assess::Distances;
 
-/// Products of places and functions: some hundredths of a second, up to degree 300.
+/// Maximum of places times basis functions: some hundredths of a second, up to degree 300.
 const WORK: usize = 20_000_000;
-/// Least and most places.
+/// Minimum and maximum number of places.
 const PLACES: [usize; 2] = [200, 2000];
-/// A model oscillates where it is this many times as far off between the vertices as at them, and by more than
-/// [`LEAST`] of the triangles' size: a smooth model bulges over a flat triangle by less.
+/// A model is said to oscillate if its distance between the vertices is this many times its distance at the vertices,
+/// and also more than [`LEAST`] times the triangles' size: a smooth model bulges over a flat triangle by less.
 const OSCILLATION: f64 = 10.0;
 const LEAST: f64 = 0.3;
 
@@ -23,8 +23,8 @@ pub(crate) struct OffVertex {
 }
 
 impl OffVertex {
-    /// Chooses places for models of so many functions, on triangles without a corner that `unread`, (n), marks; `None`
-    /// if the sphere has no triangles.
+    /// Chooses places for models of `functions` basis functions, on triangles without a corner marked in `unread`, (n);
+    /// `None` if the sphere has no triangles.
     pub(crate) fn new(sphere: &Sphere, unread: Option<&[bool]>, functions: usize) -> Result<Option<Self>, Error> {
         let unit = sphere.directions.as_slice();
         let sum = |face: &[u32; 3]| {
@@ -32,7 +32,7 @@ impl OffVertex {
         };
         let places = (WORK / functions).clamp(PLACES[0], PLACES[1]);
         let step = sphere.faces.len().div_ceil(places).max(1);
-        // The centre of a triangle that spans much of the sphere has no meaning.
+        // The centre of a triangle that spans much of the sphere is meaningless.
         let small = |(_, sum): &([u32; 3], [f64; 3])| sum.iter().map(|x| x * x).sum::<f64>() > 1.0;
         let is_read = |face: &&[u32; 3]| {
             unread.is_none_or(|unread| face.iter().all(|&v| !unread.get(v as usize).copied().unwrap_or(false)))
@@ -45,7 +45,7 @@ impl OffVertex {
         Ok(Some(Self { faces, centres: Directions::from_vertices(&sums)? }))
     }
 
-    /// The places on the sphere, (places, 3).
+    /// Returns the places on the sphere, (places, 3).
     pub(crate) fn centres(&self) -> &Directions {
         &self.centres
     }
@@ -56,7 +56,7 @@ impl OffVertex {
     }
 
     /// Returns the distances of the model's values at the places, (places, 3), from the centres of the surface's
-    /// triangles, and, where the model oscillates, the ratio of the rms distance there to that `at` the vertices.
+    /// triangles, and, if the model oscillates, the ratio of the rms distance there to that `at` the vertices.
     pub(crate) fn assess(
         &self,
         model: ArrayView2<'_, f64>,

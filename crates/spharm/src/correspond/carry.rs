@@ -1,4 +1,4 @@
-//! Points carried from one member of a group to another.
+//! Carries points from one member of a group to another.
 
 use spharm_surface::geometry::{Vec3, add, cross, dot, sub, unit};
 use spharm_surface::nearest::TriangleTree;
@@ -7,24 +7,25 @@ use super::Group;
 use super::together::mesh_of;
 use crate::Error;
 
-/// A point that was carried.
+/// A carried point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Carried {
     /// Its place on the target, in the target's own frame.
     pub point: Vec3,
-    /// How far the point was from the source's surface.
+    /// Distance of the point from the source's surface.
     pub off: f64,
-    /// Whether the place has counterparts on both; else it is a guess.
+    /// Whether the place has counterparts on both members; otherwise it is a guess.
     pub reached: bool,
 }
 
 impl Group {
-    /// Carries points on member `source`, in its own frame, to the same places of member `target`, in its own. What a
-    /// point is off the triangles of the source's places, which are chords of its surface, it is off the target's.
+    /// Carries points on member `source`, in its own frame, to the same places of member `target`, in its own frame. A
+    /// point's offset from the triangles of the source's places, which are chords of its surface, is kept on the
+    /// target.
     ///
     /// # Errors
     ///
-    /// [`Error::Setting`] for a member that isn't there, or a point that isn't finite.
+    /// [`Error::Setting`] for a nonexistent member, or a point that isn't finite.
     pub fn carry(&self, points: &[Vec3], source: usize, target: usize) -> Result<Vec<Carried>, Error> {
         for found in [source, target] {
             if found >= self.places.len() {
@@ -54,15 +55,15 @@ impl Group {
     }
 }
 
-/// A vector beside one triangle, beside another: the same components along the first edge, within the triangle, and
-/// across.
+/// Transports a vector from one triangle to another: its components along the first edge, within the triangle, and
+/// along the normal stay the same.
 fn transported(vector: Vec3, from: &[Vec3; 3], to: &[Vec3; 3]) -> Vec3 {
     let ([a, b, c], to) = (frame(from), frame(to));
     let parts = [a, b, c].map(|axis| dot(axis, vector));
     std::array::from_fn(|k| (0..3).map(|i| parts[i] * to[i][k]).sum())
 }
 
-/// Unit vectors along the first edge, within the triangle across it, and normal to it.
+/// Returns unit vectors along a triangle's first edge, across it within the triangle, and normal to the triangle.
 fn frame([a, b, c]: &[Vec3; 3]) -> [Vec3; 3] {
     let along = unit(sub(*b, *a));
     let normal = unit(cross(sub(*b, *a), sub(*c, *a)));

@@ -6,11 +6,11 @@
 //! | `mean.spharm.npz` | the mean over the group's sphere |
 //! | `NAME.spharm.npz` | a member's model, in the group's frame and over its sphere |
 //! | `places/NAME.npz` | `places` (n, 3), in the group's frame; `reached` (n, 1), 1 or 0 |
-//! | `members/NAME.json` | what it was read from, its similarity to the group's frame, how it was registered |
+//! | `members/NAME.json` | its source file, its similarity to the group's frame, report on its registration |
 //!
-//! `group.json` is written last, and so is `members/NAME.json` of a member: where they are, the rest is. A folder of
-//! members that were added to a finished group one by one, maybe on several machines, names none in its `group.json`:
-//! its members are those in `members`.
+//! `group.json` is written last, as is `members/NAME.json` of a member, so their existence implies that of the other
+//! files. In a folder of members that were added to a finished group one by one, possibly on several machines,
+//! `group.json` lists no members: its members are those in `members`.
 
 mod read;
 #[cfg(test)]
@@ -26,10 +26,10 @@ use spharm_surface::Similarity;
 use super::report::MemberReport;
 use crate::Error;
 
-/// The version of the folder's format that is written and read.
+/// Version of the folder's format.
 const VERSION: u32 = 1;
 
-/// What the members share, `group.json`.
+/// Contents of `group.json`: what the members share.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 struct Shared {
     version: u32,
@@ -51,7 +51,7 @@ struct Shared {
     seconds: Vec<(String, f64)>,
 }
 
-/// One member, `members/NAME.json`.
+/// Contents of `members/NAME.json`: one member.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 struct Member {
     version: u32,
@@ -77,18 +77,18 @@ struct Registered {
     model_rms: f64,
 }
 
-/// What a member's files say of where it came from.
+/// The origin of a member, as recorded in its files.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct MemberOrigin {
-    /// Its name, which its files have.
+    /// Its name, from which its files are named.
     pub name: String,
-    /// The file that its surface was read from.
+    /// The file of its surface.
     pub input: Option<FileRecord>,
-    /// What to look at.
+    /// Warnings to check.
     pub warnings: Vec<String>,
 }
 
-/// A group's folder that is read.
+/// A group's folder, opened for reading.
 #[derive(Debug, Clone)]
 pub struct GroupFiles {
     folder: PathBuf,
@@ -108,7 +108,7 @@ fn member_path(folder: &Path, name: &str) -> PathBuf {
     folder.join("members").join(format!("{name}.json"))
 }
 
-/// Names that files can have, each once, none of which is that of another file of a group.
+/// Checks that names are valid as file names, unique, and distinct from those of the group's other files.
 fn check_names(names: &[&str], count: usize) -> Result<(), Error> {
     let refused = |expected, found: String| Err(Error::Setting { what: "a group's folder", expected, found });
     if names.len() != count {

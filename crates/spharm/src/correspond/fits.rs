@@ -50,9 +50,9 @@ impl Fitted {
         Ok(Self { places, coefficients, rms })
     }
 
-    /// Refines by the group: places move along the surfaces, are projected onto them, and fitted again. Returns how,
-    /// and the number of triangles of each member that are turned over, whose places aren't reached; `reached` follows
-    /// the places.
+    /// Refines the places by the group: they move along the surfaces, are projected onto them, and are fitted again.
+    /// Returns a report, and the number of flipped triangles of each member, whose places aren't reached. Updates
+    /// `reached` for the moved places.
     pub(super) fn refine(
         &mut self,
         subjects: &Subjects<'_>,
@@ -75,7 +75,7 @@ impl Fitted {
         };
         let members: Vec<ArrayView2<'_, f64>> = channels.iter().map(|own| own.view()).collect();
         let found = groupwise(&members, &sphere, Some(&weights), settings, monitor)?;
-        // Of a template nothing but its triangles is needed.
+        // Only the triangles of a template are needed.
         let no_drift = RegisterParams { drift: Vec::new(), ..params.register.clone() };
         let shape = mesh_of(self.places[0].clone(), &sphere.faces);
         let template = Template::new(&shape, Some(masked), &no_drift, &OnlyCancel(monitor))?;
@@ -84,7 +84,7 @@ impl Fitted {
         Ok((found.report, turned))
     }
 
-    /// Moves places by flows, projects them onto the surfaces, and fits them again; see [`refine`](Self::refine).
+    /// Moves places by flows, projects them onto the surfaces, and fits them again. See [`refine`](Self::refine).
     pub(super) fn follow(
         &mut self,
         flows: &[Flow],
@@ -118,9 +118,9 @@ impl Fitted {
         Ok(turned)
     }
 
-    /// The places of a member at the directions to which a flow carries those of the sphere, and whether they are
-    /// reached: the model there, and what it leaves of the places, linear within triangles. So places stay where
-    /// nothing is carried, and have no kinks where something is.
+    /// Returns the places of a member at the directions to which a flow carries those of the sphere, and whether they
+    /// are reached. A place is the model there plus the model's residual, which is linear within triangles. So places
+    /// don't move where the flow is zero, and have no kinks elsewhere.
     fn carried(
         &self,
         index: usize,
@@ -132,7 +132,7 @@ impl Fitted {
         let model = self.coefficients[index].values().view();
         let carried = flow.apply(sphere.directions.as_slice())?;
         let before = at_sphere.synthesis(model)?;
-        // What the model leaves, and 1 where a place isn't reached.
+        // The model's residual, and 1 if a place isn't reached.
         let left = Array2::from_shape_fn((before.nrows(), 4), |(v, k)| match k {
             3 => f64::from(u8::from(!reached[v])),
             _ => self.places[index][v][k] - before[[v, k]],
@@ -145,13 +145,13 @@ impl Fitted {
         Ok(after.rows().into_iter().zip(left.rows()).map(of).unzip())
     }
 
-    /// The transform of the models at directions.
+    /// Plans the transform that evaluates the models at directions.
     fn transform(&self, directions: &Directions) -> Result<Transform, Error> {
         let max_degree = self.coefficients.first().map_or(0, Coefficients::max_degree);
         Ok(Transform::new(directions, &TransformParams { max_degree, accuracy: ACCURACY, channels: 3 })?)
     }
 
-    /// Moves the models as their places were.
+    /// Moves the models in the same way as their places.
     pub(super) fn moved(&mut self, motions: &[Similarity]) -> Result<(), Error> {
         for (own, motion) in self.coefficients.iter_mut().zip(motions) {
             *own = spharm_shape::transform_object(own, motion)?;
@@ -173,7 +173,7 @@ impl Fitted {
     }
 }
 
-/// Settings of the fits over the group's sphere.
+/// Returns the settings of the fits over the group's sphere.
 fn of_fits(params: &CorrespondParams) -> FitParams {
     FitParams { memory: params.memory, surface_distance: false, ..FitParams::lsq(params.max_degree) }
 }

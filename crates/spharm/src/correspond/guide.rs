@@ -1,4 +1,4 @@
-//! Landmarks that guide a group's registration, and how far each one is where it doesn't.
+//! Landmarks that guide a group's registration, and the error of each one when it is left out.
 
 use rayon::prelude::*;
 use serde::Serialize;
@@ -12,26 +12,26 @@ use spharm_surface::{Mesh, Place, Similarity};
 use super::together::motion;
 use crate::Error;
 
-/// Landmarks that say how a surface is turned, at least.
+/// Minimum number of landmarks to determine a surface's rotation.
 const TURN: usize = 3;
-/// Parts into which landmarks are divided; each is left out in turn.
+/// Number of parts into which landmarks are divided; each part is left out in turn.
 const PARTS: usize = 5;
 
-/// The same places of all members, known beforehand.
+/// Corresponding points of all members, known beforehand.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GuideLandmarks {
-    /// Of each member, in its own frame, (p).
+    /// Landmarks of each member, in its own frame, (p).
     pub members: Vec<Vec<Vec3>>,
-    /// Of a template that is given, in its frame, (p).
+    /// Landmarks of a given template, in its frame, (p).
     pub template: Option<Vec<Vec3>>,
 }
 
-/// How far landmarks that guide are from their places, the mean over the members, in the group's unit.
+/// Distances of guiding landmarks from their places, mean over the members, in the group's unit.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct GuideReport {
-    /// In the group, (p).
+    /// Distances in the group, (p).
     pub guided: Vec<f64>,
-    /// With the landmark left out of the last registration, (p): an estimate for unmarked places.
+    /// Distances with the landmark left out of the last registration, (p): an estimate for unmarked places.
     pub left_out: Vec<f64>,
 }
 
@@ -59,7 +59,7 @@ impl GuideLandmarks {
         }
     }
 
-    /// The landmarks of the template in the frame that it is mapped in.
+    /// Returns the template's landmarks, in the frame in which it is mapped.
     fn of_template(&self, template: Option<usize>, similarities: &[Similarity]) -> Vec<Vec3> {
         match (template, &self.template) {
             (None, Some(given)) => given.clone(),
@@ -71,8 +71,8 @@ impl GuideLandmarks {
         self.members[index].iter().map(|point| similarities[index].apply(*point)).collect()
     }
 
-    /// Turns a member by its landmarks where its surface was turned otherwise: the motion that they begin, if it is
-    /// another than `found`. `moving` and `fixed` are the surfaces of a member and a template.
+    /// Returns the pose of a member that starts from its landmarks, if it differs from `found`, the pose of its surface
+    /// alone. `moving` and `fixed` are the surfaces of a member and a template.
     pub(super) fn turned(
         &self,
         (moving, own): (&PoseSurface, &[Vec3]),
@@ -91,7 +91,7 @@ impl GuideLandmarks {
     }
 }
 
-/// Whether points are so near a line that they leave a turn about it open.
+/// Returns whether points are so close to a line that they don't determine the rotation about it.
 fn flat(points: &[Vec3]) -> bool {
     let share = 1.0 / points.len() as f64;
     let middle: Vec3 = std::array::from_fn(|k| share * points.iter().map(|point| point[k]).sum::<f64>());
@@ -113,7 +113,7 @@ pub(super) struct Guided<'a> {
 }
 
 impl<'a> Guided<'a> {
-    /// Finds the places on a mapped template; None where nothing guides.
+    /// Finds the places on a mapped template; `None` without landmarks.
     pub(super) fn new(
         landmarks: Option<&'a GuideLandmarks>,
         mapped: &Mesh,
@@ -126,18 +126,18 @@ impl<'a> Guided<'a> {
         Ok(Some(Self { landmarks, places }))
     }
 
-    /// Where the landmarks are on the group's sphere.
+    /// Returns the locations of the landmarks on the group's sphere.
     pub(super) fn places(&self) -> &[Place] {
         &self.places
     }
 
-    /// What guides the registration to a member.
+    /// Returns the guides of the registration to a member.
     pub(super) fn of(&self, index: usize, similarity: &Similarity) -> Vec<Guide> {
         let pairs = self.places.iter().zip(&self.landmarks.members[index]);
         pairs.map(|(place, point)| Guide { place: *place, point: similarity.apply(*point) }).collect()
     }
 
-    /// How far each landmark of a member is where it and a part of the others don't guide, (p).
+    /// Returns the distance of each landmark of a member when its part of the landmarks is left out, (p).
     pub(super) fn left_out(
         &self,
         guides: &[Guide],
@@ -157,7 +157,7 @@ impl<'a> Guided<'a> {
         Ok((0..guides.len()).map(|k| found[k % parts][k]).collect())
     }
 
-    /// How far landmarks are from their places in a group.
+    /// Returns the distances of landmarks from their places in a group.
     pub(super) fn report(
         &self,
         places: &[Vec<Vec3>],
@@ -177,7 +177,7 @@ fn apart(guide: &Guide, vertices: &[Vec3]) -> f64 {
     dot(off, off).sqrt()
 }
 
-/// The mean of rows of one length.
+/// Returns the mean of rows of equal length.
 fn mean(rows: &[Vec<f64>]) -> Vec<f64> {
     let width = rows.first().map_or(0, Vec::len);
     (0..width).map(|k| rows.iter().map(|row| row[k]).sum::<f64>() / rows.len() as f64).collect()

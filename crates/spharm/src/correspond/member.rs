@@ -1,4 +1,4 @@
-//! A new member of a group that stays as it is.
+//! New members of a group that itself stays unchanged.
 
 use spharm_harmonics::Coefficients;
 use spharm_model::Model;
@@ -22,29 +22,29 @@ use crate::Error;
 pub struct NewMember {
     /// Its model, in the group's frame and over the group's sphere.
     pub model: Model,
-    /// From its own frame to the group's.
+    /// Similarity from its own frame to the group's.
     pub similarity: Similarity,
-    /// Places that correspond to the sphere's directions, (n), on its surface in the group's frame.
+    /// Places on its surface that correspond to the sphere's directions, (n), in the group's frame.
     pub places: Vec<Vec3>,
-    /// Whether each has a counterpart there, (n).
+    /// Whether each direction has a counterpart there, (n).
     pub reached: Vec<bool>,
-    /// How it was registered.
+    /// Report on its registration.
     pub report: MemberReport,
 }
 
-/// What all new members of a group share: prepared once.
+/// Data shared by all new members of a group, prepared once.
 pub struct Joining {
     group: GroupTemplate,
     template: Template,
     pose: PoseSurface,
     params: CorrespondParams,
-    /// What the members' places are refined by.
+    /// The refined group, by which the new members' places are refined.
     finished: Option<FinishedGroup>,
 }
 
 impl Joining {
-    /// Prepares a group for new members. `members` are coefficients of its own, three or more, all or a few hundred of
-    /// them; where the group was refined, new members' places are refined by their mean and modes.
+    /// Prepares a group for new members. `members` are coefficients of the group's own members: all or a few hundred of
+    /// them, but at least three. If the group was refined, new members' places are refined by their mean and modes.
     ///
     /// # Errors
     ///
@@ -73,7 +73,7 @@ impl Joining {
         Ok(Self { group, template, pose: surface, params, finished })
     }
 
-    /// Adds a surface, which changes nothing of the group.
+    /// Adds a surface, without changing the group.
     ///
     /// # Errors
     ///

@@ -1,16 +1,16 @@
 //! Correspondence of a group: one template, one sphere, one basis for all subjects.
 //!
-//! Surfaces that are mapped to the sphere one by one have equal directions at different places, and most of a group's
-//! variance is then that of the maps. Here one template is mapped, and moved in space onto every subject's surface,
-//! whatever its topology; all subjects are fitted over the template's sphere, and the group's own statistics move what
-//! the registration couldn't know.
+//! If surfaces are mapped to the sphere one by one, a direction corresponds to different places on each, and most of a
+//! group's variance is then that of the maps. Here one template is mapped, and moved in space onto every subject's
+//! surface, whatever its topology. All subjects are fitted over the template's sphere, and the group's own statistics
+//! correct what the registration couldn't determine.
 //!
-//! 1. Poses by the surfaces alone ([`spharm_surface::pose`]).
-//! 2. The most typical subject, or one that is given, is the template: mended, mapped and fitted ([`template`]).
+//! 1. Poses are found from the surfaces alone ([`spharm_surface::pose`]).
+//! 2. The most typical subject, or a given surface, is the template. It is repaired, mapped and fitted ([`template`]).
 //! 3. It is registered to every subject ([`spharm_register`]); the mean of the group is the next round's template.
 //! 4. All subjects are fitted over its sphere in one call.
-//! 5. Refinement by the group ([`mod@spharm_shape::groupwise`]); the refined places are projected onto the surfaces and
-//!    fitted again.
+//! 5. The places are refined by the group ([`mod@spharm_shape::groupwise`]), projected onto the surfaces and fitted
+//!    again.
 //!
 //! ```no_run
 //! use spharm::correspond::{CorrespondParams, correspond};
@@ -56,42 +56,42 @@ pub use report::{CorrespondReport, CorrespondWarning, MemberReport};
 pub use resume::Resume;
 pub use signals::Signals;
 
-/// A group whose members correspond, in one frame.
+/// A group of corresponding members in one frame.
 #[derive(Debug, Clone)]
 pub struct Group {
     /// A model of each member, in the group's frame and over the group's sphere.
     pub models: Vec<Model>,
-    /// From each member's own frame to the group's.
+    /// Similarity from each member's own frame to the group's.
     pub similarities: Vec<Similarity>,
-    /// Places of each member that correspond, (n) each: at the sphere's directions, on the member's surface, in the
+    /// Corresponding places of each member, (n) each: at the sphere's directions, on the member's surface, in the
     /// group's frame.
     pub places: Vec<Vec<Vec3>>,
     /// Whether each place of each member has a counterpart there, (n) each.
     pub reached: Vec<Vec<bool>>,
-    /// What the members share.
+    /// Data shared by the members.
     pub template: GroupTemplate,
-    /// How it was found.
+    /// Report on the correspondence.
     pub report: CorrespondReport,
 }
 
-/// What a new member needs of a group.
+/// Data of a group that new members need.
 #[derive(Debug, Clone)]
 pub struct GroupTemplate {
     /// The sphere of all members' models, with triangles.
     pub sphere: Sphere,
     /// The group's mean, in its frame.
     pub mean: Coefficients,
-    /// Directions that have no counterpart on members, such as lids of holes of the first template, (n).
+    /// Directions without a counterpart on members, such as the filled holes of the first template, (n).
     pub masked: Vec<bool>,
-    /// The root mean square distance of the members from the mean, over its area.
+    /// Root mean square distance of the members from the mean, over its area.
     pub spread: f64,
     /// Whether the members' places were refined by the group.
     pub refined: bool,
 }
 
 impl GroupTemplate {
-    /// Returns whether the place at each of some unit vectors, (n, 3), has a counterpart on members: the nearest of the
-    /// group's directions has.
+    /// Returns whether the place at each of some unit vectors, (n, 3), has a counterpart on members, judged by the
+    /// nearest of the group's directions.
     #[must_use]
     pub fn kept_at(&self, directions: &[Vec3]) -> Vec<bool> {
         if !self.masked.contains(&true) {
@@ -108,12 +108,12 @@ impl GroupTemplate {
     }
 }
 
-/// Makes surfaces correspond. `read` returns surface `0..count` in its own frame; it is called several times for each,
-/// from several threads.
+/// Makes surfaces correspond. `read` returns the surface of an index in `0..count` in its own frame. It is called
+/// several times for each surface, from several threads.
 ///
 /// # Errors
 ///
-/// [`Error::Setting`] for fewer than two surfaces; [`Error::Member`] with what is wrong with one; those of mapping the
+/// [`Error::Setting`] for fewer than two surfaces; [`Error::Member`] for an error of one surface; those of mapping the
 /// template ([`Error::Parametrize`]) and of [`fit_many`](crate::fit_many); [`Error::Interrupted`].
 pub fn correspond(
     count: usize,

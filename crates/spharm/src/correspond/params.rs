@@ -13,32 +13,32 @@ use crate::Error;
 /// Settings of [`correspond`](super::correspond()).
 #[derive(Debug, Clone)]
 pub struct CorrespondParams {
-    /// The degree of the models, L.
+    /// Highest degree of the models, L.
     pub max_degree: usize,
-    /// The first template; else the most typical subject.
+    /// The first template; by default the most typical subject.
     pub template: Option<Mesh>,
     /// Landmarks that guide the registration; none by default.
     pub guide: Option<GuideLandmarks>,
-    /// Signals on the surfaces that the refinement matches beside positions; none by default.
+    /// Signals on the surfaces that the refinement matches in addition to positions; none by default.
     pub signals: Option<Signals>,
-    /// Subdivisions of the icosphere whose directions are registered; else 4 (2,562) for degrees to 15, 5 (10,242) to
-    /// 40, and 6 (40,962) above.
+    /// Number of subdivisions of the icosphere whose directions are registered; by default 4 (2,562 directions) for
+    /// degrees up to 15, 5 (10,242) up to 40, and 6 (40,962) above.
     pub subdivisions: Option<u32>,
-    /// Rounds of registration: in each after the first the group's mean is the template. 2 by default.
+    /// Number of rounds of registration; 2 by default. In each round after the first, the group's mean is the template.
     pub rounds: usize,
-    /// Refinement by the group; none leaves it out.
+    /// Settings of the refinement by the group; none for no refinement.
     pub refinement: Option<GroupwiseParams>,
-    /// How poses are found.
+    /// Settings for finding poses.
     pub pose: PoseParams,
-    /// How the template is registered.
+    /// Settings for registering the template.
     pub register: RegisterParams,
-    /// Where registrations are kept, so that a run that was ended goes on; nowhere by default.
+    /// Folder in which registrations are stored, so that an interrupted run can be resumed; none by default.
     pub resume: Option<Resume>,
-    /// Bytes of memory for the fits.
+    /// Memory budget of the fits in bytes.
     pub memory: Option<usize>,
 }
 
-/// The least number of subjects.
+/// Minimum number of subjects.
 const LEAST: usize = 2;
 
 impl CorrespondParams {

@@ -1,4 +1,4 @@
-//! How a correspondence was found, and what to look at.
+//! Reports on correspondences, with warnings.
 
 use std::fmt;
 
@@ -9,44 +9,45 @@ use spharm_surface::pose::GroupPoseWarning;
 
 use super::guide::GuideReport;
 
-/// Share of a member's area that the template may miss before it is named.
+/// Share of a member's area that the template may miss without a warning.
 pub(super) const UNREACHED: f64 = 0.02;
 
-/// How a group was made to correspond.
+/// Report on a group's correspondence.
 #[derive(Debug, Clone)]
 pub struct CorrespondReport {
-    /// The subject that was the first template, counted from 0; none for one that was given.
+    /// The subject that was the first template, counted from 0; none for a given template.
     pub template: Option<usize>,
-    /// Repairs that the first template needed to be mapped.
+    /// Repairs of the first template for mapping it.
     pub changes: Vec<String>,
-    /// Each member.
+    /// Report on each member.
     pub members: Vec<MemberReport>,
-    /// What to look at.
+    /// Warnings to check.
     pub warnings: Vec<CorrespondWarning>,
-    /// Landmarks that guided, where there were any.
+    /// Report on guiding landmarks, if there were any.
     pub guide: Option<GuideReport>,
-    /// The refinement, where there was one.
+    /// Report on the refinement, if there was one.
     pub refinement: Option<GroupwiseReport>,
-    /// Seconds of the steps, in their order.
+    /// Wall time of the steps in seconds, in order.
     pub seconds: Vec<(&'static str, f64)>,
 }
 
-/// How one member was registered, lengths in the group's unit.
+/// Report on the registration of one member; lengths are in the group's unit.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct MemberReport {
-    /// The median distance of its surface from the others' in the group's pose.
+    /// Median distance of its surface from the others' in the group's pose.
     pub pose_distance: f64,
     /// Root mean square distance of its surface from the registered template.
     pub cover_rms: f64,
-    /// The distance below which 99 % of its surface is.
+    /// 99th percentile of that distance over its surface.
     pub cover_most: f64,
-    /// The largest distance found.
+    /// Largest distance found.
     pub cover_farthest: f64,
     /// Share of its area that the template doesn't reach.
     pub unreached: f64,
-    /// Places of the template without a counterpart on it, but for the template's own.
+    /// Number of the template's places without a counterpart on it, except those that are masked on the template
+    /// itself.
     pub without_counterpart: usize,
-    /// Triangles that are turned over.
+    /// Number of flipped triangles.
     pub turned: usize,
     /// Root mean square distance between the model and the places that it was fitted to.
     pub model_rms: f64,
@@ -67,11 +68,11 @@ impl MemberReport {
     }
 }
 
-/// A reason to look at a member.
+/// A reason to check a member.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum CorrespondWarning {
-    /// Its pose, or its kind, is in doubt.
+    /// Its pose or its kind is doubtful.
     Pose(GroupPoseWarning),
     /// The template reaches less of its surface than 98 %.
     Unreached {
@@ -79,7 +80,7 @@ pub enum CorrespondWarning {
         member: usize,
         /// Share of its area that isn't reached.
         share: f64,
-        /// How far the template is at most.
+        /// Largest distance to the template.
         farthest: f64,
     },
     /// Much of the template has no counterpart on it.
@@ -108,7 +109,7 @@ impl CorrespondWarning {
         }
     }
 
-    /// Returns the text without the member's number; `name` gives the name of another one.
+    /// Returns the text without the member's number; `name` returns the name of another member.
     #[must_use]
     pub fn of_member(&self, name: impl Fn(usize) -> String) -> String {
         match self {

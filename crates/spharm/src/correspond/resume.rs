@@ -1,11 +1,11 @@
-//! Registrations that are kept while a group is made, so that a run that was ended goes on.
+//! Registrations that are stored while a group is made, so that an interrupted run can be resumed.
 //!
 //! | file | contents |
 //! |---|---|
-//! | `key.json` | what the group is made of: a folder of another key is refused |
-//! | `R-I.npz` | round R, surface I: `vertices` (n, 3); `reached` (n, 1), 1 or 0; `numbers`: cover, turned triangles, and how far landmarks are where they are left out |
+//! | `key.json` | the group's inputs and settings: a folder with another key is refused |
+//! | `R-I.npz` | round R, surface I: `vertices` (n, 3); `reached` (n, 1), 1 or 0; `numbers`: cover, flipped triangles, and distances of left-out landmarks |
 //!
-//! A file that can't be read counts as none: its registration is done again.
+//! An unreadable file is treated as missing: its registration is repeated.
 
 use std::path::{Path, PathBuf};
 
@@ -16,24 +16,24 @@ use spharm_surface::io::write_new;
 
 use crate::Error;
 
-/// Numbers beside those of landmarks.
+/// Number of figures besides those of landmarks.
 const NUMBERS: usize = 5;
-/// Most bytes of a key.
+/// Largest size of a key in bytes.
 const MOST: u64 = 64 << 20;
 
-/// A folder of registrations.
+/// A folder of stored registrations.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Resume {
     folder: PathBuf,
 }
 
 impl Resume {
-    /// Opens a folder, or makes it. `key` says what the group is made of: surfaces by their hashes, and settings.
+    /// Opens or creates a folder. `key` identifies the group's surfaces, by their hashes, and its settings.
     ///
     /// # Errors
     ///
-    /// [`Error::GroupFile`] for a folder of another key, or one of somebody else's files; [`Error::Surface`] where it
-    /// can't be written.
+    /// [`Error::GroupFile`] for a folder with another key, or with unrelated files; [`Error::Surface`] if it can't be
+    /// written.
     pub fn open(folder: &Path, key: &str) -> Result<Self, Error> {
         let path = folder.join("key.json");
         let io = |action| {
@@ -64,7 +64,7 @@ impl Resume {
     ///
     /// # Errors
     ///
-    /// [`Error::Surface`] where it can't be removed.
+    /// [`Error::Surface`] if it can't be removed.
     pub fn remove(self) -> Result<(), Error> {
         let Self { folder: path } = self;
         std::fs::remove_dir_all(&path)
@@ -75,7 +75,8 @@ impl Resume {
         self.folder.join(format!("{round}-{index}.npz"))
     }
 
-    /// A registration to a template of n vertices, if it is there, and how far `landmarks` are where they are left out.
+    /// Reads a registration to a template of n vertices, if it exists, and the distances of `landmarks` when they are
+    /// left out.
     pub(super) fn read(
         &self,
         round: usize,
@@ -98,7 +99,7 @@ impl Resume {
         Some((registered, numbers.iter().skip(NUMBERS).copied().collect()))
     }
 
-    /// Keeps a registration.
+    /// Stores a registration.
     pub(super) fn write(&self, round: usize, index: usize, found: &Registered, left_out: &[f64]) -> Result<(), Error> {
         let Registered { vertices, reached, cover, turned } = found;
         let reached: Vec<f64> = reached.iter().map(|reached| f64::from(u8::from(*reached))).collect();

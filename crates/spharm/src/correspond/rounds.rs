@@ -1,4 +1,4 @@
-//! Poses, and rounds of registration.
+//! Poses and rounds of registration.
 
 use std::time::Instant;
 
@@ -19,9 +19,9 @@ use super::together::{mesh_of, spread, together, weights};
 use super::{Group, GroupTemplate};
 use crate::Error;
 
-/// Share of the template's directions without a counterpart on a member from which it is named.
+/// Share of the template's directions without a counterpart on a member from which there is a warning.
 const LACKING: f64 = 0.05;
-/// Largest relative difference in area and volume between copies of one surface.
+/// Largest relative difference in area and volume between copies of the same surface.
 const SAME: f64 = 1e-6;
 
 /// Poses of the subjects, the first template, and warnings about poses.
@@ -144,7 +144,7 @@ fn poses(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monit
     })
 }
 
-/// Poses members by their landmarks where surfaces alone turned them otherwise; returns these members.
+/// Corrects the poses of members whose landmarks give a different rotation than their surfaces; returns these members.
 fn turned(params: &CorrespondParams, surfaces: &[PoseSurface], found: &mut GroupPoses) -> Vec<usize> {
     let Some(landmarks) = &params.guide else { return Vec::new() };
     let template = found.template;
@@ -161,8 +161,8 @@ fn turned(params: &CorrespondParams, surfaces: &[PoseSurface], found: &mut Group
     turned
 }
 
-/// Registers a template to all members; in the last round also with landmarks that guide left out in turn, whose
-/// distances are returned, too.
+/// Registers a template to all members. In the last round it also registers with guiding landmarks left out in turn,
+/// and returns their distances.
 fn register_all(
     subjects: &Subjects<'_>,
     similarities: &[Similarity],
@@ -201,7 +201,7 @@ fn without_counterpart(found: &Registered, masked: &[bool]) -> usize {
     found.reached.iter().zip(masked).filter(|(reached, masked)| !**reached && !**masked).count()
 }
 
-/// Members that the template doesn't cover, or that don't have what it has.
+/// Returns warnings for members that the template doesn't cover, or that lack parts of it.
 fn of_cover(members: &[MemberReport], masked: &[bool]) -> Vec<CorrespondWarning> {
     let all = masked.iter().filter(|masked| !**masked).count().max(1) as f64;
     let mut warnings = Vec::new();
@@ -218,8 +218,8 @@ fn of_cover(members: &[MemberReport], masked: &[bool]) -> Vec<CorrespondWarning>
     warnings
 }
 
-/// Members that have the area and the volume of an earlier one, by a millionth: the same file, moved or mirrored or
-/// not.
+/// Returns warnings for members whose area and volume equal those of an earlier one to a millionth: the same surface,
+/// possibly moved or mirrored.
 fn same(surfaces: &[PoseSurface]) -> Vec<CorrespondWarning> {
     let close = |a: f64, b: f64| (a - b).abs() <= SAME * a.abs().max(b.abs());
     let equal = |a: &PoseSurface, b: &PoseSurface| close(a.area, b.area) && close(a.volume.abs(), b.volume.abs());

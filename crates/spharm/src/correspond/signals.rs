@@ -1,8 +1,8 @@
-//! Signals on the surfaces, such as thickness, as channels of the refinement beside positions and normals.
+//! Signals on the surfaces, such as thickness, as channels of the refinement in addition to positions and normals.
 //!
-//! A signal is taken to the places of its surface by nearest points, and fitted over the group's sphere. Its standard
-//! deviation over all members and their area becomes `weight` times the square root of the mean area, so that a
-//! difference of it counts as a distance does.
+//! A signal is interpolated at the places of its surface by nearest points, and fitted over the group's sphere. It is
+//! scaled so that its standard deviation over all members and their area is `weight` times the square root of the mean
+//! area. Differences of a signal are then comparable with distances.
 
 use std::fmt;
 use std::sync::Arc;
@@ -20,16 +20,16 @@ use super::subjects::Subjects;
 use super::together::{mesh_of, weights};
 use crate::{Error, Fit, FitParams, fit_many};
 
-/// Values of the signals of a surface, given by its number: of each signal a value a vertex.
+/// Reads the signals of the surface of an index: for each signal, a value per vertex.
 type Read = dyn Fn(usize) -> Result<Vec<Vec<f64>>, Error> + Send + Sync;
 
-/// Signals that say, beside positions, which places correspond.
+/// Signals that determine, together with positions, which places correspond.
 #[derive(Clone)]
 pub struct Signals {
-    /// Weight of each: what its standard deviation counts, as a share of the square root of the area. Normals have
-    /// 0.12.
+    /// Weight of each signal: its standard deviation after scaling, relative to the square root of the area. Normals
+    /// have 0.12.
     pub weights: Vec<f64>,
-    /// Reads those of a surface.
+    /// Reads the signals of a surface.
     pub read: Arc<Read>,
 }
 
@@ -49,8 +49,8 @@ impl Signals {
         }
     }
 
-    /// Coefficients of the signals of all members, (K, signals) each, in units of length; `masked` places have no share
-    /// in their deviations.
+    /// Returns the coefficients of the signals of all members, (K, signals) each, in units of length. `masked` places
+    /// are left out of the standard deviations.
     pub(super) fn fitted(
         &self,
         subjects: &Subjects<'_>,
@@ -103,7 +103,7 @@ impl Signals {
         }
     }
 
-    /// Scales each signal, of (n, channels) of each member, about its mean over all of them.
+    /// Scales each signal, a column of (n, channels) of each member, about its mean over all members.
     fn scale(
         &self,
         values: &mut [Vec<f64>],
@@ -135,7 +135,7 @@ impl Signals {
     }
 }
 
-/// Channels beside positions, (K, 3 + signals).
+/// Returns signals appended to positions, (K, 3 + signals).
 pub(super) fn beside(positions: &Coefficients, signals: &Coefficients) -> Result<Array2<f64>, Error> {
     let joined = concatenate(Axis(1), &[positions.values().view(), signals.values().view()]);
     joined.map_err(|_| Error::Setting {

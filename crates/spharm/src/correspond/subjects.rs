@@ -1,4 +1,4 @@
-//! The surfaces of a group, read as they are needed.
+//! The surfaces of a group, read on demand.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -7,15 +7,15 @@ use spharm_surface::Mesh;
 
 use crate::Error;
 
-/// Where the surfaces of a group come from.
+/// The source of a group's surfaces.
 pub(super) struct Subjects<'a> {
     pub(super) count: usize,
     pub(super) read: &'a (dyn Fn(usize) -> Result<Mesh, Error> + Sync),
 }
 
 impl Subjects<'_> {
-    /// Does something with each surface, several at a time. The error is that of the first surface that has one,
-    /// whatever the threads: surfaces after one with an error may be left out, those before it aren't.
+    /// Applies a function to each surface, several at a time. The error returned is that of the first surface with an
+    /// error, whatever the number of threads: surfaces after it may be skipped, those before it aren't.
     pub(super) fn each<T: Send>(
         &self,
         work: impl Fn(usize, Mesh) -> Result<T, Error> + Sync + Send,

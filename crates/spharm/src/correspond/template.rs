@@ -1,4 +1,4 @@
-//! A template: a surface that is mended and mapped to the sphere, at the directions of an icosphere.
+//! A template: a surface that is repaired and mapped to the sphere, resampled at the directions of an icosphere.
 
 use spharm_monitor::Monitor;
 use spharm_parametrize::{CaldParams, Input};
@@ -10,16 +10,16 @@ use spharm_surface::topology::area;
 use crate::Error;
 use crate::parametrize::parametrize_with;
 
-/// The degree that the map is made for, at least: thin parts get directions, whatever the models' degree.
+/// Minimum degree of the map, so that thin parts receive directions, whatever the models' degree.
 const DEGREE: usize = 40;
-/// Distance from the surface as it was given, as a share of the square root of its area, from which a place belongs to
-/// what was cut and filled.
+/// Distance from the original surface, relative to the square root of its area, from which a place belongs to a cut or
+/// a filled hole.
 const FILLED: f64 = 0.005;
 
-/// A surface over the directions of an icosphere.
+/// A surface resampled at the directions of an icosphere.
 #[derive(Debug, Clone)]
 pub struct MappedTemplate {
-    /// Its vertices are the places at the icosphere's directions.
+    /// The mesh whose vertices are the places at the icosphere's directions.
     pub mesh: Mesh,
     /// Whether each direction is on a cut or a filled hole, (n).
     pub masked: Vec<bool>,
@@ -28,7 +28,8 @@ pub struct MappedTemplate {
 }
 
 impl MappedTemplate {
-    /// Mends and maps a surface, cutting handles, and puts it on the icosphere: vertices lie on the surface.
+    /// Repairs and maps a surface, cutting handles, and resamples it at the icosphere's directions: vertices lie on the
+    /// surface.
     ///
     /// # Errors
     ///

@@ -1,4 +1,4 @@
-//! Members brought together at places that correspond, and their mean.
+//! Rigid alignment of members at corresponding places, and their mean.
 
 use std::borrow::Cow;
 
@@ -7,17 +7,17 @@ use spharm_surface::kabsch::kabsch;
 use spharm_surface::matrix3::{Matrix3, times};
 use spharm_surface::{Mesh, Similarity};
 
-/// Rounds of Procrustes analysis; each brings members nearer to the mean by a factor of ten or so.
+/// Number of rounds of Procrustes analysis; each reduces the misalignment by a factor of about ten.
 const ROUNDS: usize = 5;
-/// Added to the variance of each place, as a share of the median over places, so that places that hardly vary don't
+/// Variance added to that of each place, relative to the median over places, so that places that hardly vary don't
 /// dominate.
 const ADDED_VARIANCE: f64 = 1.0;
 
-/// Moves members, (n) places each, rigidly together. Each place is weighted by its area and by the inverse of its
-/// variance (D. Theobald and D. Wuttke, "Empirical Bayes hierarchical models for regularizing maximum likelihood
-/// estimation in the matrix Gaussian Procrustes problem", PNAS 103, 2006): least squares would turn members that have a
-/// bump against those that have none, so that they differ where there is no bump. Returns the motion of each, and their
-/// mean. The mean keeps the pose that it had.
+/// Aligns members, (n) places each, rigidly. Each place is weighted by its area and by the inverse of its variance (D.
+/// Theobald and D. Wuttke, "Empirical Bayes hierarchical models for regularizing maximum likelihood estimation in the
+/// matrix Gaussian Procrustes problem", PNAS 103, 2006): least squares would rotate members with a bump relative to
+/// those without, so that they would differ away from the bump. Returns the motion of each member, and their mean,
+/// whose pose is kept.
 pub(super) fn together(members: &mut [Vec<Vec3>], faces: &[[u32; 3]], masked: &[bool]) -> (Vec<Similarity>, Vec<Vec3>) {
     let mut motions = vec![Similarity::default(); members.len()];
     let areas = weights(members, faces, masked);
@@ -34,7 +34,7 @@ pub(super) fn together(members: &mut [Vec<Vec3>], faces: &[[u32; 3]], masked: &[
     (motions, mean(members))
 }
 
-/// Moves a member rigidly to a mean that stays, weighted as in [`together`]. Returns its motion.
+/// Aligns a member rigidly with a fixed mean, weighted as in [`together`]. Returns its motion.
 pub(super) fn to_mean(mean: &[Vec3], member: &mut Vec<Vec3>, areas: &[f64]) -> Similarity {
     let mut motion = Similarity::default();
     for _ in 0..ROUNDS {
@@ -43,7 +43,7 @@ pub(super) fn to_mean(mean: &[Vec3], member: &mut Vec<Vec3>, areas: &[f64]) -> S
     motion
 }
 
-/// One step of each member to the mean.
+/// Moves each member one step towards the mean.
 fn step_to(mean: &[Vec3], members: &mut [Vec<Vec3>], motions: &mut [Similarity], areas: &[f64]) {
     let weights = by_variance(members, mean, areas);
     for (member, motion) in members.iter_mut().zip(motions) {
@@ -53,7 +53,7 @@ fn step_to(mean: &[Vec3], members: &mut [Vec<Vec3>], motions: &mut [Similarity],
     }
 }
 
-/// Areas over the members' variance about the mean at each place, of sum 1.
+/// Returns the area divided by the members' variance about the mean at each place, normalised to sum 1.
 fn by_variance(members: &[Vec<Vec3>], mean: &[Vec3], areas: &[f64]) -> Vec<f64> {
     let square = |member: &Vec<Vec3>, v: usize| {
         let off = sub(member[v], mean[v]);
@@ -79,12 +79,12 @@ fn by_variance(members: &[Vec<Vec3>], mean: &[Vec3], areas: &[f64]) -> Vec<f64> 
     weights
 }
 
-/// The rigid motion that brings places nearest to others.
+/// Returns the rigid motion that best aligns places with others.
 fn rigid(from: &[Vec3], to: &[Vec3], weights: &[f64]) -> Similarity {
     motion(from, to, Some(weights), false, false)
 }
 
-/// The motion that brings places nearest to others, by weights of sum 1, or all of one weight.
+/// Returns the motion that best aligns places with others, with weights of sum 1, or equal weights.
 pub(super) fn motion(from: &[Vec3], to: &[Vec3], weights: Option<&[f64]>, scaled: bool, mirror: bool) -> Similarity {
     let equal = || vec![1.0 / from.len().max(1) as f64; from.len()];
     let weights = weights.map_or_else(|| Cow::Owned(equal()), Cow::Borrowed);
@@ -105,14 +105,14 @@ fn centre(places: &[Vec3], weights: &[f64]) -> Vec3 {
     places.iter().zip(weights).fold([0.0; 3], |sum, (place, weight)| add(sum, scale(*place, *weight)))
 }
 
-/// The mean of the members at each place.
+/// Returns the mean of the members at each place.
 pub(super) fn mean(members: &[Vec<Vec3>]) -> Vec<Vec3> {
     let share = 1.0 / members.len() as f64;
     let at = |v: usize| members.iter().fold([0.0; 3], |sum, member| add(sum, scale(member[v], share)));
     (0..members.first().map_or(0, Vec::len)).map(at).collect()
 }
 
-/// The share of each place in the area, the mean over the members, of sum 1; 0 where masked.
+/// Returns each place's share of the area, averaged over the members, of sum 1; 0 if masked.
 pub(super) fn weights(members: &[Vec<Vec3>], faces: &[[u32; 3]], masked: &[bool]) -> Vec<f64> {
     let mut weights = vec![0.0; masked.len()];
     for member in members {
@@ -129,7 +129,7 @@ pub(super) fn weights(members: &[Vec<Vec3>], faces: &[[u32; 3]], masked: &[bool]
     weights
 }
 
-/// The root mean square distance of members from their mean, over the area.
+/// Returns the root mean square distance of members from their mean, over the area.
 pub(super) fn spread(members: &[Vec<Vec3>], mean: &[Vec3], weights: &[f64]) -> f64 {
     let square = |member: &Vec<Vec3>| {
         let terms = member.iter().zip(mean).zip(weights).map(|((place, mean), weight)| {
@@ -141,7 +141,7 @@ pub(super) fn spread(members: &[Vec<Vec3>], mean: &[Vec3], weights: &[f64]) -> f
     (members.iter().map(square).sum::<f64>() / members.len().max(1) as f64).sqrt()
 }
 
-/// A mesh of places over the triangles of a sphere.
+/// Returns a mesh of places with the triangles of a sphere.
 pub(super) fn mesh_of(places: Vec<Vec3>, faces: &[[u32; 3]]) -> Mesh {
     Mesh::new(places, faces.to_vec())
 }

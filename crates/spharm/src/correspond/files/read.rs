@@ -1,4 +1,4 @@
-//! Reading a group's folder.
+//! Reads a group's folder.
 
 use std::path::{Path, PathBuf};
 
@@ -13,9 +13,9 @@ use super::{
 use crate::Error;
 use crate::correspond::{CorrespondReport, Group, GroupTemplate};
 
-/// Most bytes of a JSON file of a group.
+/// Largest size of a group's JSON file in bytes.
 const MOST: u64 = 256 << 20;
-/// Names of a group's steps, which a report has.
+/// Names of a group's steps in reports.
 const STEPS: [&str; 5] = ["poses", "template", "registration", "fits", "refinement"];
 
 impl GroupFiles {
@@ -23,7 +23,7 @@ impl GroupFiles {
     ///
     /// # Errors
     ///
-    /// [`Error::GroupFile`] for a folder that is no group, or a group of another version.
+    /// [`Error::GroupFile`] for a folder that isn't a group's, or is of another version.
     pub fn open(folder: impl AsRef<Path>) -> Result<Self, Error> {
         let folder = folder.as_ref().to_owned();
         let path = folder.join("group.json");
@@ -55,17 +55,17 @@ impl GroupFiles {
         [model_path(folder, "mean"), folder.join("group.json")]
     }
 
-    /// Names of the members, in their order.
+    /// Returns the names of the members, in order.
     #[must_use]
     pub fn names(&self) -> &[String] {
         &self.names
     }
 
-    /// Whether all of a member's files are there, and what it was read from.
+    /// Returns a member's origin if all of its files exist.
     ///
     /// # Errors
     ///
-    /// [`Error::GroupFile`] for a record that can't be read.
+    /// [`Error::GroupFile`] for an unreadable record.
     pub fn origin(folder: &Path, name: &str) -> Result<Option<MemberOrigin>, Error> {
         if Self::of_member(folder, name).iter().any(|path| !path.exists()) {
             return Ok(None);
@@ -74,11 +74,11 @@ impl GroupFiles {
         Ok(Some(MemberOrigin { name, input, warnings }))
     }
 
-    /// Reads what new members need.
+    /// Reads the data that new members need.
     ///
     /// # Errors
     ///
-    /// [`Error::GroupFile`] for a mean that isn't that of the group; [`Error::Model`].
+    /// [`Error::GroupFile`] for a mean that doesn't match the group; [`Error::Model`].
     pub fn template(&self) -> Result<GroupTemplate, Error> {
         let path = model_path(&self.folder, "mean");
         let mean = Model::read(&path)?;
@@ -95,7 +95,7 @@ impl GroupFiles {
         Ok(GroupTemplate { sphere, mean: mean.coefficients, masked, spread, refined })
     }
 
-    /// Reads the coefficients of the members, or of `most` of them, evenly over the list.
+    /// Reads the coefficients of the members, but of at most `most` of them, evenly spread over the list.
     ///
     /// # Errors
     ///
@@ -111,13 +111,12 @@ impl GroupFiles {
         (0..taken).map(of).collect()
     }
 
-    /// Reads some of the members, named by their places in [`names`](Self::names), as a group of their own. Its report
-    /// has the members' figures; warnings stay the texts that the files have.
+    /// Reads some of the members, given by their indices in [`names`](Self::names), as a group of their own. Its report
+    /// contains the members' figures; warnings remain the texts in the files.
     ///
     /// # Errors
     ///
-    /// [`Error::Setting`] for a member that isn't there; [`Error::GroupFile`] for files that don't belong together;
-    /// [`Error::Model`].
+    /// [`Error::Setting`] for a nonexistent member; [`Error::GroupFile`] for files that don't match; [`Error::Model`].
     pub fn members(&self, indices: &[usize]) -> Result<Group, Error> {
         let template = self.template()?;
         let first = self.shared.template.as_ref();
@@ -145,7 +144,7 @@ impl GroupFiles {
         Ok(group)
     }
 
-    /// Reads the whole group, as [`members`](Self::members) does.
+    /// Reads the entire group, as [`members`](Self::members) does.
     ///
     /// # Errors
     ///
@@ -201,7 +200,7 @@ impl GroupFiles {
     }
 }
 
-/// Names of the members whose records are in a folder, sorted.
+/// Returns the names of the members whose records are in a folder, sorted.
 fn names_in(folder: &Path) -> Result<Vec<String>, Error> {
     let entries = std::fs::read_dir(folder).map_err(|cause| io(folder, "read", cause))?;
     let mut names = Vec::new();
@@ -209,7 +208,7 @@ fn names_in(folder: &Path) -> Result<Vec<String>, Error> {
         let name = entry.map_err(|cause| io(folder, "read", cause))?.file_name();
         names.extend(name.to_str().and_then(|name| name.strip_suffix(".json")).map(str::to_owned));
     }
-    // A file that is being written is hidden until it is whole.
+    // A file that is being written is hidden until it is complete.
     names.retain(|name| !name.starts_with('.'));
     names.sort_unstable();
     Ok(names)

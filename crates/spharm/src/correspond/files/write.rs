@@ -1,4 +1,4 @@
-//! Writing a group's folder.
+//! Writes a group's folder.
 
 use std::path::{Path, PathBuf};
 
@@ -16,13 +16,13 @@ use crate::correspond::{Group, GroupTemplate, MemberReport, NewMember};
 use crate::model::{signed, versions};
 
 impl Group {
-    /// Writes the group into a folder, which is made; `origins` are those of the members, in their order. Nothing is
-    /// left of what can't be written whole.
+    /// Writes the group into a folder, which is created. `origins` are those of the members, in order. If writing
+    /// fails, the files written so far are removed.
     ///
     /// # Errors
     ///
-    /// [`Error::Setting`] for names that can't be those of files, or are there twice; [`Error::Model`] and
-    /// [`Error::Surface`] for files that exist, unless `overwrite`, or can't be written.
+    /// [`Error::Setting`] for names that aren't valid as file names, or are duplicate; [`Error::Model`] and
+    /// [`Error::Surface`] for files that exist, unless `overwrite` is set, or that can't be written.
     pub fn write(&self, folder: &Path, origins: &[MemberOrigin], overwrite: bool) -> Result<(), Error> {
         let names: Vec<&str> = origins.iter().map(|origin| origin.name.as_str()).collect();
         check_names(&names, self.models.len())?;
@@ -52,7 +52,7 @@ impl Group {
     }
 
     fn write_all(&self, writer: &mut Writer<'_>, shared: &Shared, origins: &[MemberOrigin]) -> Result<(), Error> {
-        // Until the last file is there the folder isn't a group's, also where one is replaced.
+        // Until the last file is written the folder isn't a valid group, even if it replaces one.
         writer.begin()?;
         for (index, origin) in origins.iter().enumerate() {
             writer.member(
@@ -86,7 +86,8 @@ impl GroupTemplate {
         }
     }
 
-    /// Makes a folder for members that are added to a finished group; that of the same group stays as it is.
+    /// Creates a folder for members that are added to a finished group. An existing folder of the same group is left
+    /// unchanged.
     ///
     /// # Errors
     ///
@@ -106,7 +107,7 @@ impl GroupTemplate {
             return same(GroupFiles::open(folder)?);
         }
         make_folders(folder)?;
-        // That of a run that was ended before it had written the record.
+        // The mean may be left by a run that was interrupted before it wrote the record.
         let is_there = Model::read(model_path(folder, "mean")).is_ok_and(|mean| mean.coefficients == self.mean);
         let mean = if is_there { Ok(()) } else { writer.mean(self) };
         let begun = mean.and_then(|()| writer.json(&folder.join("group.json"), &self.shared()));
@@ -133,7 +134,7 @@ impl NewMember {
     }
 }
 
-/// Files that are being written; those of this call are removed where one fails.
+/// Files that are being written. If one fails, those written by this call are removed.
 struct Writer<'a> {
     folder: &'a Path,
     overwrite: bool,
@@ -141,7 +142,7 @@ struct Writer<'a> {
 }
 
 impl Writer<'_> {
-    /// Refuses, before any is written, files that exist.
+    /// Refuses files that exist, before any is written.
     fn check(&self, names: &[&str]) -> Result<(), Error> {
         let of = |name: &&str| GroupFiles::of_member(self.folder, name);
         match GroupFiles::of_group(self.folder).into_iter().chain(names.iter().flat_map(of)).find(|path| path.exists())
@@ -211,7 +212,7 @@ impl Writer<'_> {
 
     fn end(self, result: Result<(), Error>) -> Result<(), Error> {
         if result.is_err() {
-            // What can't be removed is what couldn't be written: there is nothing more to say.
+            // A failure to remove a file is ignored, since the error of writing is returned.
             self.written.iter().for_each(|path| drop(std::fs::remove_file(path)));
         }
         result
