@@ -22,62 +22,62 @@ use crate::{Error, Fit, FitWarning, Objective};
 type Read<'a, E> = &'a (dyn Fn(usize) -> Result<Target, E> + Sync);
 type Done<'a, T, E> = &'a (dyn Fn(usize, Result<Fit, E>) -> Result<T, E> + Sync);
 
-/// A call under way: targets read a few at a time, and what has been fitted so far.
+/// A running call: targets read a few at a time, and the results so far.
 pub(crate) struct Run<'a, T, E> {
     pub(crate) job: Job<'a>,
     pub(crate) monitor: &'a dyn Monitor,
     pub(crate) count: usize,
-    /// The number of each target that is finished, and what `done` made of it.
+    /// The index of each finished target, and the result of `done` for it.
     pub(crate) results: Vec<(usize, T)>,
     pub(crate) batches: Vec<BatchReport>,
     pub(crate) seconds: Seconds,
-    /// Targets that are read at a time: as many as the memory plan of the method counts, one before there is a plan.
+    /// Number of targets that are read at a time: that of the method's memory plan, or one before a plan exists.
     pub(crate) readers: usize,
     read: Read<'a, E>,
     done: Done<'a, T, E>,
-    /// The next target to read, and those read that no batch has taken.
+    /// The next target to read; `ready` are the targets read that aren't in a batch yet.
     next: usize,
     ready: VecDeque<Ready>,
 }
 
-/// A target that was read: its number, itself in the range of its squares, and the exponents of what it was divided by.
+/// A target that was read: its index, its values scaled to a range in which their squares are finite, and the exponents
+/// of the divisors.
 type Ready = (usize, Target, Exponents);
 
-/// A target that can perhaps be read.
+/// A target's index and the result of reading it.
 type Found<E> = (usize, Result<(Target, Exponents), E>);
 
 /// Targets that are fitted together, and the columns of each.
 pub(crate) struct Batch {
     numbers: Vec<usize>,
     targets: Vec<Target>,
-    /// Of each target.
+    /// Exponents of each target.
     pub(crate) exponents: Vec<Exponents>,
     pub(crate) groups: Vec<Range<usize>>,
 }
 
-/// What a method found for a batch.
+/// The solution of a batch by a method.
 pub(crate) struct Solved {
     /// Canonical coefficients, (K, columns of the batch).
     pub(crate) coefficients: Array2<f64>,
-    /// Whether it was a refinement, and the residual of each target, sweep after sweep.
+    /// For each sweep: whether it was a refinement, and the residual of each target.
     pub(crate) sweeps: Vec<(bool, Vec<ResidualNorms>)>,
-    /// Like the coefficients, where they were asked for.
+    /// Standard errors in the layout of the coefficients, if requested.
     pub(crate) standard_errors: Option<Array2<f64>>,
-    /// Of each target: what was removed of it, or of each of its channels. Empty without denoising.
+    /// For each target, the noise removed from it, or from each of its channels. Empty without denoising.
     pub(crate) denoised: Vec<Vec<Denoised>>,
-    /// Of each target, where they were measured.
+    /// Distances of each target, if they were measured.
     pub(crate) surface_distances: Vec<Option<SurfaceDistances>>,
     /// Warnings of all targets.
     pub(crate) warnings: Vec<FitWarning>,
-    /// Of each target, where they were solved one after another; empty where in step.
+    /// Solution of each target if they were solved one after another; empty if they were solved together.
     pub(crate) apart: Vec<Apart>,
-    /// Of each target: its model at the centres of some triangles, (places, c). Empty where the method hasn't evaluated
-    /// them.
+    /// Model of each target at the centres of some triangles, (places, c). Empty if the method hasn't evaluated them.
     pub(crate) at_centres: Vec<Array2<f64>>,
     pub(crate) report: BatchReport,
 }
 
-/// What was found for one target of a batch.
+/// The solution of one target of a batch.
 pub(crate) struct Apart {
     pub(crate) optimality: f64,
     pub(crate) warnings: Vec<FitWarning>,
@@ -100,23 +100,23 @@ impl Batch {
         batch
     }
 
-    /// Columns of all targets.
+    /// Returns the number of columns of all targets.
     pub(crate) fn columns(&self) -> usize {
         self.groups.last().map_or(0, |group| group.end)
     }
 
-    /// Target after target with its columns, (n, c).
+    /// Iterates over the targets, each with its columns, (n, c).
     pub(crate) fn targets(&self) -> impl Iterator<Item = (Range<usize>, ArrayView2<'_, f64>)> {
         self.groups.iter().cloned().zip(self.targets.iter().map(values))
     }
 
-    /// Target after target with its columns, in parts that share their noise.
+    /// Iterates over the targets, each with its columns divided into parts that share their noise.
     pub(crate) fn parts(&self) -> impl Iterator<Item = Vec<Range<usize>>> {
         self.groups.iter().zip(&self.targets).map(|(group, target)| parts(group, target.kind))
     }
 
-    /// Measures how far the models with these coefficients, (K, columns), are from their surfaces, one after another:
-    /// each takes all threads.
+    /// Measures the distances of the models with these coefficients, (K, columns), from their surfaces, one after
+    /// another, since each uses all threads.
     pub(crate) fn surface_distances(
         &self,
         model_surface: &ModelSurface,
@@ -131,7 +131,7 @@ impl Batch {
         self.groups.iter().zip(&self.targets).map(of).collect()
     }
 
-    /// All columns side by side, (n, c).
+    /// Returns all columns side by side, (n, c).
     pub(crate) fn side_by_side(&self) -> Array2<f64> {
         let rows = self.targets.first().map_or(0, |target| target.values.len() / target.channels.max(1));
         let mut all = Array2::zeros((rows, self.columns()));
@@ -142,8 +142,8 @@ impl Batch {
     }
 }
 
-/// Replaces the values at vertices that aren't read by those of the first vertex that is: they have no influence on
-/// units and sizes then. Refuses values elsewhere that aren't finite.
+/// Replaces the values at unread vertices by those of the first vertex that is read, so that they don't affect units
+/// and sizes. Refuses values elsewhere that aren't finite.
 fn hide(target: &mut Target, unread: Option<&[bool]>) -> Result<(), Error> {
     target.check_finite(unread)?;
     let Some(unread) = unread else { return Ok(()) };
@@ -155,7 +155,7 @@ fn hide(target: &mut Target, unread: Option<&[bool]>) -> Result<(), Error> {
     Ok(())
 }
 
-/// Refuses a target that hasn't a row for each direction of the sphere.
+/// Refuses a target whose number of rows isn't the number of the sphere's directions.
 fn check(target: &Target, sphere: &Sphere) -> Result<(), Error> {
     let (expected, found) = (sphere.directions.len(), target.values.len() / target.channels.max(1));
     if target.channels > 0 && target.values.len() == expected * target.channels {
@@ -165,7 +165,7 @@ fn check(target: &Target, sphere: &Sphere) -> Result<(), Error> {
     Err(SurfaceError::VertexCount { path, sphere: sphere.path.clone(), expected, found }.into())
 }
 
-/// A target's values, (n, c).
+/// Returns a target's values, (n, c).
 fn values(target: &Target) -> ArrayView2<'_, f64> {
     let shape = (target.values.len() / target.channels.max(1), target.channels);
     ArrayView2::from_shape(shape, &target.values[..])
@@ -190,12 +190,12 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
         Ok(run)
     }
 
-    /// Channels of the next target: of all of them, in most studies.
+    /// Returns the number of channels of the next target; in most studies all targets have the same number.
     pub(crate) fn channels(&self) -> usize {
         self.ready.front().map_or(1, |(_, target, _)| target.channels)
     }
 
-    /// Whether the next target is fitted as a surface; `None` when all are done.
+    /// Returns whether the next target is fitted as a surface; `None` when all are done.
     pub(crate) fn next_is_surface(&mut self) -> Result<Option<bool>, E> {
         if self.ready.is_empty() {
             self.fill()?;
@@ -203,8 +203,9 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
         Ok(self.ready.front().map(|(_, target, _)| self.job.fits_surface(target.kind)))
     }
 
-    /// Fits batch after batch with at most `columns` columns, or one target with more, and hands over the fits; until
-    /// all are done, or the next target is to be fitted as a surface where the last wasn't, or the other way round.
+    /// Fits batch after batch with at most `columns` columns, or a single target with more, and passes on the fits.
+    /// Stops when all are done, or when the next target is to be fitted as a surface and the last wasn't, or vice
+    /// versa.
     pub(crate) fn each_batch(
         &mut self,
         columns: usize,
@@ -221,8 +222,8 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
         Ok(())
     }
 
-    /// Fits a batch and hands over its fits. Where the tolerance isn't met, each target is fitted alone, so that those
-    /// that meet it are known.
+    /// Fits a batch and passes on its fits. If the tolerance isn't met, each target is fitted alone, to find those that
+    /// meet it.
     fn solve(
         &mut self,
         batch: Batch,
@@ -253,7 +254,7 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
         Ok(())
     }
 
-    /// Reads the next few targets, more where none of them can be read.
+    /// Reads the next few targets, and further ones if none of them can be read.
     fn fill(&mut self) -> Result<(), E> {
         let (read, job) = (self.read, &self.job);
         let (sphere, unread) = (job.sphere, job.unread.as_deref());
@@ -281,8 +282,8 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
         Ok(())
     }
 
-    /// As many targets as have at most `columns` columns together, and at least one, of those that are fitted as
-    /// surfaces or of those that aren't, and of one unit.
+    /// Takes as many targets as have at most `columns` columns together, but at least one. All have the same unit, and
+    /// either all or none of them are fitted as surfaces.
     fn next_batch(&mut self, columns: usize) -> Result<Batch, E> {
         let (mut taken, mut width): (Vec<Ready>, usize) = (Vec::new(), 0);
         let surface = self.next_is_surface()?;
@@ -309,7 +310,7 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
     }
 }
 
-/// One target's part of a batch, assessed.
+/// Returns the assessed fit of one target of a batch.
 fn fit_of(job: &Job<'_>, batch: &Batch, solved: &Solved, index: usize) -> Result<Fit, Error> {
     let (target, group, exponents) = (&batch.targets[index], batch.groups[index].clone(), &batch.exponents[index]);
     let scale = scale_of(target);

@@ -8,14 +8,13 @@ use super::surface_plan::SurfacePlan;
 use crate::parametrize::Method as MapMethod;
 use crate::{Error, FitParams, Method};
 
-/// Checks that the memory suffices to fit a surface over a sphere with its vertices, before that sphere is
-/// made.
+/// Checks that memory suffices to fit a surface over a sphere with its vertices, before that sphere exists.
 ///
 /// The plan of a fit over a store depends on the store, so those methods are checked when the fit starts.
 ///
 /// # Errors
 ///
-/// [`Error::Memory`] with the least that works.
+/// [`Error::Memory`] with the smallest sufficient budget.
 pub fn check_memory(surface: &Mesh, params: &FitParams) -> Result<(), Error> {
     let (vertices, faces) = (surface.vertices.len(), surface.faces.len());
     let sizes = Sizes { vertices, faces, max_degree: params.max_degree, channels: 3, denoise: params.denoise };
@@ -34,7 +33,7 @@ pub fn check_memory(surface: &Mesh, params: &FitParams) -> Result<(), Error> {
 ///
 /// # Errors
 ///
-/// [`Error::Memory`] with the least that works.
+/// [`Error::Memory`] with the smallest sufficient budget.
 pub fn check_mapping(vertices: usize, params: &FitParams) -> Result<(), Error> {
     let method = MapMethod::Auto(params.map());
     let mapping = usize::try_from(method.bytes(vertices)).unwrap_or(usize::MAX);

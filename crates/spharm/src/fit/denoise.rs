@@ -1,4 +1,4 @@
-//! Denoising: what noise becomes in fits over one sphere, and the noise of each target.
+//! Denoising: the response of fits over one sphere to noise, and the noise of each target.
 
 use std::ops::Range;
 
@@ -14,15 +14,15 @@ use super::job::Job;
 use crate::report::Denoised;
 use crate::{Error, FitParams, Method, Smoothness, Weights};
 
-/// What noise becomes in the plain fits over a sphere.
+/// The response of plain fits over a sphere to noise.
 pub(crate) struct Denoiser {
     power: NoisePower,
-    /// Of each vertex, (n), where they differ.
+    /// Precision of each vertex, (n), if they differ.
     precision: Option<Vec<f64>>,
 }
 
 impl Denoiser {
-    /// Fits noise, `at_a_time` columns together; `fit` returns the coefficients, (K, c), and the residual at the
+    /// Fits noise, `at_a_time` columns at a time. `fit` returns the coefficients, (K, c), and the residual at the
     /// vertices, (n, c), of the plain fit.
     pub(crate) fn new(
         job: &Job<'_>,
@@ -42,7 +42,7 @@ impl Denoiser {
             monitor.note(Level::Status, format_args!("noise, column {} of {NOISE_COLUMNS}", columns.start + 1));
             let noise = white_noise(vertices, columns, precision.as_deref());
             let (coefficients, residual) = fit(&noise)?;
-            // One by one, so that the sums don't depend on how many are fitted together.
+            // Column by column, so that the sums don't depend on the number of columns fitted together.
             for (coefficients, residual) in coefficients.axis_iter(Axis(1)).zip(residual.axis_iter(Axis(1))) {
                 let [coefficients, residual] = [coefficients, residual].map(|column| column.insert_axis(Axis(1)));
                 power.add(coefficients, residual_square(residual, precision.as_deref()));
@@ -57,7 +57,7 @@ impl Denoiser {
         self.power.denoise(coefficients, residual_square(residual, self.precision.as_deref()))
     }
 
-    /// Looks for detail beyond the degree in what was found to be noise of a target, (n, c).
+    /// Looks for detail beyond the degree in the estimated noise of a target, (n, c).
     pub(crate) fn assess(
         &self,
         job: &Job<'_>,
@@ -70,8 +70,8 @@ impl Denoiser {
     }
 }
 
-/// How exact each vertex is, where they differ: weights that are given, none at vertices that are held out. Their share
-/// of the sphere says nothing of their noise.
+/// Returns the precision of each vertex, if they differ: the given weights, and zero at held-out vertices. Weights that
+/// are areas aren't used, since a vertex's share of the sphere is unrelated to its noise.
 fn precision(job: &Job<'_>) -> Option<Vec<f64>> {
     let weights = job.weights.as_ref()?;
     match (&job.params.weights, &job.hold_out) {
@@ -81,7 +81,8 @@ fn precision(job: &Job<'_>) -> Option<Vec<f64>> {
     }
 }
 
-/// The columns of a target that share their noise: those of a surface. Each channel of a signal has a unit of its own.
+/// Returns groups of a target's columns that share their noise: all columns of a surface, or each channel of a signal,
+/// since each channel has a unit of its own.
 pub(crate) fn parts(group: &Range<usize>, kind: Kind) -> Vec<Range<usize>> {
     match kind {
         Kind::Surface => vec![group.clone()],
@@ -89,12 +90,12 @@ pub(crate) fn parts(group: &Range<usize>, kind: Kind) -> Vec<Range<usize>> {
     }
 }
 
-/// Puts columns of an array in their place.
+/// Copies values to columns of an array.
 pub(crate) fn set_columns(all: &mut Array2<f64>, columns: &Range<usize>, values: ArrayView2<'_, f64>) {
     all.slice_mut(s![.., columns.clone()]).assign(&values);
 }
 
-/// Adds a penalised fit's report to that of the plain one.
+/// Merges a penalised fit's report into that of the plain fit.
 pub(crate) fn merge(report: &mut LsqReport, penalised: LsqReport) {
     report.iterations += penalised.iterations;
     report.add_steps(penalised.steps);
@@ -115,7 +116,7 @@ pub(crate) fn merge(report: &mut LsqReport, penalised: LsqReport) {
 }
 
 impl FitParams {
-    /// Checks that what denoising needs is there, and nothing that it replaces.
+    /// Checks that all requirements of denoising are met, and that no setting conflicts with it.
     pub(crate) fn check_denoise(&self) -> Result<(), Error> {
         let refuse = |expected, found: String| Err(Error::Setting { what: "denoise", expected, found });
         if !self.denoise {
@@ -130,7 +131,7 @@ impl FitParams {
         Ok(())
     }
 
-    /// Returns how the penalty is chosen, as models record it: `denoise`, or that of the smoothness.
+    /// Returns the choice of the penalty, as models record it: `denoise`, or the name of the smoothness.
     #[must_use]
     pub fn penalty_name(&self) -> &'static str {
         if self.denoise { "denoise" } else { self.smoothness.name() }

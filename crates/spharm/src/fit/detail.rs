@@ -1,15 +1,16 @@
-//! Detail that a denoised fit's degree leaves out, judged at vertices that neither fit sees.
+//! Detail beyond the degree of a denoised fit, estimated at vertices that are held out.
 //!
-//! What a degree leaves out of a target is in the residual, and counts as noise; where there is more of it than noise,
-//! denoising takes away detail. It shows at vertices that are held out: a fit to half as high a degree again, with the
-//! penalties continued by a power of the degree, is closer to them,
+//! The part of a target beyond the degree of the fit is in the residual, and is treated as noise. If it is larger than
+//! the noise, denoising removes detail. That can be detected at held-out vertices: a fit to 1.5 times the degree, with
+//! the penalties extrapolated by a power of the degree, is closer to them,
 //!
 //! ```text
 //! detail^2 = e_L^2 - e_L'^2,    L' = 3 L / 2, with at most 4/5 as many functions as vertices
 //! ```
 //!
-//! with e the rms error at a tenth of the vertices. That is the part of the detail which the vertices tell of; there
-//! may be more. Where noise covers the highest degree nearly whole, more degrees tell nothing, and nothing is fitted.
+//! with e the rms error at a tenth of the vertices. That is the part of the detail that the vertices reveal; there may
+//! be more. If noise dominates the highest degree almost entirely, further degrees reveal nothing, and nothing is
+//! fitted.
 //!
 //! Cost: two fits by conjugate gradients to a tolerance of 1e-4.
 
@@ -25,13 +26,13 @@ use super::lsq_plan::transform;
 use crate::Error;
 use crate::assess::HoldOut;
 
-/// Gain of the highest degree below which noise covers what is beyond it.
+/// Gain of the highest degree below which noise dominates the degrees beyond it.
 const COVERED: f64 = 0.05;
-/// Share of the vertices that is held out.
+/// Share of held-out vertices.
 const HELD_OUT: f64 = 0.1;
 
-/// Returns the rms of the detail that the vertices tell of beyond the fit's degree, of a channel, in the target's unit.
-/// None where it is unknown: where there are too few vertices for a higher degree, or no memory.
+/// Returns the rms of the detail beyond the fit's degree that the vertices reveal, per channel, in the target's unit.
+/// `None` if it is unknown: if there are too few vertices for a higher degree, or too little memory.
 pub(crate) fn left_out(
     job: &Job<'_>,
     precision: Option<&[f64]>,
@@ -57,7 +58,7 @@ pub(crate) fn left_out(
         return Ok(None);
     }
     monitor.note(Level::Status, format_args!("vertices held out, degree {higher}"));
-    // Penalties are against weights of another sum where the vertices' areas are their weights.
+    // The penalties were chosen for weights with a different sum if the vertices are weighted by areas.
     let all = precision.map_or(n as f64, |precision| precision.iter().sum());
     let scale = all / job.weights.as_ref().map_or(n as f64, |weights| weights.iter().sum());
     let error = |max_degree: usize, penalty: &[f64]| -> Result<f64, Error> {
@@ -79,7 +80,7 @@ pub(crate) fn left_out(
     Ok(Some((lower - higher).max(0.0).sqrt()))
 }
 
-/// Mean square of the residual, (n, c), of a channel at the vertices that were held out.
+/// Returns the mean square per channel of the residual, (n, c), at the held-out vertices.
 fn at_held_out(residual: &Array2<f64>, weights: &[f64], precision: Option<&[f64]>) -> f64 {
     let held_out = |i: usize| weights[i] == 0.0 && precision.is_none_or(|precision| precision[i] > 0.0);
     let rows = residual.rows().into_iter().enumerate().filter(|(i, _)| held_out(*i));
@@ -87,8 +88,8 @@ fn at_held_out(residual: &Array2<f64>, weights: &[f64], precision: Option<&[f64]
     sum / count.max(1) as f64
 }
 
-/// Penalties of more degrees: by the power of the degree that those of the upper half follow, by least squares of their
-/// logarithms.
+/// Extrapolates penalties to more degrees: by the power of the degree that those of the upper half follow, fitted by
+/// least squares of their logarithms.
 fn continued(penalty: &[f64], degree: usize) -> Option<Vec<f64>> {
     let last = penalty.len() - 1;
     let upper = penalty.iter().enumerate().skip((last / 2).max(1));

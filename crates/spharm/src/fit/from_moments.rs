@@ -1,4 +1,4 @@
-//! The full least squares from moments of samples, which need not be at hand.
+//! The full least squares from moments of samples, without the samples themselves.
 
 use ndarray::{Array2, s};
 use serde::Serialize;
@@ -27,19 +27,19 @@ use crate::{Error, FitParams, FitWarning, Model, Smoothness};
 pub struct MomentsFit {
     /// Canonical coefficients, (K, c).
     pub coefficients: Coefficients,
-    /// Standard error of each coefficient, (K, c), where they were asked for.
+    /// Standard error of each coefficient, (K, c), if requested.
     pub standard_errors: Option<Array2<f64>>,
-    /// How close the model is, and how it was found.
+    /// Report on the fit.
     pub report: MomentsReport,
-    /// The provenance of a model.
+    /// Provenance of the model.
     provenance: Provenance,
 }
 
-/// What a fit from moments reports.
+/// Report on a fit from moments.
 #[derive(Debug, Clone, Serialize)]
 #[non_exhaustive]
 pub struct MomentsReport {
-    /// Key of the sampling scheme whose vertices the samples are at; none where they are anywhere.
+    /// Key of the sampling scheme if the samples are at its vertices; none for samples elsewhere.
     #[serde(skip)]
     pub scheme: Option<SchemeKey>,
     /// Names of the channels, (c).
@@ -52,27 +52,28 @@ pub struct MomentsReport {
     pub rms: Vec<f64>,
     /// The share of `sum w f^2` that the model explains, of each channel, (c).
     pub explained: Vec<f64>,
-    /// Diameter of the largest cap without samples, degrees; to the resolution of the moments.
+    /// Diameter of the largest cap without samples, degrees; limited by the resolution of the moments.
     pub largest_gap: f64,
-    /// What is resolved at the highest degree, `pi / L`, degrees; none at degree 0.
+    /// Resolution at the highest degree, `pi / L`, degrees; none at degree 0.
     pub resolved: Option<f64>,
-    /// The noise that was found and removed: of a surface, or of each channel. Empty without denoising.
+    /// The noise that was estimated and removed, of a surface or of each channel. Empty without denoising.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub denoise: Vec<Denoise>,
     /// The solver's report.
     pub solver: LsqReport,
-    /// The search for the smoothness, where it was chosen by cross-validation.
+    /// The search for the smoothness, if it was chosen by cross-validation.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gcv: Option<Gcv>,
-    /// What may be wrong with it.
+    /// Possible problems of the fit.
     pub warnings: Vec<FitWarning>,
 }
 
-/// Above this condition of the basis the samples leave some functions of the degree undetermined.
+/// Condition number of the basis above which the samples don't determine some functions of the degree.
 const UNDETERMINED: f64 = 1e6;
 
-/// Fits the samples that moments are of, to any degree up to that of the moments. Of `params` degree, smoothness,
-/// denoising, standard errors, tolerance, iterations, preconditioner, strictness, memory and threads count.
+/// Fits the samples of which moments were computed, to any degree up to that of the moments. From `params` it uses
+/// degree, smoothness, denoising, standard errors, tolerance, iterations, preconditioner, strictness, memory and
+/// threads.
 ///
 /// ```
 /// use spharm::moments::{Request, accumulate};
@@ -96,8 +97,8 @@ const UNDETERMINED: f64 = 1e6;
 ///
 /// # Errors
 ///
-/// [`Error::Solver`] for a degree above that of the moments, and for standard errors of what isn't determined;
-/// [`Error::Memory`], [`Error::NotConverged`] where `params` are strict, settings out of range.
+/// [`Error::Solver`] for a degree above that of the moments, and for standard errors of undetermined coefficients;
+/// [`Error::Memory`]; [`Error::NotConverged`] if `params` are strict; settings out of range.
 pub fn fit_moments(moments: &Moments, params: &FitParams, monitor: &dyn Monitor) -> Result<MomentsFit, Error> {
     params.check()?;
     in_pool(params.threads, || solve(moments, params, monitor))
@@ -108,7 +109,7 @@ fn solve(moments: &Moments, params: &FitParams, monitor: &dyn Monitor) -> Result
     let functions = basis_size(max_degree);
     let budget = params.memory_budget();
     let threads = rayon::current_num_threads();
-    // The sums, those of the problem, and the vectors of conjugate gradients.
+    // The sums, their copies in the problem, and the vectors of conjugate gradients.
     let sums = 8 * (moments.sums.moments.len() + moments.sums.right_sides.len());
     let held = 2 * sums + 64 * functions * channels + MomentNormal::bytes(max_degree, channels, threads);
     if held > budget {
@@ -193,7 +194,7 @@ fn solve(moments: &Moments, params: &FitParams, monitor: &dyn Monitor) -> Result
     Ok(MomentsFit { coefficients: found.coefficients, standard_errors: found.standard_errors, report, provenance })
 }
 
-/// Refuses sums of squares that have left the range of f64, or lost digits beneath it.
+/// Refuses sums of squares that overflowed, or lost digits by underflow.
 fn check_range(moments: &Moments) -> Result<(), Error> {
     moments.out_of_range().map_or(Ok(()), |channel| {
         Err(Error::Setting {
@@ -204,12 +205,12 @@ fn check_range(moments: &Moments) -> Result<(), Error> {
     })
 }
 
-/// Whether the channels are those of a surface.
+/// Returns whether the channels are those of a surface.
 fn is_surface(channels: &[String]) -> bool {
     matches!(channels, [x, y, z] if [x, y, z] == ["x", "y", "z"])
 }
 
-/// Replaces a plain fit by penalised ones, of a surface or of each channel; returns what was removed.
+/// Replaces a plain fit by penalised ones, of a surface or of each channel; returns the removed noise.
 fn denoise(
     problem: &MomentProblem,
     solver: &LsqParams,
@@ -270,8 +271,8 @@ fn provenance(params: &FitParams, report: &LsqReport, converged: bool) -> Proven
 }
 
 impl MomentsFit {
-    /// Returns the model: a surface where the channels are x, y and z, else a signal. It has no sphere, but the key of
-    /// the sampling scheme that the samples are at the vertices of.
+    /// Returns the model: a surface if the channels are x, y and z, else a signal. It has no sphere, but it has the key
+    /// of the sampling scheme if the samples are at its vertices.
     #[must_use]
     pub fn model(&self) -> Model {
         let surface = is_surface(&self.report.channels);

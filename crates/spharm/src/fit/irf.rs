@@ -1,4 +1,4 @@
-//! Iterative residual fitting over a store: as many columns at a time as the memory allows.
+//! Iterative residual fitting over a store, with as many columns at a time as the memory allows.
 
 use std::time::Instant;
 
@@ -20,7 +20,7 @@ use crate::{Error, FitWarning, defaults};
 pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Result<(), E> {
     let mark = Instant::now();
     let (count, monitor) = (run.count, run.monitor);
-    // The first target has the channels of all, in most studies.
+    // In most studies all targets have the number of channels of the first.
     let channels = run.channels();
     let (Some(scheme), Some(method)) = (run.job.scheme.take(), run.job.params.method.blocks()) else {
         return Err(Error::NeedsStore { method: run.job.params.method.name() }.into());
@@ -39,7 +39,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     let columns = fitter.channels();
     run.each_batch(columns, |job, batch| {
         if batch.columns() > fitter.channels() {
-            // One target with more channels than were planned for has a batch, and a plan, of its own.
+            // A single target with more channels than planned has a batch and a plan of its own.
             fitter = planner.fitter(job, moments, 1, batch.columns(), true)?;
         }
         let mut targets = ChunkedRows::zeros(operator.rows(), batch.columns(), operator.chunk_rows());
@@ -62,7 +62,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     })
 }
 
-/// Finds settings that keep to the memory.
+/// Finds settings that fit the memory budget.
 struct Planner<'o> {
     operator: &'o DiskOperator,
     method: Blocks,
@@ -106,7 +106,7 @@ impl<'o> Planner<'o> {
         let columns = together * channels;
         let params = self.params(job, together, channels, reuse, moments.map(GramMatrix::bytes));
         let fitter = match moments {
-            // A target with more channels than the others may leave no room for it.
+            // A target with more channels than the others may leave no memory for it.
             Some(moments) if irf::plan(self.operator, columns, &params).is_ok() => {
                 IrfSolver::with_gram(self.operator, columns, params, moments)
             }
@@ -118,11 +118,11 @@ impl<'o> Planner<'o> {
         Ok(fitter)
     }
 
-    /// The source of Gram matrices, for a basis in f64: where the memory has room to make it, and to hold it without a
-    /// block being read more often or a factor made again for its sake.
+    /// Returns the source of Gram matrices, for a basis in f64, if memory suffices to compute it, and to hold it
+    /// without blocks being read more often or factors being recomputed as a result.
     fn moments(&self, job: &Job<'_>, channels: usize, reuse: bool) -> Result<Option<MomentGram>, Error> {
         let max_degree = job.params.max_degree;
-        // Beyond the range of the transforms, which need twice the degree, there are none.
+        // It needs transforms of twice the degree, which may be beyond their range.
         let Ok(making) = moment_gram_bytes(self.operator.rows(), max_degree) else { return Ok(None) };
         if job.scalar != Scalar::F64 || job.held(1, channels) + making > job.memory {
             return Ok(None);
@@ -147,7 +147,8 @@ impl<'o> Planner<'o> {
         Ok(Some(moment_gram(&job.sphere.directions, job.weights.as_deref(), max_degree)?))
     }
 
-    /// As many surfaces as fit the budget with every block whole in memory; if that is none, as many as fit at all.
+    /// Returns the number of surfaces that fit the budget with every block entirely in memory; if that is zero, the
+    /// number that fit at all.
     fn surfaces_together(
         &self,
         job: &Job<'_>,
@@ -167,13 +168,13 @@ impl<'o> Planner<'o> {
         }
         match (1..=most).rev().find(|&together| plan(together).is_ok()) {
             Some(together) => Ok(together),
-            // The error has what would suffice for one.
+            // The error states the memory that suffices for one.
             None => Ok(plan(1).map(|_| 1)?),
         }
     }
 
-    /// The number of threads that fits the budget, one where none does: each has sums of its own, and on a node with
-    /// many cores these may be what doesn't fit.
+    /// Returns the largest number of threads that fits the budget, at least one. Each thread has sums of its own, and
+    /// on a node with many cores these alone may exceed the budget.
     fn fitting_threads(&self, job: &Job<'_>, channels: usize, monitor: &dyn Monitor) -> usize {
         let asked = job.threads;
         let fits = |&threads: &usize| {

@@ -1,4 +1,4 @@
-//! What all methods share: the sphere, the weights, the basis, where to assess.
+//! Data shared by all methods: the sphere, the weights, the basis, the places of assessment.
 
 use spharm_harmonics::basis_size;
 use spharm_monitor::{Level, Monitor};
@@ -13,11 +13,11 @@ use crate::{Error, FitParams, Method, Smoothness, Weights, defaults};
 pub(crate) struct Job<'a> {
     pub(crate) sphere: &'a Sphere,
     pub(crate) params: &'a FitParams,
-    /// Weights of the vertices divided by 2^`weight_exponent`, (n); zero for those that are held out.
+    /// Weights of the vertices divided by 2^`weight_exponent`, (n); zero for held-out vertices.
     pub(crate) weights: Option<Vec<f64>>,
     pub(crate) weight_exponent: i32,
-    /// Vertices of weight 0, whose values are never read, (n); none if there are none. Those held out aren't among
-    /// them.
+    /// Marks vertices of weight 0, whose values are never read, (n); none if there are no such vertices. Held-out
+    /// vertices aren't marked.
     pub(crate) unread: Option<Vec<bool>>,
     pub(crate) hold_out: Option<HoldOut>,
     pub(crate) off_vertex: Option<OffVertex>,
@@ -26,7 +26,7 @@ pub(crate) struct Job<'a> {
     pub(crate) key: SchemeKey,
     pub(crate) scalar: Scalar,
     pub(crate) threads: usize,
-    /// Bytes to keep to.
+    /// Memory budget in bytes.
     pub(crate) memory: usize,
 }
 
@@ -68,7 +68,7 @@ impl<'a> Job<'a> {
         })
     }
 
-    /// Returns the number of vertices whose weight isn't 0.
+    /// Returns the number of vertices with nonzero weight.
     pub(crate) fn vertices_with_weight(&self) -> usize {
         let count = |weights: &Vec<f64>| weights.iter().filter(|weight| **weight > 0.0).count();
         self.weights.as_ref().map_or(self.sphere.directions.len(), count)
@@ -79,20 +79,20 @@ impl<'a> Job<'a> {
         self.params.fits_surface(kind, !self.sphere.faces.is_empty())
     }
 
-    /// Returns whether the smoothness penalty is the default one of fits of the vertices over a parametrised sphere.
+    /// Returns whether the smoothness penalty is the default of vertex fits over a parametrised sphere.
     pub(crate) fn smooth_by_default(&self) -> bool {
         let Self { params, sphere, .. } = self;
         let default = params.smoothness == Smoothness::Default && !params.denoise;
         default && sphere.parametrized && params.method == Method::Lsq
     }
 
-    /// Returns a smoothness penalty that was asked for, as it is for the weights as they are here.
+    /// Returns a requested smoothness penalty, scaled in the same way as the weights here.
     pub(crate) fn fixed_smoothness(&self, lambda: f64) -> f64 {
         smoothness_into_range(lambda, self.weight_exponent)
     }
 
-    /// Returns the smoothness penalty of all targets that are fitted at their vertices, where it isn't chosen for each
-    /// of them.
+    /// Returns the smoothness penalty of all targets that are fitted at their vertices, unless it is chosen for each of
+    /// them.
     pub(crate) fn smoothness(&self) -> f64 {
         let Self { params, sphere, weights, .. } = self;
         match params.smoothness {
@@ -105,24 +105,24 @@ impl<'a> Job<'a> {
         }
     }
 
-    /// Returns the bytes held beside the solver while so many targets are fitted together, and read at a time by as
-    /// many of the threads.
+    /// Returns the memory in bytes held outside the solver while `together` targets are fitted together, and up to that
+    /// many are read at a time, limited by the number of threads.
     pub(crate) fn held(&self, together: usize, channels: usize) -> usize {
         held(self.sphere.directions.len(), self.sphere.faces.len(), together, channels, self.threads.min(together))
     }
 }
 
-/// Returns the bytes held beside the solver: the program, the sphere, the targets as they were read, and what those
-/// that are read or written at a time take meanwhile.
+/// Returns the memory in bytes held outside the solver: the program, the sphere, the targets as read, and the buffers
+/// of those that are being read or written.
 pub(crate) fn held(vertices: usize, faces: usize, together: usize, channels: usize, readers: usize) -> usize {
-    /// The program, its stacks and allocator, measured on a fit of a small mesh.
+    /// Bytes of the program, its stacks and its allocator, measured on a fit of a small mesh.
     const BASE: usize = 12 << 20;
     let sphere = 24 * vertices + 12 * faces;
     BASE + sphere + 8 * vertices * channels * together + readers * reading(vertices, faces, channels)
 }
 
-/// Returns the bytes that a surface takes while it is read or written: its file as text, decoded, and as a mesh with
-/// its topology.
+/// Returns the memory in bytes for reading or writing a surface: its file as text, decoded, and as a mesh with its
+/// topology.
 pub(crate) fn reading(vertices: usize, faces: usize, channels: usize) -> usize {
     5 * (24 * vertices + 12 * faces) + 16 * vertices * channels
 }

@@ -22,7 +22,7 @@ use super::shared::{Within, allowed, check_auto, converged, note_solution, strat
 use crate::report::{BatchReport, Denoised};
 use crate::{Error, FitParams, FitWarning, Smoothness, Weights, defaults};
 
-/// Fits targets at their vertices as long as they aren't to be fitted as surfaces.
+/// Fits targets at their vertices, until the next one is to be fitted as a surface.
 pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Result<(), E> {
     let (monitor, channels, count) = (run.monitor, run.channels(), run.count - run.results.len());
     let job = &run.job;
@@ -32,13 +32,13 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     if automatic {
         check_auto(job.vertices_with_weight(), params.max_degree)?;
     }
-    // With a smoothness of its own, each target is a batch.
+    // If each target has its own smoothness, each is a batch.
     let most = if automatic { 1 } else { (defaults::MOST_COLUMNS / channels).clamp(1, count.max(1)) };
     let (plan, together) = plan(job, channels, most)?;
     note_plan(job, &plan, count, together, monitor);
     let transform = transform(params.max_degree, plan.channels_at_a_time);
     let n = directions.len();
-    // Where these fail, moments can't be made either.
+    // If this fails, moments can't be computed either.
     let moment_bytes = MatrixFreeOperator::moment_bytes(&transform, n, together * channels, job.threads);
     let moment_bytes = moment_bytes.unwrap_or(usize::MAX);
     let shared = moments_pay(n, params.max_degree, together * channels, params.tolerance)
@@ -51,7 +51,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     if params.standard_errors && params.weights == Weights::Area {
         warnings.push(FitWarning::AreaErrors);
     }
-    // What the solver may take for moments isn't there for anything else.
+    // Reserve `moment_bytes` for the solver.
     let of_moments = if moment_bytes <= plan.spare(together) { moment_bytes } else { 0 };
     let spare = plan.spare(together) - of_moments;
     let stored = stored_factor(job, smoothness, spare, &mut warnings, monitor)?;
@@ -60,7 +60,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
         let gram = moment_gram(directions, weights.as_deref(), params.max_degree)?;
         Ok(Box::new(gram) as Box<dyn GramMatrix>)
     };
-    // The same for each target's own solver.
+    // Moments are shared with each target's own solver.
     let moments = Mutex::new(None);
     let make_moments = |accuracy: f64, targets: Option<&Array2<f64>>| {
         let mut moments = moments.lock().unwrap_or_else(PoisonError::into_inner);
@@ -87,7 +87,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
         monitor,
     };
     let readers = plan.readers(together, of_moments, job.threads);
-    // One factor serves all batches, but for a smoothness of each target's own.
+    // One factor serves all batches, unless each target has its own smoothness.
     let mut shared = equations.solver(equations.solver.clone())?;
     let fit_noise = |noise: &Array2<f64>| {
         let columns = 0..noise.ncols();
@@ -116,18 +116,18 @@ struct Equations<'a> {
     make_moments: &'a MakeMoments<'a>,
     stored: Option<&'a StoredFactor>,
     solver: LsqParams,
-    /// Warnings that hold for every fit.
+    /// Warnings that apply to every fit.
     warnings: Vec<FitWarning>,
-    /// Number of vertices with weight, if the smoothness is the default one of a parametrised sphere.
+    /// Number of vertices with weight, if the smoothness is the default of a parametrised sphere.
     smooth_by_default: Option<usize>,
     monitor: &'a dyn Monitor,
 }
 
-/// Standard errors, (K, c), where they are asked for, and what was removed of each part of each target.
+/// Standard errors, (K, c), if requested, and the noise removed from each part of each target.
 type Removed = (Option<Array2<f64>>, Vec<Vec<Denoised>>);
 
 impl<'a> Equations<'a> {
-    /// A solver for a penalty that no factor in the store has.
+    /// Returns a solver for a penalty without a factor in the store.
     fn unfactored(&self, params: LsqParams) -> Result<LsqSolver<'a>, Error> {
         let solver = LsqSolver::new(self.operator, Some(self.make_gram), params)?;
         Ok(solver.with_limits(&allowed).with_moments(self.make_moments))
@@ -188,8 +188,8 @@ impl<'a> Equations<'a> {
         })
     }
 
-    /// Replaces the plain fits of a batch by penalised ones. Returns standard errors where they are asked for, and what
-    /// was removed.
+    /// Replaces the plain fits of a batch by penalised ones. Returns standard errors, if requested, and the removed
+    /// noise.
     fn denoise(
         &self,
         (denoiser, job): (&Denoiser, &Job<'_>),
@@ -227,14 +227,14 @@ impl<'a> Equations<'a> {
     }
 }
 
-/// Targets, (n, c), and what the plain fit leaves of them.
+/// Targets, (n, c), and their residuals after the plain fit.
 struct Plain<'b> {
     batch: &'b Batch,
     targets: &'b Array2<f64>,
     residual: Array2<f64>,
 }
 
-/// The memory plan, and the number of targets that are fitted together, at most `most`.
+/// Returns the memory plan, and the number of targets that are fitted together, at most `most`.
 fn plan(job: &Job<'_>, channels: usize, most: usize) -> Result<(LsqPlan, usize), Error> {
     let sizes = Sizes {
         vertices: job.sphere.directions.len(),
@@ -271,14 +271,14 @@ fn solver_params(job: &Job<'_>, smoothness: f64, plan: &LsqPlan, together: usize
         max_iterations: params.max_iterations,
         memory: plan.budget,
         held: plan.needed(together),
-        // Where these fail, the matrix can't be made either.
+        // If this fails, the matrix can't be computed either.
         gram_bytes: moment_gram_bytes(job.sphere.directions.len(), params.max_degree).unwrap_or(0),
         moment_bytes,
         threads: job.threads,
     }
 }
 
-/// The penalty of all targets, where it isn't chosen for each.
+/// Returns the penalty of all targets, unless it is chosen for each.
 fn smoothness(job: &Job<'_>, monitor: &dyn Monitor) -> f64 {
     let smoothness = job.smoothness();
     if smoothness > 0.0 && job.smooth_by_default() {
@@ -288,7 +288,7 @@ fn smoothness(job: &Job<'_>, monitor: &dyn Monitor) -> f64 {
     smoothness
 }
 
-/// The scheme's factor in the store, where there is one that belongs to this fit.
+/// Returns the scheme's factor in the store, if one matches this fit.
 fn stored_factor(
     job: &Job<'_>,
     smoothness: f64,
@@ -296,10 +296,10 @@ fn stored_factor(
     warnings: &mut Vec<FitWarning>,
     monitor: &dyn Monitor,
 ) -> Result<Option<StoredFactor>, Error> {
-    // Factors in the store are of weights and smoothness as they were given.
+    // Factors in the store are of unscaled weights and smoothness.
     let Some(store) = job.params.store.as_ref().filter(|_| job.weight_exponent == 0) else { return Ok(None) };
     let mut refused = None;
-    // Of the scheme with either scalar type of its basis.
+    // Look for the scheme with either scalar type of its basis.
     for scalar in [Scalar::F64, Scalar::F32] {
         let spec = FactorSpec {
             key: SchemeKey::of(&job.sphere.directions, scalar),
@@ -308,7 +308,7 @@ fn stored_factor(
             weights: WeightsHash::of(job.weights.as_deref()),
             smoothness,
         };
-        // Of most schemes there is a folder for one of them, or for none.
+        // Most schemes have a folder for only one of the types, or for none.
         if !store.join(spec.key.to_string()).exists() || factors(store, spec.key)?.is_empty() {
             continue;
         }

@@ -1,4 +1,4 @@
-//! The memory that fits by transforms take: a full least squares beside a factor, and quadrature.
+//! Memory plans of fits by transforms: the full least squares, possibly with a factor, and quadrature.
 
 use spharm_harmonics::basis_size;
 use spharm_transform::{FINEST, Transform, TransformParams};
@@ -6,20 +6,20 @@ use spharm_transform::{FINEST, Transform, TransformParams};
 use super::job::{held, reading};
 use crate::{Error, defaults};
 
-/// Channels that a transform takes at a time; more are slower, since the caches don't hold them.
+/// Number of channels that a transform processes at a time; more are slower, since they don't fit the caches.
 const CHANNELS_AT_A_TIME: usize = 3;
 
-/// What a fit takes, in bytes.
+/// Memory of a fit, in bytes.
 pub(crate) struct LsqPlan {
-    /// What it may take.
+    /// Memory budget.
     pub(crate) budget: usize,
-    /// Channels that a transform takes at a time.
+    /// Number of channels that a transform processes at a time.
     pub(crate) channels_at_a_time: usize,
-    /// Whatever the number of targets.
+    /// Memory independent of the number of targets.
     fixed: usize,
-    /// A target's columns in all the arrays.
+    /// Memory of a target's columns in all arrays.
     each: usize,
-    /// A target while it is read.
+    /// Memory for reading a target.
     reading: usize,
 }
 
@@ -35,14 +35,14 @@ pub(crate) struct Sizes {
 }
 
 impl LsqPlan {
-    /// Plans fits of targets with so many channels, with as many of them in a transform as the budget allows.
+    /// Plans fits of targets, with as many of their channels in a transform as the budget allows.
     ///
     /// # Errors
     ///
-    /// [`Error::Memory`] where one target doesn't fit the budget.
+    /// [`Error::Memory`] if one target doesn't fit the budget.
     pub(crate) fn new(sizes: Sizes, budget: usize) -> Result<Self, Error> {
         let Sizes { vertices, faces, max_degree, channels, denoise } = sizes;
-        // Targets and residual, and the samples between, and the same of a plain fit where a penalised one follows; the
+        // Targets, residual and intermediate samples, and those of the plain fit if a penalised one follows; the
         // vectors of conjugate gradients.
         let samples = if denoise { 6 } else { 4 };
         let each = 8 * channels * (samples * vertices + 8 * basis_size(max_degree));
@@ -63,37 +63,38 @@ impl LsqPlan {
         Ok(plan)
     }
 
-    /// Bytes for so many targets together, which are read one at a time.
+    /// Returns the memory in bytes for `together` targets fitted together and read one at a time.
     pub(crate) fn needed(&self, together: usize) -> usize {
         self.fixed + together * self.each
     }
 
-    /// Bytes of the budget that so many targets together leave.
+    /// Returns the bytes of the budget that `together` targets leave free.
     pub(crate) fn spare(&self, together: usize) -> usize {
         self.budget.saturating_sub(self.needed(together))
     }
 
-    /// How many of the threads may read a target at a time while so many are fitted together, and `taken` bytes are
-    /// taken for moments.
+    /// Returns the number of threads that may read targets at a time while `together` are fitted together, and `taken`
+    /// bytes are reserved for moments.
     pub(crate) fn readers(&self, together: usize, taken: usize, threads: usize) -> usize {
         let more = self.spare(together).saturating_sub(taken) / self.reading.max(1);
         (1 + more).min(threads)
     }
 }
 
-/// Checks that the memory suffices for quadrature, one target after another; returns how many of the threads may read a
-/// target at a time.
+/// Checks that memory suffices for quadrature, one target after another; returns the number of threads that may read
+/// targets at a time.
 ///
 /// # Errors
 ///
-/// [`Error::Memory`] with the least that works.
+/// [`Error::Memory`] with the smallest sufficient budget.
 pub(crate) fn quadrature_readers(sizes: Sizes, budget: usize, threads: usize) -> Result<usize, Error> {
-    /// Of a triangle in the tree that finds those under the grid, its corners and what making it takes.
+    /// Bytes per triangle: its node in the search tree for the grid's directions, its corners, and the tree's
+    /// construction.
     const BYTES_PER_TRIANGLE: usize = 250;
     let Sizes { vertices, faces, max_degree, channels, .. } = sizes;
     let grid = 2 * (max_degree + 1) * (max_degree + 1);
     let transform = |n: usize| Transform::bytes(&quadrature_transform(max_degree), n, channels);
-    // The grid's directions, weights and samples, twice while these are put in the transform's order; targets,
+    // The grid's directions, weights and samples, the latter twice while they are reordered for the transform; targets,
     // synthesis and residual.
     let arrays = grid * (32 + 16 * channels) + 24 * channels * vertices + 16 * channels * basis_size(max_degree);
     let held = held(vertices, faces, 1, channels, 1) + BYTES_PER_TRIANGLE * faces;
@@ -104,12 +105,12 @@ pub(crate) fn quadrature_readers(sizes: Sizes, budget: usize, threads: usize) ->
     Ok((1 + (budget - needed) / reading(vertices, faces, channels).max(1)).min(threads))
 }
 
-/// The settings of the transforms of quadrature, two surfaces at a time.
+/// Returns the settings of quadrature's transforms, two surfaces at a time.
 pub(crate) fn quadrature_transform(max_degree: usize) -> TransformParams {
     TransformParams { max_degree, accuracy: FINEST, channels: 6 }
 }
 
-/// The settings of the transform of a fit.
+/// Returns the settings of a fit's transform.
 pub(crate) fn transform(max_degree: usize, channels: usize) -> TransformParams {
     TransformParams { max_degree, accuracy: defaults::TRANSFORM_ACCURACY, channels }
 }

@@ -1,9 +1,9 @@
 //! Coefficients by quadrature: the surface resampled to a Gauss-Legendre grid, and analysed there exactly.
 //!
 //! On L + 1 Gauss-Legendre rings of 2 L + 2 azimuths the coefficients of a function of degree L are the sums of its
-//! values there times S_{l,m} and weights, without any solving. What that fits is the surface between the vertices,
-//! linear over the sphere's triangles, in place of the vertices alone: it neither sees nor minimises the distances
-//! there, and what the surface has above degree L is aliased into the coefficients. D. M. Healy, D. N. Rockmore, P. J.
+//! values there times S_{l,m} and weights, without solving equations. This fits the surface between the vertices,
+//! linear over the sphere's triangles, rather than the vertices alone: it doesn't minimise the distances at the
+//! vertices, and the surface's part above degree L is aliased into the coefficients. D. M. Healy, D. N. Rockmore, P. J.
 //! Kostelec and S. Moore, "FFTs for the 2-sphere: improvements and variations", J. Fourier Anal. Appl. 9 (2003).
 
 use std::ops::Range;
@@ -64,7 +64,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
 pub struct Quadrature {
     locator: SphereLocator,
     grid: Directions,
-    /// Of the grid's directions, for integrals over the sphere.
+    /// Weights of the grid's directions, for integrals over the sphere.
     weights: Vec<f64>,
     analysis: Transform,
 }
@@ -95,7 +95,7 @@ impl Quadrature {
     ///
     /// # Errors
     ///
-    /// [`NotCovered`](spharm_surface::SurfaceError::NotCovered) where the sphere has holes, and
+    /// [`NotCovered`](spharm_surface::SurfaceError::NotCovered) if the sphere has holes, and
     /// [`LengthMismatch`](spharm_surface::SurfaceError::LengthMismatch).
     pub fn fit(&self, values: ArrayView2<'_, f64>) -> Result<Array2<f64>, Error> {
         let mut samples = self.locator.interpolate(values, self.grid.as_slice())?;
@@ -106,7 +106,7 @@ impl Quadrature {
     }
 }
 
-/// Directions of the grid, ring after ring, and their weights.
+/// Returns the directions of the grid, ring by ring, and their weights.
 fn gauss_legendre_grid(max_degree: usize) -> Result<(Directions, Vec<f64>), Error> {
     let rings = gauss_legendre(max_degree + 1);
     let around = 2 * max_degree + 2;

@@ -1,9 +1,9 @@
-//! Targets and weights beyond the range in which their squares are numbers.
+//! Scaling of targets and weights whose squares would overflow or underflow.
 //!
-//! A fit is linear in its target and in the weights together with the penalty. So what is beyond 1e60 or below 1e-60 is
-//! divided by a power of two, fitted, and what was found multiplied by it: the coefficients are those that exact
-//! arithmetic on the digits of an ordinary target gives, and figures that are squares stay at the ends of the range of
-//! f64 where they would leave it. A surface has one exponent, each channel of a signal its own.
+//! A fit is linear in its target and in the weights together with the penalty. So values beyond 1e60 or below 1e-60 are
+//! divided by a power of two and fitted, and the results are multiplied by it. The scaling is exact: coefficients have
+//! the digits that they would have for a target of ordinary size. Squared figures that would leave the range of f64 are
+//! clamped to its ends. A surface has one exponent; each channel of a signal has its own.
 
 use ndarray::{Array2, ArrayView2, ArrayViewMut1, ArrayViewMut2};
 use spharm_harmonics::{Coefficients, Directions};
@@ -17,7 +17,7 @@ use crate::assess::{Distances, SurfaceDistances};
 use crate::report::{BatchReport, Denoised};
 use crate::{Error, Fit, FitWarning};
 
-/// Largest smoothness in the scaled weights' unit: products with degrees stay in the range.
+/// Largest exponent of a smoothness in the scaled weights' unit, for which products with degrees stay in the range.
 const MOST: i32 = 900;
 
 /// The exponents of a target's channels; none for a target in the range.
@@ -48,12 +48,12 @@ pub(crate) fn weights_into_range(weights: Option<&mut Vec<f64>>) -> i32 {
     exponent
 }
 
-/// A smoothness where weights have been divided by 2^exponent.
+/// Returns a smoothness for weights that have been divided by 2^exponent.
 pub(crate) fn smoothness_into_range(smoothness: f64, exponent: i32) -> f64 {
     if exponent == 0 { smoothness } else { times(smoothness, -exponent).min(times(1.0, MOST)) }
 }
 
-/// The largest exponent: that of sums over channels.
+/// Returns the largest exponent, that of sums over channels.
 fn largest(exponents: &[i32]) -> i32 {
     exponents.iter().copied().max().unwrap_or(0)
 }
@@ -100,7 +100,8 @@ fn scale_columns(mut values: ArrayViewMut2<'_, f64>, exponents: &[i32]) {
     values.columns_mut().into_iter().zip(exponents).for_each(scale);
 }
 
-/// Noise is that of a vertex of weight 1 where weights say how exact vertices are.
+/// Puts noise back into the target's unit. It is the noise of a vertex of weight 1, if weights are the vertices'
+/// precisions.
 fn restore_denoised((denoised, exponent): (&mut Denoised, i32), weights: i32) {
     denoised.noise.sigma = times_within(denoised.noise.sigma, exponent + weights / 2);
     denoised.left_out = denoised.left_out.map(|left_out| times_within(left_out, exponent));
@@ -119,8 +120,8 @@ fn restore_warning(warning: &mut FitWarning, exponent: i32) {
     }
 }
 
-/// Distances at the vertices of a signal whose channels have been divided by different powers of two. Sums over
-/// channels that a solver formed mean nothing there.
+/// Returns the distances at the vertices of a signal whose channels have been divided by different powers of two, for
+/// which the solver's sums over channels are meaningless.
 pub(crate) fn distances_of_mixed(
     directions: &Directions,
     unread: Option<&[bool]>,
@@ -168,7 +169,7 @@ pub(crate) fn restore_batch(report: &mut BatchReport, exponents: &[Exponents], w
     }
 }
 
-/// Puts what a solver reports of all of its targets back into their unit.
+/// Puts a solver's report on all of its targets back into their unit.
 pub(crate) fn restore_solution(report: &mut LsqReport, exponent: i32, weights: i32) {
     report.norm = times_within(report.norm, exponent);
     report.smoothness = times_within(report.smoothness, weights);
@@ -179,8 +180,8 @@ pub(crate) fn restore_solution(report: &mut LsqReport, exponent: i32, weights: i
     }
 }
 
-/// Divides sums over samples by powers of two: weights by that of the exponent which is returned, and channels by those
-/// of the others. Channels `together` have the same. None for sums in the range.
+/// Divides sums over samples by powers of two. Returns the exponents of the channels and that of the weights; with
+/// `together`, all channels have the same. `None` for sums in the range.
 pub(crate) fn sums_into_range(sums: &SampleSums, together: bool) -> Option<(SampleSums, Exponents, i32)> {
     let weights = exponent(sums.moments.iter().copied().chain([sums.weight]));
     let of = |column: ndarray::ArrayView1<'_, f64>| exponent(column.iter().map(|&sum| times(sum, -weights)));
@@ -200,7 +201,7 @@ pub(crate) fn sums_into_range(sums: &SampleSums, together: bool) -> Option<(Samp
     Some((scaled, exponents, weights))
 }
 
-/// Puts a fit of sums back into their unit, but for its squares.
+/// Puts a fit of sums back into their unit, except for its squares.
 pub(crate) fn restore_moments(fit: &mut MomentFit, exponents: &[i32], weights: i32) {
     restore_columns(&mut fit.coefficients, &mut fit.standard_errors, exponents);
     restore_solution(&mut fit.report, largest(exponents), weights);

@@ -1,4 +1,4 @@
-//! What the full least squares at vertices, over surfaces and from moments share.
+//! Functions shared by the full least squares at vertices, over surfaces and from moments.
 
 use std::fmt;
 
@@ -26,7 +26,7 @@ impl Monitor for Within<'_> {
     }
 }
 
-/// Whether this process's limits allow for a factor.
+/// Checks that this process's limits allow a factor.
 pub(crate) fn allowed(data: usize) -> Result<(), SolverError> {
     exceeded(data, 0).map_or(Ok(()), |Exceeded { what, limit, needed }| Err(SolverError::Limit { what, limit, needed }))
 }
@@ -40,11 +40,11 @@ pub(crate) fn strategy(preconditioner: Preconditioner) -> Strategy {
     }
 }
 
-/// Coefficients for each vertex or sample above which cross-validation has nothing to go by.
+/// Number of coefficients per vertex or sample above which cross-validation has too little data.
 const MOST_FOR_AUTO: usize = 100;
 
-/// Refuses to choose a smoothness where coefficients are far more than vertices or samples: some 25 fits of a high
-/// degree, to learn from a few residuals.
+/// Refuses to choose a smoothness if there are far more coefficients than vertices or samples: it would take some 25
+/// fits of a high degree, based on a few residuals.
 pub(crate) fn check_auto(rows: usize, max_degree: usize) -> Result<(), Error> {
     let functions = spharm_harmonics::basis_size(max_degree);
     if functions <= MOST_FOR_AUTO * rows {
@@ -57,7 +57,8 @@ pub(crate) fn check_auto(rows: usize, max_degree: usize) -> Result<(), Error> {
     })
 }
 
-/// Returns whether the tolerance was met, by a fit's warnings; with strict settings it is an error that it wasn't.
+/// Returns whether the tolerance was met, according to a fit's warnings. With strict settings, not meeting it is an
+/// error.
 pub(crate) fn converged(params: &FitParams, warnings: &[FitWarning]) -> Result<bool, Error> {
     let missed = warnings.iter().find(|warning| matches!(warning, FitWarning::NotConverged { .. }));
     match missed.filter(|_| params.strict) {
@@ -66,7 +67,7 @@ pub(crate) fn converged(params: &FitParams, warnings: &[FitWarning]) -> Result<b
     }
 }
 
-/// The report of targets that were solved one after another, from those of some and of another one.
+/// Merges the report of another target into the report of some, for targets that were solved one after another.
 pub(crate) fn together(some: LsqReport, other: LsqReport) -> LsqReport {
     let mut warnings = some.warnings;
     for warning in &other.warnings {

@@ -1,9 +1,9 @@
-//! The full least squares over whole surfaces: the integral over the sphere of the squared distance.
+//! The full least squares over entire surfaces: the integral over the sphere of the squared distance.
 //!
-//! A mesh over a sphere is linear on each triangle, and all of them are sampled as densely as the degree needs. The fit
-//! takes sums over these samples and nothing else ([`SurfaceSums`]). Solid angles as weights make the normal matrix
-//! nearly a multiple of the identity, and a handful of iterations on a grid of the degree's own size suffices; with a
-//! seam they are more, some 60 at L = 60.
+//! A mesh over a sphere is linear on each triangle, and all of them are sampled as densely as the degree requires. The
+//! fit uses only sums over these samples ([`SurfaceSums`]). With solid angles as weights, the normal matrix is nearly a
+//! multiple of the identity, and a handful of iterations on a grid of the degree's own size suffices; with a seam more
+//! are needed, some 60 at L = 60.
 
 use std::ops::Range;
 use std::time::Instant;
@@ -27,7 +27,7 @@ use crate::assess::{ModelSurface, ReadSurface};
 use crate::report::{BatchReport, Denoised};
 use crate::{Error, FitParams, FitWarning, Smoothness, defaults};
 
-/// Fits targets as long as they are to be fitted as surfaces.
+/// Fits targets until the next one isn't to be fitted as a surface.
 pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Result<(), E> {
     let (monitor, channels, count) = (run.monitor, run.channels(), run.count - run.results.len());
     let mark = Instant::now();
@@ -39,7 +39,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
         channels,
         denoise: job.params.denoise,
     };
-    // A smoothness is chosen for each.
+    // Each surface is fitted alone if a smoothness is chosen for each.
     let most = if job.params.smoothness == Smoothness::Auto { channels } else { defaults::MOST_COLUMNS };
     let most = (most / channels).clamp(1, count.max(1));
     let plan = SurfacePlan::new(sizes, job.memory, most)?;
@@ -69,7 +69,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     })
 }
 
-/// The vertices, and after them the centres of triangles at which models are assessed.
+/// Returns the vertices, followed by the centres of triangles at which models are assessed.
 fn places(job: &Job<'_>) -> Result<Directions, Error> {
     let mut places = job.sphere.directions.as_slice().to_vec();
     if let Some(off_vertex) = &job.off_vertex {
@@ -78,18 +78,18 @@ fn places(job: &Job<'_>) -> Result<Directions, Error> {
     Ok(Directions::from_unit_vectors(places)?)
 }
 
-/// What fits of surfaces over one sphere share.
+/// Data shared by fits of surfaces over one sphere.
 pub(super) struct Fitter<'a> {
     pub(super) params: &'a FitParams,
     sums: SurfaceSums<'a>,
-    /// At the vertices, where msd and xsd are taken, and after them at the centres of some triangles.
+    /// Evaluates models at the vertices, for msd and xsd, followed by the centres of some triangles.
     evaluation: Transform,
-    /// Columns of models that are evaluated together.
+    /// Number of columns of models that are evaluated together.
     evaluated: usize,
     model_surface: Option<ModelSurface>,
     /// The part of each surface that is read.
     surface: ReadSurface,
-    /// Vertices whose values aren't read, (n).
+    /// Marks vertices whose values aren't read, (n).
     unread: Option<Vec<bool>>,
     pub(super) solver: LsqParams,
 }
@@ -147,7 +147,7 @@ impl<'a> Fitter<'a> {
             solver.smoothness = found.smoothness;
             gcv = Some(found);
         }
-        // Each to its own optimality, so that a surface's model doesn't depend on what else is in its batch.
+        // Each surface is solved to its own optimality, so that its model doesn't depend on the rest of the batch.
         let fits = solve_moments_of_groups(&problem, &batch.groups, &solver, &within)?;
         let mut coefficients = Array2::zeros((basis_size(self.params.max_degree), batch.columns()));
         let mut reports = Vec::new();
@@ -161,7 +161,7 @@ impl<'a> Fitter<'a> {
             let results = (&mut coefficients, &mut standard_errors);
             denoised = self.denoise(denoiser, batch, &problem, results, &mut reports, &within)?;
         } else if let Some(errors) = &mut standard_errors {
-            // Noise is fitted as the targets were, once for all of them.
+            // Noise is fitted in the same way as the targets, once for all of them.
             let mut residual = Array2::zeros((self.vertices(), batch.columns()));
             for (group, target) in &targets {
                 let (of_target, _) = self.residual(*target, coefficients.slice(s![.., group.clone()]))?;
@@ -196,8 +196,8 @@ impl<'a> Fitter<'a> {
         })
     }
 
-    /// Returns the norms of the residuals of targets with their columns of all, and the models at the centres of some
-    /// triangles, (places, c) each.
+    /// Returns the norms of the residuals of targets, given with their columns in the batch, and the models at the
+    /// centres of some triangles, (places, c) each.
     fn assess(
         &self,
         targets: &[(Range<usize>, ArrayView2<'_, f64>)],
@@ -206,7 +206,7 @@ impl<'a> Fitter<'a> {
         let mut assessed = Vec::with_capacity(targets.len());
         let mut rest = targets;
         while !rest.is_empty() {
-            // As many as were planned for, also where targets differ in their channels.
+            // As many columns as planned, even if targets differ in their number of channels.
             let fits = |count: &usize| rest[count - 1].0.end - rest[0].0.start <= self.evaluated;
             let count = (1..=rest.len()).rev().find(fits).unwrap_or(1);
             let (some, others) = rest.split_at(count);
@@ -234,7 +234,7 @@ impl<'a> Fitter<'a> {
         Ok((&target - &vertices, centres.to_owned()))
     }
 
-    /// Fits noise of the vertices, (n, c), as targets are: linear on each triangle.
+    /// Fits noise of the vertices, (n, c), in the same way as targets: linear on each triangle.
     fn fit_noise(&self, noise: &Array2<f64>, monitor: &dyn Monitor) -> Result<(Array2<f64>, Array2<f64>), Error> {
         let problem = self.problem(&[(0..noise.ncols(), noise.view())], monitor)?;
         let columns: Vec<Range<usize>> = (0..noise.ncols()).map(|column| column..column + 1).collect();
@@ -297,12 +297,12 @@ impl<'a> Fitter<'a> {
         self.evaluated
     }
 
-    /// Evaluates models with these coefficients, (K, c), at the vertices and the centres of some triangles after them.
+    /// Evaluates models with these coefficients, (K, c), at the vertices, followed by the centres of some triangles.
     pub(super) fn evaluate(&self, coefficients: ArrayView2<'_, f64>) -> Result<Array2<f64>, Error> {
         Ok(self.evaluation.synthesis(coefficients)?)
     }
 
-    /// The problem of targets with their columns.
+    /// Returns the problem of targets, given with their columns.
     pub(super) fn problem(
         &self,
         targets: &[(Range<usize>, ArrayView2<'_, f64>)],

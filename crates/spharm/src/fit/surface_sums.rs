@@ -1,9 +1,9 @@
-//! What a fit of surfaces takes of them: sums over samples of all triangles, and over the vertices of seams.
+//! The data of surface fits: sums over samples of all triangles, and over the vertices of seams.
 //!
-//! Where memory allows, samples are sorted by the vertices that they are linear in, once for all surfaces over a sphere
-//! ([`NodalSums`]); else each run of triangles is sampled, added and forgotten, for each batch of surfaces anew. Which
-//! of the two depends on the sphere, the degree and the budget, not on the surfaces or their number: a surface fitted
-//! alone and among others has the same model.
+//! If memory allows, samples are sorted by the vertices that they are linear in, once for all surfaces over a sphere
+//! ([`NodalSums`]). Otherwise each run of triangles is sampled, added and discarded, anew for each batch of surfaces.
+//! The choice depends on the sphere, the degree and the budget, not on the surfaces or their number: a surface has the
+//! same model whether it is fitted alone or among others.
 
 use std::f64::consts::PI;
 use std::ops::Range;
@@ -20,10 +20,10 @@ use super::seam::SeamVertices;
 use super::surface_plan::{NODAL_RUN, RUN, SurfacePlan};
 use crate::{Error, FitParams};
 
-/// Vertices whose values are copied by a task.
+/// Number of vertices whose values are copied by a task.
 const ROWS: usize = 1024;
 
-/// Sums over the surfaces above one sphere.
+/// Sums over the surfaces of one sphere.
 pub(crate) struct SurfaceSums<'a> {
     sphere: &'a Sphere,
     params: &'a FitParams,
@@ -32,17 +32,17 @@ pub(crate) struct SurfaceSums<'a> {
     /// Their reciprocals, infinite for weights of 0, (n).
     reciprocals: Option<Vec<f64>>,
     sampling: SphereSampling,
-    /// Where the surface was cut; not for denoising, as noise at the seam's vertices isn't to be fitted closely.
+    /// The surface's seams; none for denoising, since noise at the seams' vertices shouldn't be fitted closely.
     seam: Option<SeamVertices>,
     nodal: Option<Nodal>,
 }
 
-/// Samples by vertices.
+/// Samples sorted by vertices.
 struct Nodal {
     sums: NodalSums,
-    /// What the seams' vertices count together.
+    /// Total weight of the seams' vertices.
     of_seam: f64,
-    /// Bytes of patches that are kept.
+    /// Bytes of stored patches.
     kept: usize,
 }
 
@@ -80,18 +80,18 @@ impl<'a> SurfaceSums<'a> {
         self.weights.as_deref()
     }
 
-    /// Number of samples.
+    /// Returns the number of samples.
     pub(crate) fn samples(&self) -> usize {
         self.sampling.samples(0..self.sphere.faces.len())
     }
 
-    /// Bytes that are held beside the plan's.
+    /// Returns the bytes that are held in addition to the plan's.
     pub(crate) fn kept_bytes(&self) -> usize {
         self.nodal.as_ref().map_or(0, |nodal| nodal.kept)
     }
 
-    /// Sorts the samples by vertices where that fits the plan's budget. Returns the plan for at most
-    /// so many surfaces together.
+    /// Sorts the samples by vertices if that fits the plan's budget. Returns the plan for at most `most` surfaces
+    /// together.
     pub(crate) fn by_nodes(
         &mut self,
         plan: SurfacePlan,
@@ -135,10 +135,10 @@ impl<'a> SurfaceSums<'a> {
         Ok(Nodal { sums: builder.finish()?, of_seam, kept: 0 })
     }
 
-    /// The samples of some triangles, weighted by solid angles times the harmonic mean of the corners' weights, by
-    /// their shares. A sample is a mean of its corners' values, and no more certain than the least certain of them:
-    /// with one weight near 0 it counts little, and with one weight of 0 nothing, so that the corner's value has no
-    /// influence.
+    /// Returns the samples of some triangles, weighted by solid angles times the harmonic mean of the corners' weights,
+    /// in proportion to their shares. A sample is a mean of its corners' values, and no more certain than the least
+    /// certain of them: if one corner's weight is near 0, the sample's weight is small. If it is 0, so is the sample's
+    /// weight, and the corner's value has no influence.
     fn weighted(&self, triangles: Range<usize>) -> Result<SphereSamples, Error> {
         let mut samples = self.sampling.at(&self.sphere.directions, triangles.clone())?;
         if self.params.denoise {
@@ -152,13 +152,13 @@ impl<'a> SurfaceSums<'a> {
         Ok(samples)
     }
 
-    /// What the seams' vertices count beside a surface that counts so much.
+    /// Returns the weights of the seams' vertices for a surface of total weight `of_surface`.
     fn of_seam(&self, seam: &SeamVertices, of_surface: f64) -> Vec<f64> {
         seam.weights(of_surface / (4.0 * PI), self.weights.as_deref())
     }
 
-    /// Scales the weights of the samples of some triangles so that each triangle counts one. Noise is that of the
-    /// vertices: many small triangles tell more of a place than a large one does.
+    /// Scales the weights of the samples of some triangles so that each triangle has weight 1. Noise is that of the
+    /// vertices: many small triangles contain more information about a place than a large one does.
     fn count_alike(&self, triangles: Range<usize>, weights: &mut [f64]) {
         let mut rest = weights;
         for triangle in triangles {
@@ -171,8 +171,8 @@ impl<'a> SurfaceSums<'a> {
         }
     }
 
-    /// Returns the sums of targets, each with its columns of all. Weights are scaled to the sum that the vertices'
-    /// weights have: a penalty then means the same for a surface as for its vertices.
+    /// Returns the sums of targets, each given with its columns in the batch. Weights are scaled to the sum of the
+    /// vertices' weights, so that a penalty has the same meaning for a surface as for its vertices.
     pub(crate) fn of(
         &self,
         targets: &[(Range<usize>, ArrayView2<'_, f64>)],
@@ -190,7 +190,7 @@ impl<'a> SurfaceSums<'a> {
         Ok(sums)
     }
 
-    /// The sums, and what the seams' vertices count in them.
+    /// Returns the sums, and the total weight of the seams' vertices in them.
     fn run_by_run(
         &self,
         targets: &[(Range<usize>, ArrayView2<'_, f64>)],
@@ -226,7 +226,7 @@ fn columns(targets: &[(Range<usize>, ArrayView2<'_, f64>)]) -> usize {
     targets.last().map_or(0, |(group, _)| group.end)
 }
 
-/// The targets' columns, (n, columns).
+/// Returns the targets' columns, (n, columns).
 fn side_by_side(targets: &[(Range<usize>, ArrayView2<'_, f64>)]) -> Array2<f64> {
     let rows = targets.first().map_or(0, |(_, target)| target.nrows());
     let mut all = Array2::zeros((rows, columns(targets)));

@@ -1,8 +1,8 @@
 //! Influence of noise on a fit of a surface: the smoothness by cross-validation, and standard errors.
 //!
-//! The data of a surface are its vertices; samples between them are interpolated and tell nothing new. So noise is that
-//! of the vertices, independent and of equal variance: with S the interpolation to the samples, the fit of values y is
-//! `x = N^-1 A^T W S y`, and its model at the vertices `H y = A_v x`.
+//! The data of a surface are its vertices; samples between them are interpolated and contain no further information. So
+//! noise is that of the vertices, independent and of equal variance. With S the interpolation to the samples, the fit
+//! of values y is `x = N^-1 A^T W S y`, and its model at the vertices `H y = A_v x`.
 //!
 //! ```text
 //! GCV(lambda) = n |y - H y|^2 / (n - tr H)^2,   sd(x_k)^2 = sigma^2 (N^-1 A^T W S S^T W A N^-1)_kk
@@ -24,13 +24,14 @@ use super::shared::check_auto;
 use super::surface::Fitter;
 use crate::Error;
 
-/// Fits of noise for the trace of a smoothness: the same for each, so that GCV is a smooth function of it.
+/// Number of fits of noise for the trace at a smoothness. The noise is the same for each smoothness, so that GCV is a
+/// smooth function of it.
 const PROBES_FOR_GCV: usize = 3;
-/// Fits of noise for standard errors.
+/// Number of fits of noise for standard errors.
 const PROBES_FOR_ERRORS: usize = 256;
-/// Most fits of noise at a time.
+/// Largest number of fits of noise at a time.
 const PROBES_AT_A_TIME: usize = 16;
-/// Optimality of fits that GCV compares.
+/// Optimality of the fits that GCV compares.
 const TOLERANCE_OF_GCV: f64 = 1e-7;
 
 impl Fitter<'_> {
@@ -78,7 +79,7 @@ impl Fitter<'_> {
         }
         monitor.end();
         let freedom = vertices as f64 - trace;
-        // Probes leave some of a percent of the trace uncertain.
+        // Probes leave an uncertainty of a few tenths of a percent of the trace.
         if vertices <= functions && solver.smoothness == 0.0 && solver.penalty.is_none() || freedom < 1.0 {
             return Err(SolverError::Underdetermined { rows: vertices, columns: functions }.into());
         }
@@ -86,7 +87,7 @@ impl Fitter<'_> {
         Ok(Array2::from_shape_fn((functions, sigma.len()), |(k, c)| sigma[c] * variances[k].sqrt()))
     }
 
-    /// Independent signs at the vertices, (n, columns); 0 at those that aren't fitted.
+    /// Returns independent signs at the vertices, (n, columns); 0 at vertices that aren't fitted.
     fn signs(&self, columns: usize, random: &mut SplitMix64) -> Array2<f64> {
         let mut signs =
             Array2::from_shape_simple_fn((self.vertices(), columns), || (random.between(-1.0, 1.0)).signum());
@@ -100,7 +101,7 @@ impl Fitter<'_> {
         signs
     }
 
-    /// Sums of the squares of each column of a residual, (n, c), at the vertices that are fitted.
+    /// Returns the sum of squares of each column of a residual, (n, c), at the fitted vertices.
     fn squares(&self, residual: &Array2<f64>) -> Array1<f64> {
         let mut squares = Array1::zeros(residual.ncols());
         for (vertex, row) in residual.rows().into_iter().enumerate() {
@@ -111,7 +112,7 @@ impl Fitter<'_> {
         squares
     }
 
-    /// Evaluates models at the first `rows` places, the vertices, as many columns at a time as were planned for.
+    /// Evaluates models at the first `rows` places, the vertices, with as many columns at a time as planned.
     fn at_vertices(&self, coefficients: ArrayView2<'_, f64>, rows: usize) -> Result<Array2<f64>, Error> {
         let mut all = Array2::zeros((rows, coefficients.ncols()));
         for (mut values, columns) in all
