@@ -1,4 +1,4 @@
-//! Inputs that occur twice, under whatever names.
+//! Finds inputs that occur twice, whatever their names.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -7,7 +7,7 @@ use spharm::FileRecord;
 
 use crate::Row;
 
-/// Names by key, to find those with equal keys.
+/// Names grouped by key, to find those with equal keys.
 #[derive(Debug)]
 pub struct EqualSets<Key>(BTreeMap<Key, Vec<String>>);
 
@@ -33,7 +33,8 @@ impl<Key: Ord> EqualSets<Key> {
     }
 }
 
-/// Input of a model: contents, label and weights. A copied subject has a sphere of another path.
+/// Input of a model: contents, label and weights. The sphere isn't included, since that of a copied subject has another
+/// path.
 type Made = (String, Option<i64>, Option<PathBuf>);
 
 /// The inputs of a call, by their contents.
@@ -46,18 +47,18 @@ impl Inputs {
         self.add(record, row.weights.clone(), row.id.clone());
     }
 
-    /// Adds an input by a name.
+    /// Adds an input under a name.
     pub fn add(&mut self, record: &FileRecord, weights: Option<PathBuf>, name: String) {
         self.0.add((record.blake3.clone(), record.label, weights), name);
     }
 
-    /// Returns a warning for each set of inputs that are equal.
+    /// Returns a warning for each set of equal inputs.
     pub fn warnings(&self) -> Vec<String> {
         self.0.sets().iter().map(|names| same_inputs(names)).collect()
     }
 }
 
-/// The warning of inputs that are equal, by their names.
+/// Returns the warning about equal inputs, by their names.
 pub fn same_inputs(names: &[&str]) -> String {
     const NAMED: usize = 12;
     let mut named = names.iter().take(NAMED).copied().collect::<Vec<_>>().join(", ");

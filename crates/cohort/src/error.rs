@@ -1,18 +1,18 @@
-//! What can go wrong with manifests, shards and status files.
+//! Errors of manifests, shards and status files.
 
 use std::io;
 use std::path::PathBuf;
 
-/// Errors of this crate. Lines of tables are counted from 1, with the header.
+/// Errors of this crate. Lines of tables are counted from 1, including the header.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CohortError {
-    /// The operating system refused something.
+    /// An operation on a file failed.
     #[error("{}: cannot {action}: {source}", .path.display())]
     Io {
         /// The file.
         path: PathBuf,
-        /// What was being done.
+        /// The operation.
         action: &'static str,
         /// Why it failed.
         source: io::Error,
@@ -24,7 +24,7 @@ pub enum CohortError {
         path: PathBuf,
         /// Line.
         line: usize,
-        /// What is there.
+        /// The bytes found.
         found: String,
     },
     /// A table without any row below its header.
@@ -33,7 +33,7 @@ pub enum CohortError {
         /// The table.
         path: PathBuf,
     },
-    /// A column that is needed and isn't there.
+    /// A missing required column.
     #[error("{}: line {line}: missing column {column}; found {}{hint}", .path.display(), .found.join(", "))]
     NoColumn {
         /// The table.
@@ -42,12 +42,12 @@ pub enum CohortError {
         line: usize,
         /// The column.
         column: &'static str,
-        /// The columns that are there.
+        /// The existing columns.
         found: Vec<String>,
-        /// What may be the reason, from a semicolon on; or nothing.
+        /// A possible reason, beginning with a semicolon; or empty.
         hint: &'static str,
     },
-    /// Two columns of one name.
+    /// Two columns with the same name.
     #[error("{}: line {line}: duplicate column {column}; rename one", .path.display())]
     ColumnTwice {
         /// The table.
@@ -57,7 +57,7 @@ pub enum CohortError {
         /// The column.
         column: String,
     },
-    /// A column whose name is almost one that means something.
+    /// A column whose name is almost that of a known column.
     #[error(
         "{}: line {line}: unknown column {column:?}; rename it to {nearest}, or to something less similar",
         .path.display()
@@ -69,7 +69,7 @@ pub enum CohortError {
         line: usize,
         /// The column.
         column: String,
-        /// The one that it is almost.
+        /// The most similar known column.
         nearest: &'static str,
     },
     /// A row with more or fewer cells than the header.
@@ -79,12 +79,12 @@ pub enum CohortError {
         path: PathBuf,
         /// Line.
         line: usize,
-        /// Cells of the header.
+        /// Number of cells of the header.
         expected: usize,
-        /// Cells of the row.
+        /// Number of cells of the row.
         found: usize,
     },
-    /// A cell that can't be what it has to be.
+    /// A cell with an invalid value.
     #[error("{}: line {line}: column {column}: expected {expected}, found {found}", .path.display())]
     Cell {
         /// The table.
@@ -93,12 +93,12 @@ pub enum CohortError {
         line: usize,
         /// The column.
         column: &'static str,
-        /// What it may be.
+        /// Valid values.
         expected: &'static str,
-        /// What it is, with control characters escaped.
+        /// Its value, with control characters escaped.
         found: String,
     },
-    /// Two rows of one id, or with one output.
+    /// Two rows with the same id or the same output.
     #[error("{}: line {line}: duplicate {what} {value}, first used on line {first}", .path.display())]
     Twice {
         /// The table.
@@ -109,10 +109,10 @@ pub enum CohortError {
         what: &'static str,
         /// The value.
         value: String,
-        /// Line of the other.
+        /// Line of the first occurrence.
         first: usize,
     },
-    /// A status file that another process writes to.
+    /// A status file that another process is writing to.
     #[error("{}: another process is writing to this status file; give each shard its own status file", .path.display())]
     Locked {
         /// The file.
@@ -128,16 +128,16 @@ pub enum CohortError {
         /// Its first line.
         found: String,
     },
-    /// A shard that isn't one.
+    /// A malformed shard.
     #[error("invalid shard {found}; expected INDEX/COUNT, such as 0/10 for the first of ten, or slurm")]
     NotAShard {
-        /// What was given.
+        /// The given text.
         found: String,
     },
-    /// Slurm's environment, where it doesn't tell which task of an array this is.
+    /// An environment of Slurm that doesn't identify this process's task of an array.
     #[error("--shard slurm: {problem}")]
     Slurm {
-        /// What is wrong, and what to do.
+        /// The problem and its remedy.
         problem: String,
     },
 }

@@ -1,4 +1,4 @@
-//! Models evaluated on one sphere, beside them.
+//! Evaluates models on one sphere, in files beside them.
 
 use std::path::PathBuf;
 
@@ -14,18 +14,18 @@ use crate::files::{ModelFiles, make_folder_of};
 pub struct Evaluate {
     /// The sphere.
     pub sphere: Sphere,
-    /// Its name in the names of files: `ico6`.
+    /// Its name in file names, such as `ico6`.
     pub name: String,
 }
 
 impl Evaluate {
-    /// The file of a surface, or of a signal.
+    /// Returns the file of a surface or of a signal.
     fn path(&self, files: &ModelFiles, kind: Kind) -> PathBuf {
         let ending = if kind == Kind::Surface { "surf.gii" } else { "shape.gii" };
         files.model.with_file_name(format!("{}.{}.{ending}", files.name(), self.name))
     }
 
-    /// The file, before it is known what it holds: the one that is there, or a surface's.
+    /// Returns the file before its kind is known: the existing one, or else that of a surface.
     pub(crate) fn file(&self, files: &ModelFiles) -> PathBuf {
         let signal = self.path(files, Kind::Signal);
         if signal.exists() { signal } else { self.path(files, Kind::Surface) }

@@ -1,4 +1,4 @@
-//! The files of a fit: the model, and those beside it.
+//! The files of a fit: the model and its companion files.
 
 use std::ffi::OsString;
 use std::io;
@@ -15,7 +15,7 @@ use spharm_model::csv::write_complex_csv;
 
 use crate::origin::Origin;
 
-/// Which files that exist are replaced.
+/// The choice of existing files to replace.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Replace {
     /// The model.
@@ -25,7 +25,7 @@ pub struct Replace {
 }
 
 impl Replace {
-    /// Every file.
+    /// Replaces every file.
     pub const ALL: Self = Self { model: true, beside: true };
 }
 
@@ -37,13 +37,13 @@ pub struct ModelFiles {
 }
 
 impl ModelFiles {
-    /// Returns the name, `NAME`, for people.
+    /// Returns the name, `NAME`, for display.
     #[must_use]
     pub fn name(&self) -> String {
         self.file_name().to_string_lossy().into_owned()
     }
 
-    /// Returns the name, `NAME`, exactly, for the names of other files.
+    /// Returns the exact name, `NAME`, for deriving other file names.
     #[must_use]
     pub fn file_name(&self) -> OsString {
         let mut name = PathBuf::from(self.model.file_name().unwrap_or_default());
@@ -55,7 +55,7 @@ impl ModelFiles {
         name.into_os_string()
     }
 
-    /// The file of this ending beside the model.
+    /// Returns the file with this ending beside the model.
     fn beside(&self, ending: &str) -> PathBuf {
         let mut name = self.file_name();
         name.push(ending);
@@ -86,19 +86,19 @@ impl ModelFiles {
         self.beside(".surf.gii")
     }
 
-    /// Returns the surface that was cut where it had handles, `NAME.cut.surf.gii`.
+    /// Returns the surface with its handles cut, `NAME.cut.surf.gii`.
     #[must_use]
     pub fn cut_surface(&self) -> PathBuf {
         self.beside(".cut.surf.gii")
     }
 
-    /// Returns the mesh that was mended, `NAME.fixed.surf.gii`.
+    /// Returns the repaired mesh, `NAME.fixed.surf.gii`.
     #[must_use]
     pub fn fixed_surface(&self) -> PathBuf {
         self.beside(".fixed.surf.gii")
     }
 
-    /// Returns all files that may belong to the model, itself the first.
+    /// Returns all files that may belong to the model, beginning with the model itself.
     #[must_use]
     pub fn all(&self) -> [PathBuf; 7] {
         let model = self.model.clone();
@@ -106,17 +106,18 @@ impl ModelFiles {
         [model, csv, errors, sphere, self.surface(), self.cut_surface(), self.fixed_surface()]
     }
 
-    /// Returns whether the sphere beside the model exists and was made of this input.
+    /// Returns whether the sphere beside the model exists and was made from this input.
     #[must_use]
     pub fn has_sphere_of(&self, input: &FileRecord) -> bool {
         let origin = read_mesh(self.sphere()).ok().and_then(|sphere| Origin::of(&sphere.meta));
         origin.is_some_and(|origin| origin.is_of(input))
     }
 
-    /// Maps a surface to a sphere of its own, which is written beside the model, as is the surface of a label, or one
-    /// that was mended, or cut where it had handles. With `reuse` a mesh keeps the sphere that is there if that was
-    /// made of the same file with the same settings. One of another file is only replaced with [`Replace::ALL`]. The
-    /// memory of the fit is checked first. `record` says what `input` was read from.
+    /// Maps a surface to a sphere of its own, which is written beside the model. The surface is also written if it is
+    /// that of a label, or was repaired, or its handles were cut. With `reuse`, a mesh keeps an existing sphere that
+    /// was made from the same file with the same settings. A sphere made from another file is only replaced with
+    /// [`Replace::ALL`]. The memory of the fit is checked first. `record` is the record of the file that `input` was
+    /// read from.
     ///
     /// # Errors
     ///
@@ -136,7 +137,7 @@ impl ModelFiles {
             surface.parametrized.sphere.path = Some(path.clone());
             surface
         };
-        // The sphere of a label may be of voxels of another size.
+        // The sphere of a label may be that of another voxel size.
         if let Some(mesh) = input.mesh().filter(|_| reuse && record.label.is_none()) {
             let left_over = || {
                 let sphere =
@@ -152,7 +153,7 @@ impl ModelFiles {
         let mut surface = MappedSurface::new(input, params, monitor)?;
         origin.write_to(&mut surface.parametrized.map.sphere.meta);
         make_folder_of(&path)?;
-        // Mapping takes a while, in which another process may have written its sphere.
+        // Another process may have written its sphere during the mapping.
         let overwrite = replace == Replace::ALL || (replace.beside && self.has_sphere_of(record));
         let options = WriteOptions { overwrite, double: true };
         let changed = match input {
@@ -161,10 +162,10 @@ impl ModelFiles {
             Input::Fixed(..) => Some(self.fixed_surface()),
             Input::Mesh(_) => None,
         };
-        // A label's surface with its handles is in no other file.
+        // The label's surface with its handles isn't in any other file.
         let whole = input.cut().and(input.label()).map(|label| label.quads.triangles(|_| false));
         let mut mapped = Mapped { surface: named(surface), written: Vec::new() };
-        // The surface last: where it is, the sphere says what they were made of.
+        // The surface is written last: if it exists, so does the sphere, which records their origin.
         let map = &mapped.surface.parametrized.map;
         let whole = whole.iter().map(|whole| (self.surface(), whole));
         let changed = changed.map(|path| (path, &map.surface));
@@ -178,12 +179,12 @@ impl ModelFiles {
         Ok(mapped)
     }
 
-    /// Writes a fit's model, its standard errors if it has them, and with `csv` its complex coefficients; makes the
-    /// folder. The model is written last, so that where it is, the others are.
+    /// Writes a fit's model, its standard errors if it has them, and with `csv` its complex coefficients. Creates the
+    /// folder. The model is written last, so that its existence implies that of the others.
     ///
     /// # Errors
     ///
-    /// [`Error::Surface`] for files that exist, unless they are replaced, or can't be written.
+    /// [`Error::Surface`] for existing files that aren't to be replaced, and for files that can't be written.
     pub fn write(
         &self,
         sphere: &Sphere,
@@ -193,7 +194,7 @@ impl ModelFiles {
         replace: Replace,
     ) -> Result<(), Error> {
         make_folder_of(&self.model)?;
-        // What is beside a model that another process has written meanwhile belongs to that one.
+        // If another process has written the model meanwhile, the files beside it are that process's.
         if !replace.model && self.model.exists() {
             return Err(SurfaceError::OutputExists { path: self.model.clone() }.into());
         }
@@ -220,42 +221,42 @@ impl ModelFiles {
     ///
     /// # Errors
     ///
-    /// [`Error::Surface`] for a file that exists, unless it is replaced, or can't be written.
+    /// [`Error::Surface`] for an existing file that isn't to be replaced, or a file that can't be written.
     pub fn write_standard_errors(&self, errors: &Array2<f64>, replace: bool) -> Result<(), Error> {
         Ok(write_new(self.standard_errors(), replace, |out| errors.write_npy(out).map_err(io::Error::other))?)
     }
 }
 
-/// What a model was made of, for it to record.
+/// The origin of a model, for its provenance.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct MadeOf<'a> {
-    /// What the surface is called, where it is from a table.
+    /// The surface's id, if it is from a table.
     pub id: Option<&'a str>,
     /// The surface's file.
     pub input: Option<&'a FileRecord>,
-    /// The file of the vertices whose values were read, where the others were continued from its edge.
+    /// The file of the region whose vertices were read, if the values of the others were extrapolated from its edge.
     pub region: Option<&'a FileRecord>,
-    /// What was to be done to the surface before the fit.
+    /// Requested changes to the surface before the fit.
     pub preparation: Preparation,
-    /// The surface as it was mapped, if it came without a sphere.
+    /// The mapped surface, if it came without a sphere.
     pub surface: Option<&'a MappedSurface>,
 }
 
-/// A surface mapped to a sphere of its own, and the files that were written of it.
+/// A surface mapped to a sphere of its own, and the files written for it.
 #[derive(Debug, Clone)]
 pub struct Mapped {
     /// The map.
     pub surface: MappedSurface,
-    /// The files that were written: the sphere, and the surface where it isn't the input's; none where a sphere was
-    /// there.
+    /// The files that were written: the sphere, and the surface if it differs from the input's; none if the sphere
+    /// existed.
     pub written: Vec<PathBuf>,
 }
 
 impl Mapped {
-    /// Removes the files that were written. Without their model they would stand in the way of the next attempt.
+    /// Removes the files that were written. Without their model they would block the next attempt.
     pub fn remove(&self) {
         for path in &self.written {
-            // A file that can't be removed stays: whatever failed before is the error to report.
+            // A failure to remove a file is ignored: the preceding error is the one to report.
             let _ = std::fs::remove_file(path);
         }
     }

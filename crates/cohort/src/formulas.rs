@@ -1,9 +1,9 @@
-//! Cells that spreadsheets would take for formulas.
+//! Protection against cells that spreadsheets would treat as formulas.
 //!
-//! A cell that begins with `=`, `+`, `-`, `@`, a tab or a carriage return may be computed when a table is opened, and
-//! what it computes was written by whoever named a file or a subject. As OWASP advises ("CSV Injection"), text of
-//! others gets an apostrophe before it, which spreadsheets take for a mark of text. So that it can be taken away again,
-//! text gets one more that has apostrophes before such a character already.
+//! A cell that begins with `=`, `+`, `-`, `@`, a tab or a carriage return may be evaluated as a formula when a table is
+//! opened, and its contents come from the names of files and subjects. As OWASP advises ("CSV Injection"), such text is
+//! prefixed with an apostrophe, which spreadsheets treat as a mark of text. To make this reversible, text that already
+//! has apostrophes before such a character is prefixed with one more.
 
 use std::borrow::Cow;
 
@@ -13,8 +13,8 @@ fn starts_one(text: &str) -> bool {
     text.trim_start_matches('\'').starts_with(STARTS)
 }
 
-/// Returns a cell that no spreadsheet takes for a formula: text as it is, or with an apostrophe before it. Numbers
-/// stay.
+/// Returns a cell that no spreadsheet treats as a formula: the text, prefixed with an apostrophe if necessary. Numbers
+/// are unchanged.
 ///
 /// ```
 /// use spharm_cohort::{guarded, unguarded};

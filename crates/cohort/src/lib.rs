@@ -2,8 +2,8 @@
 //!
 //! A cohort is thousands of surfaces that are fitted by many processes, some of which are killed. A [`Manifest`] is a
 //! table with a row for each surface; a process fits the rows of its [`Shard`] by [`run()`](run::run). Each process has
-//! a table of outcomes, a [`StatusFile`], to which a line is appended when a row is finished, so that a kill loses
-//! nothing. [`Merged`] joins those tables.
+//! a table of outcomes, a [`StatusFile`]. A line is appended to it whenever a row is finished, so that nothing is lost
+//! if the process is killed. [`Merged`] joins those tables.
 //!
 //! ```
 //! use spharm_cohort::{Entry, Manifest, Merged, Shard, State, StatusFile};
@@ -36,7 +36,7 @@
 //! | [`Merged`] | outcomes of all processes |
 //! | [`mod@run`] | [`run()`](run::run): fits all rows, in memory that doesn't grow with their number |
 //! | [`files`] | the files of a model |
-//! | [`rerun`] | what to do about outputs that exist |
+//! | [`rerun`] | decisions about existing outputs |
 //! | [`reader`] | meshes, and labels of volumes |
 //! | [`equal`] | inputs that occur twice |
 //! | [`evaluate`] | models evaluated on one sphere |

@@ -1,4 +1,4 @@
-//! What is to be done: a table with a row for each surface.
+//! Manifests: tables with a row for each surface to fit.
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
@@ -15,32 +15,32 @@ const SPHERE: &str = "sphere";
 const WEIGHTS: &str = "weights";
 const OUTPUT: &str = "output";
 const LABEL: &str = "label";
-/// The columns that mean something here.
+/// The known columns.
 const OWN: [&str; 6] = [ID, SURFACE, SPHERE, WEIGHTS, OUTPUT, LABEL];
-/// Most bytes of an id: with its ending it is the name of a file, and these have at most 255.
+/// Largest number of bytes of an id: with an ending it is a file name, which has at most 255.
 const LONGEST_ID: usize = 200;
 
 /// A surface to fit.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Row {
-    /// What it is called in models and reports.
+    /// Its name in models and reports.
     pub id: String,
-    /// The surface's file, or a volume's.
+    /// The file of the surface or of a volume.
     pub surface: PathBuf,
-    /// The sphere that it is fitted over; none where it is mapped to one of its own.
+    /// The sphere of the fit; none if the surface is mapped to a sphere of its own.
     pub sphere: Option<PathBuf>,
-    /// The weights of its vertices, where they are its own: `uniform`, `area`, or a file.
+    /// The weights of its vertices, if the row has its own: `uniform`, `area`, or a file.
     pub weights: Option<PathBuf>,
-    /// Of a signal, the mask or label of the vertices whose values are read; those of the others are continued from its
-    /// edge.
+    /// For a signal, the mask or label of the vertices whose values are read; the values of the others are extrapolated
+    /// from its edge.
     pub region: Option<PathBuf>,
-    /// The model's file, relative to the folder of all models; none where the id names it.
+    /// The model's file, relative to the folder of all models; none if it is named by the id.
     pub output: Option<PathBuf>,
-    /// Of a volume, the label.
+    /// For a volume, the label.
     pub label: Option<i64>,
     /// Cells of the other columns, such as a group or an age; see [`Manifest::columns`].
     pub extra: Vec<String>,
-    /// The row's line in its table, from 1; 0 of a row that is of none.
+    /// The row's line in its table, from 1; 0 for a row without a table.
     pub line: usize,
 }
 
@@ -69,17 +69,18 @@ fn ends_in_npz(path: &Path) -> bool {
 pub struct Manifest {
     /// The file.
     pub path: PathBuf,
-    /// Names of the columns that mean nothing here, in the order of [`Row::extra`].
+    /// Names of the other columns, in the order of [`Row::extra`].
     pub columns: Vec<String>,
     /// The rows, at least one, in the order of the table.
     pub rows: Vec<Row>,
 }
 
-/// Returns what an id has to be, where a text isn't one.
+/// Checks whether a text is a valid id.
 ///
 /// # Errors
 ///
-/// What is expected: some text without control characters and path separators, short enough for the name of a file.
+/// The description of a valid id: nonempty text without control characters and path separators, short enough for a file
+/// name.
 pub fn check_id(text: &str) -> Result<(), &'static str> {
     match text {
         "" => Err("an id"),
@@ -92,22 +93,22 @@ pub fn check_id(text: &str) -> Result<(), &'static str> {
 }
 
 impl Manifest {
-    /// Reads a manifest: UTF-8, with tabs, or with commas where the name ends in `.csv`; with a header, of which `id`
-    /// and `surface` are needed, and `sphere`, `weights`, `output` and `label` may be there or left empty. Paths of
-    /// inputs are relative to the manifest's folder. A byte-order mark, any line ends, blank lines and lines that begin
-    /// with `#` are fine, and so are other columns.
+    /// Reads a manifest: UTF-8, separated by tabs, or by commas if the name ends in `.csv`, with a header. The columns
+    /// `id` and `surface` are required; `sphere`, `weights`, `output` and `label` are optional, as are their values.
+    /// Paths of inputs are relative to the manifest's folder. A byte-order mark, any line ends, blank lines, lines that
+    /// begin with `#`, and further columns are allowed.
     ///
     /// # Errors
     ///
-    /// [`CohortError`] with the line: what can't be read or isn't UTF-8, missing columns, rows of other lengths, ids
-    /// that are empty, there twice or can't name a file, outputs that are there twice, and names of columns that are
-    /// almost one of these.
+    /// [`CohortError`] with the line: unreadable files, text that isn't UTF-8, missing columns, rows of the wrong
+    /// length, ids that are empty, duplicate or invalid as file names, duplicate outputs, and unknown columns whose
+    /// names are almost those of known ones.
     pub fn read(path: impl AsRef<Path>) -> Result<Self, CohortError> {
         let path = path.as_ref();
         Self::of_text(path, &read_text(path)?)
     }
 
-    /// Takes a manifest from its bytes; `path` says where it would be. See [`read`](Self::read).
+    /// Parses a manifest from its bytes, as if they were the file at `path`. See [`read`](Self::read).
     ///
     /// # Errors
     ///
@@ -117,7 +118,7 @@ impl Manifest {
         Self::of_text(path, &decode(path, bytes.to_vec())?)
     }
 
-    /// Returns the folder that paths are relative to; empty for the current one.
+    /// Returns the folder that paths are relative to; empty for the current folder.
     #[must_use]
     pub fn folder(&self) -> &Path {
         folder_of(&self.path)
@@ -141,12 +142,12 @@ impl Manifest {
         Ok(Self { path: path.to_owned(), columns: columns.extra.into_iter().map(|(name, _)| name).collect(), rows })
     }
 
-    /// Returns the text of a manifest with the rows that `keep` wants, comments left out, for a file at `to`. Where
-    /// that is in another folder, inputs' paths are made absolute.
+    /// Returns the text of a manifest with the rows that `keep` accepts, without comments, for a file at `to`. If that
+    /// is in another folder, the paths of inputs are made absolute.
     ///
     /// # Errors
     ///
-    /// Those of [`read`](Self::read); [`CohortError::Io`] where the current folder isn't known.
+    /// Those of [`read`](Self::read); [`CohortError::Io`] if the current folder is unknown.
     pub fn rest(&self, to: &Path, keep: impl Fn(&Row) -> bool) -> Result<Vec<u8>, CohortError> {
         let io = |source| CohortError::Io { path: to.to_owned(), action: "write", source };
         let elsewhere = absolute(folder_of(to)).map_err(io)? != absolute(self.folder()).map_err(io)?;
@@ -181,13 +182,13 @@ fn folder_of(path: &Path) -> &Path {
     path.parent().unwrap_or(Path::new(""))
 }
 
-/// An absolute path without `.` and `..`, links as they are.
+/// Returns an absolute path without `.` and `..`, without resolving links.
 fn absolute(path: &Path) -> std::io::Result<PathBuf> {
     let path = if path.as_os_str().is_empty() { Path::new(".") } else { path };
     Ok(tidy(&std::path::absolute(path)?))
 }
 
-/// A path without `.` and, as far as it goes, without `..`.
+/// Returns a path without `.` and, as far as possible, without `..`.
 fn tidy(path: &Path) -> PathBuf {
     let mut tidy = PathBuf::new();
     for component in path.components() {
@@ -202,10 +203,10 @@ fn tidy(path: &Path) -> PathBuf {
     tidy
 }
 
-/// Where the columns are.
+/// Positions of the columns.
 struct Columns {
     cells: usize,
-    /// Of [`OWN`].
+    /// Positions of the columns [`OWN`].
     own: [Option<usize>; 6],
     extra: Vec<(String, usize)>,
 }
@@ -285,15 +286,15 @@ impl Columns {
     }
 }
 
-/// Whether a column's name may have been meant to be `own`: it differs by case, or by a letter too many, too few, wrong
-/// or swapped.
+/// Returns whether a column's name may be a misspelling of `own`: it differs by case, or by one letter inserted,
+/// missing, replaced or swapped.
 fn is_nearly(column: &str, own: &str) -> bool {
     let lower = column.trim().to_lowercase();
-    // A body's weight is a covariate; and names of two letters are all alike.
+    // `weight` may be a covariate, body weight; and names of two letters are all similar.
     lower == own || lower != "weight" && own.len() > 2 && strsim::damerau_levenshtein(&lower, own) == 1
 }
 
-/// A cell as messages show it.
+/// Returns a cell as shown in messages.
 fn shown(cell: &str) -> String {
     match cell.chars().count() {
         0 => "nothing".to_owned(),
@@ -304,7 +305,7 @@ fn shown(cell: &str) -> String {
     }
 }
 
-/// Refuses ids and outputs that are there twice.
+/// Refuses duplicate ids and outputs.
 fn check_once(path: &Path, rows: &[Row]) -> Result<(), CohortError> {
     let twice = |row: &Row, what, value: &str, first| CohortError::Twice {
         path: path.to_owned(),
@@ -319,13 +320,13 @@ fn check_once(path: &Path, rows: &[Row]) -> Result<(), CohortError> {
             return Err(twice(row, ID, &row.id, first));
         }
     }
-    // Without outputs of their own, models are named by the ids.
+    // Without outputs of their own, models are named by their ids.
     if rows.iter().all(|row| row.output.is_none()) {
         return Ok(());
     }
     let mut outputs = HashMap::with_capacity(rows.len());
     for row in rows {
-        // What is beside a model has its name without these endings.
+        // Companion files of a model have its name without these endings.
         let model = tidy(&row.model(Path::new(""))).with_extension("");
         let plain = if model.extension().is_some_and(|e| e == "spharm") { model.with_extension("") } else { model };
         match outputs.entry(plain) {

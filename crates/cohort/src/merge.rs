@@ -1,4 +1,4 @@
-//! What all processes have done.
+//! Outcomes of all processes.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -7,17 +7,17 @@ use crate::error::CohortError;
 use crate::status::{Entry, HEADER, State};
 use crate::table::{Table, read_text};
 
-/// The last word of several status files on each row.
+/// The final outcome of each row, from several status files.
 ///
-/// Within a file a later line of a row replaces an earlier one, but that a model was there doesn't replace that it was
-/// made. Of several files that have a row, which is rare, one counts in which its model is there, else the last one
-/// given.
+/// Within a file a later line of a row replaces an earlier one, except that [`State::Skipped`] doesn't replace
+/// [`State::Done`]. If several files have a row, which is rare, a file in which its model exists takes precedence, else
+/// the last file given.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Merged {
-    /// In the order in which they were first named.
+    /// Entries in the order of their first occurrence.
     entries: Vec<Entry>,
     places: HashMap<String, usize>,
-    /// Lines that aren't those of a status file, such as one that was being written when a disk was full.
+    /// Number of malformed lines, such as one that was being written when a disk was full.
     pub damaged: usize,
 }
 
@@ -26,7 +26,7 @@ impl Merged {
     ///
     /// # Errors
     ///
-    /// [`CohortError::NotStatus`] for a file that is something else, and those of reading it.
+    /// [`CohortError::NotStatus`] for a file that isn't a status file, and errors of reading it.
     pub fn read(paths: impl IntoIterator<Item = impl AsRef<Path>>) -> Result<Self, CohortError> {
         let mut merged = Self::default();
         for path in paths {
@@ -58,20 +58,20 @@ impl Merged {
         &self.entries
     }
 
-    /// Returns the entry of a row; none where no file has it.
+    /// Returns the entry of a row; none if no file has it.
     #[must_use]
     pub fn entry(&self, id: &str) -> Option<&Entry> {
         self.places.get(id).map(|&place| &self.entries[place])
     }
 
-    /// Returns how many rows are in a state.
+    /// Returns the number of rows in a state.
     #[must_use]
     pub fn count(&self, state: State) -> usize {
         self.entries.iter().filter(|entry| entry.state == state).count()
     }
 }
 
-/// A later line of the same row.
+/// Replaces an entry by a later line of the same row.
 fn replace(known: &mut Entry, entry: Entry) {
     if !(known.state == State::Done && entry.state == State::Skipped) {
         *known = entry;
@@ -82,12 +82,12 @@ fn read_one(path: &Path) -> Result<(Vec<Entry>, usize), CohortError> {
     let text = read_text(path)?;
     let first = text.lines().next().unwrap_or_default();
     let expected = HEADER.join("\t");
-    // A process that was killed at once leaves nothing.
+    // A process that was killed immediately leaves an empty file or part of the header.
     if !text.is_empty() && first != expected && !expected.starts_with(text.as_str()) {
         let found = first.chars().take(80).collect();
         return Err(CohortError::NotStatus { path: path.to_owned(), expected, found });
     }
-    // The last line may be being written.
+    // The last line may be incomplete, still being written.
     let whole = &text[..text.rfind('\n').map_or(0, |at| at + 1)];
     let (mut entries, mut places, mut damaged): (Vec<Entry>, HashMap<String, usize>, usize) = Default::default();
     let mut is_header = true;

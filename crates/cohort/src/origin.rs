@@ -1,6 +1,6 @@
-//! What the sphere beside a model was made of, as its GIfTI metadata say.
+//! The origin of the sphere beside a model, recorded in its GIfTI metadata.
 //!
-//! A sphere of the same triangles may be that of another subject, or be made for another degree.
+//! A sphere with the same triangles may be that of another subject, or made for another degree.
 
 use spharm::FileRecord;
 use spharm::parametrize::CaldParams;
@@ -10,12 +10,12 @@ const INPUT: &str = "SpharmInput";
 const LABEL: &str = "SpharmLabel";
 const MAP: &str = "SpharmMap";
 
-/// What a sphere was made of, and how.
+/// The input and the method of a sphere.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Origin {
     /// The BLAKE3 hash of the input's contents.
     input: String,
-    /// Of a volume, the label.
+    /// For a volume, the label.
     label: Option<i64>,
     /// The method and its settings.
     map: String,
@@ -23,7 +23,7 @@ pub(crate) struct Origin {
 
 impl Origin {
     /// Returns the origin of the map that [`parametrize_with`](spharm::parametrize::parametrize_with) makes of an input
-    /// with these settings, with its handles cut or as it is.
+    /// with these settings, with or without cutting its handles.
     pub(crate) fn new(input: &FileRecord, params: &CaldParams, cut: bool) -> Self {
         let CaldParams { area, degree, steps, seed } = params;
         let degree = degree.map_or("auto".to_owned(), |degree| degree.to_string());
@@ -37,7 +37,7 @@ impl Origin {
         Self { input: input.blake3.clone(), label: input.label, map }
     }
 
-    /// Returns what a sphere's file says; `None` where it doesn't.
+    /// Returns the origin recorded in a sphere's file; `None` if there is none.
     pub(crate) fn of(meta: &Meta) -> Option<Self> {
         let value = |name: &str| {
             let found = meta.file_metadata.iter().find(|(found, _)| found == name);
@@ -47,12 +47,12 @@ impl Origin {
         Some(Self { input: value(INPUT)?, label, map: value(MAP)? })
     }
 
-    /// Returns whether the sphere is one of this input, by whatever settings.
+    /// Returns whether the sphere was made from this input, with any settings.
     pub(crate) fn is_of(&self, input: &FileRecord) -> bool {
         (&self.input, self.label) == (&input.blake3, input.label)
     }
 
-    /// Writes it to the metadata of a sphere to come, in place of what the surface's file said.
+    /// Writes it to the metadata of a sphere that is to be written, in place of those of the surface's file.
     pub(crate) fn write_to(&self, meta: &mut Meta) {
         meta.file_metadata.retain(|(name, _)| ![INPUT, LABEL, MAP].contains(&name.as_str()));
         let label = self.label.map(|label| (LABEL, label.to_string()));

@@ -7,7 +7,7 @@ use spharm::parametrize::volume::{LabelVolume, VolumeParams};
 use spharm::parametrize::{Input, ParametrizeError};
 use spharm::{Error, Monitor, Preparation};
 
-/// Reads surfaces, repairs them and cuts their handles if that is asked for. A volume takes a while to read and is kept
+/// Reads surfaces, and repairs them and cuts their handles if requested. A volume takes a while to read and is kept
 /// until the next one.
 #[derive(Debug)]
 pub struct SurfaceReader {
@@ -17,13 +17,13 @@ pub struct SurfaceReader {
 }
 
 impl SurfaceReader {
-    /// Makes a reader. Without repairs and cuts, surfaces that need them are left for the fit to refuse.
+    /// Creates a reader. Without repairs and cuts, surfaces that need them are left for the fit to refuse.
     #[must_use]
     pub fn new(preparation: Preparation) -> Self {
         Self::with_volume(preparation, None)
     }
 
-    /// Makes a reader that has read a volume already.
+    /// Creates a reader with a volume that has already been read.
     pub(crate) fn with_volume(preparation: Preparation, volume: Option<LabelVolume>) -> Self {
         Self { preparation, volume }
     }
@@ -44,7 +44,7 @@ impl SurfaceReader {
         self.preparation.apply(found, monitor)
     }
 
-    /// Returns a volume: the one that was read last, or from its file.
+    /// Returns a volume: the one read last if it is the same, else reads it from its file.
     ///
     /// # Errors
     ///

@@ -1,4 +1,4 @@
-//! What becomes of outputs that exist when a fit is run again.
+//! Decisions about existing outputs when a fit is run again.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -9,65 +9,65 @@ use spharm::{FileRecord, FitParams, Method, Model, Objective, Preparation, Smoot
 
 use crate::files::{ModelFiles, Replace};
 
-/// What to do with outputs that exist.
+/// Treatment of existing outputs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum IfExists {
     /// Refuse.
     Refuse,
-    /// Skip a model that is the one asked for, and refuse another.
+    /// Skip a model that is the requested one, and refuse another.
     Skip,
-    /// Skip a model that is the one asked for, and replace that of another input or of other settings.
+    /// Skip a model that is the requested one, and replace a model of another input or with other settings.
     Update,
     /// Replace them.
     Replace,
 }
 
 impl IfExists {
-    /// Returns whether a model that is the one asked for is kept.
+    /// Returns whether a model that is the requested one is kept.
     #[must_use]
     pub fn keeps(self) -> bool {
         matches!(self, Self::Skip | Self::Update)
     }
 }
 
-/// The fit that is asked for.
+/// The requested fit.
 #[derive(Debug, Clone, Copy)]
 pub struct Request<'a> {
-    /// What the target is called, where it is from a table.
+    /// The target's id, if it is from a table.
     pub id: Option<&'a str>,
     /// The target's file.
     pub input: &'a FileRecord,
-    /// The sphere; `None` where the surface is mapped to one of its own.
+    /// The sphere; `None` if the surface is mapped to a sphere of its own.
     pub sphere: Option<&'a Sphere>,
     /// Settings.
     pub params: &'a FitParams,
-    /// The file of the vertices whose values are read, where the others are continued from its edge.
+    /// The file of the region whose vertices are read, if the values of the others are extrapolated from its edge.
     pub region: Option<&'a FileRecord>,
-    /// What is done to the surface before the fit; of one over a sphere, nothing.
+    /// Changes to the surface before the fit; none for a surface over a sphere.
     pub preparation: Preparation,
     /// The model's file.
     pub output: &'a Path,
-    /// Files beside the model that are asked for.
+    /// Requested files beside the model.
     pub beside: &'a [PathBuf],
-    /// What to do where they exist.
+    /// Treatment of existing outputs.
     pub if_exists: IfExists,
 }
 
-/// What to do about a request.
+/// The decision about a request.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Decision {
-    /// Nothing: the model and the files beside it are there.
+    /// Skip: the model and the files beside it exist.
     Skip,
     /// Fit.
     Fit {
-        /// Which outputs that exist are replaced.
+        /// Which existing outputs are replaced.
         replace: Replace,
         /// The other input whose model is replaced.
         replaces: Option<FileRecord>,
     },
 }
 
-/// An output that is in the way.
+/// An existing output that prevents a fit.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Refusal {
@@ -82,12 +82,12 @@ pub enum Refusal {
     OtherInput {
         /// The model.
         path: PathBuf,
-        /// What it is the model of.
+        /// The input recorded in the model.
         recorded: String,
-        /// The input that was to be fitted.
+        /// The requested input.
         input: String,
     },
-    /// It is the model of what the input's file was before.
+    /// It is the model of an earlier version of the input's file.
     #[error("{}: the model of {input}, whose contents have changed since", .path.display())]
     Changed {
         /// The model.
@@ -100,18 +100,18 @@ pub enum Refusal {
     OtherSettings {
         /// The model.
         path: PathBuf,
-        /// What differs.
+        /// The differences.
         differences: Vec<Difference>,
     },
-    /// It is a sphere, or the surface of a label, that wasn't made of the input.
+    /// It is a sphere, or the surface of a label, that wasn't made from the input.
     #[error("{}: not made of {input}, or it doesn't say so", .path.display())]
     OtherSphere {
         /// The file.
         path: PathBuf,
-        /// The input that was to be mapped.
+        /// The input to be mapped.
         input: String,
     },
-    /// It doesn't record what it was made from.
+    /// It doesn't record its input.
     #[error("{}: no model, or one that doesn't record what it was made from", .path.display())]
     Unknown {
         /// The file.
@@ -124,9 +124,9 @@ pub enum Refusal {
 pub struct Difference {
     /// The field of [`FitParams`], [`Method`] or [`Preparation`], `sphere` or `id`.
     pub setting: &'static str,
-    /// What the model was fitted with.
+    /// Its value in the model.
     pub found: String,
-    /// What is asked for.
+    /// The requested value.
     pub wanted: String,
 }
 
@@ -136,7 +136,7 @@ impl fmt::Display for Difference {
     }
 }
 
-/// Whether two regions are the same vertices, whatever their files are called.
+/// Returns whether two regions have the same contents, whatever the names of their files.
 fn same_region(found: Option<&FileRecord>, wanted: Option<&FileRecord>) -> bool {
     match (found, wanted) {
         (Some(found), Some(wanted)) => found.same_contents(wanted),
@@ -149,22 +149,22 @@ fn list(differences: &[Difference]) -> String {
 }
 
 impl Request<'_> {
-    /// Decides what to do, from the outputs that exist and what the model among them records.
+    /// Decides what to do, from the existing outputs and the provenance of the existing model.
     ///
-    /// With [`IfExists::Skip`] a model of the same input with the same settings is kept, and made again only where a
-    /// file beside it is missing. Inputs are the same where their contents are. Without a model, files that an earlier
-    /// call left are no obstacle, but for a sphere of another input. With [`IfExists::Update`] models of other inputs
-    /// or settings are replaced in place of being refused.
+    /// With [`IfExists::Skip`] a model of the same input with the same settings is kept, and recomputed only if a file
+    /// beside it is missing. Inputs are the same if their contents are equal. Without a model, files left by an earlier
+    /// call are replaced, except for a sphere of another input. With [`IfExists::Update`], models of other inputs or
+    /// settings are replaced rather than refused.
     ///
     /// # Errors
     ///
-    /// [`Refusal`] with the output that is in the way.
+    /// [`Refusal`] with the output that prevents the fit.
     pub fn decide(&self) -> Result<Decision, Refusal> {
         self.decide_by(&|| false)
     }
 
-    /// Decides as [`decide`](Self::decide) does. `is_sound` says whether repairing and cutting leave the surface as it
-    /// is, and is only asked where its model was made without what is asked for now.
+    /// Decides as [`decide`](Self::decide) does. `is_sound` returns whether repairing and cutting would leave the
+    /// surface unchanged. It is only called if the model was made without repairs or cuts that are now requested.
     ///
     /// # Errors
     ///
@@ -184,12 +184,12 @@ impl Request<'_> {
         if !exists || self.if_exists == IfExists::Refuse {
             let in_the_way = std::iter::once(self.output).chain(self.beside.iter().map(PathBuf::as_path));
             let in_the_way = in_the_way.into_iter().find(|path| path.exists());
-            // A model that is there by the time that this one is written is another process's, and stays.
+            // A model that exists when this one is about to be written is another process's, and is kept.
             let replace = match (self.if_exists, in_the_way) {
                 (IfExists::Replace, _) => Replace::ALL,
                 (_, None) => Replace::default(),
                 (IfExists::Refuse, Some(path)) => return Err(Refusal::Exists { path: path.to_owned() }),
-                // What a broken-off fit left over is no obstacle to going on.
+                // Leftovers of an interrupted fit don't prevent resuming it.
                 (IfExists::Skip | IfExists::Update, Some(_)) => {
                     self.check_sphere()?;
                     Replace { model: false, beside: true }
@@ -228,7 +228,7 @@ impl Request<'_> {
         }
     }
 
-    /// Refuses the sphere, and the surface of a label, that are beside the model and weren't made of this input.
+    /// Refuses a sphere, or a surface of a label, beside the model that wasn't made from this input.
     fn check_sphere(&self) -> Result<(), Refusal> {
         let files = ModelFiles { model: self.output.to_owned() };
         let own = [files.sphere(), files.surface()];
@@ -239,13 +239,13 @@ impl Request<'_> {
         }
     }
 
-    /// Differences in what was done to the surface. A model is the same with and without a repair that had nothing to
-    /// do.
+    /// Returns the differences in the changes to the surface. A model is the same with and without a repair that had
+    /// nothing to do.
     fn unprepared(&self, recorded: &Provenance, is_sound: &dyn Fn() -> bool) -> Vec<Difference> {
         let wanted = self.preparation;
         let mut differences = Vec::new();
         let same = match (recorded.voxel_size, wanted.voxel_size) {
-            // A number that was written and read again may have lost its last bit.
+            // A number may have lost its last bit by being written and read.
             (Some(found), Some(wanted)) => found.iter().zip(wanted).all(|(a, b)| (a - b).abs() <= 1e-14 * b),
             (found, wanted) => found.is_none() && wanted.is_none(),
         };
@@ -257,7 +257,7 @@ impl Request<'_> {
             differences.push(Difference { setting: "voxel_size", found, wanted });
         }
         let (repaired, cut) = (recorded.repair.is_some(), recorded.handles.is_some());
-        // A label that was taken as it is has nothing to repair or to cut; a mesh may have.
+        // A label that was used unchanged has nothing to repair or to cut; a mesh may have.
         let as_it_is = self.input.label.is_some() && !repaired && !cut;
         // A repair of a label leaves no handles to cut.
         let without_handles = self.input.label.is_some() && repaired;
@@ -326,7 +326,7 @@ impl Request<'_> {
         check("accelerate", text(|s| s.accelerate.to_string()), method.accelerated().to_string());
         let hash = params.weights.hash();
         let recorded_hash = recorded.and_then(|settings| settings.weights_blake3.clone());
-        // Weights from a file are the same where their values are, whatever it is called.
+        // Weights from files are the same if their values are equal, whatever the names of the files.
         if hash.is_none() || hash != recorded_hash {
             let name = text(|s| s.weights.clone());
             check("weights", weights_name(&name, recorded_hash), weights_name(params.weights.name(), hash));
@@ -351,7 +351,7 @@ impl Request<'_> {
             ("hold_out", recorded.and_then(|settings| settings.hold_out), params.hold_out),
             ("tolerance", recorded.and_then(|settings| settings.tolerance), Some(params.tolerance)),
         ] {
-            // A number that was written and read again may have lost its last bit.
+            // A number may have lost its last bit by being written and read.
             let same = match (found, wanted) {
                 (Some(found), Some(wanted)) => (found - wanted).abs() <= 1e-14 * wanted.abs(),
                 (found, wanted) => found.is_none() && wanted.is_none(),
@@ -373,6 +373,6 @@ fn weights_name(name: &str, hash: Option<String>) -> String {
 }
 
 fn sphere_name(scheme_key: Option<&String>) -> String {
-    // As many digits as messages about stores show.
+    // The same number of digits as in messages about stores.
     scheme_key.map_or("of its own".to_owned(), |key| key.chars().take(12).collect())
 }

@@ -4,7 +4,7 @@ use std::str::FromStr;
 
 use crate::error::CohortError;
 
-/// One of several processes that share a manifest: it has the rows whose number, from 0, is `index` modulo `count`.
+/// One process's share of a manifest: the rows whose index, from 0, is `index` modulo `count`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shard {
     index: usize,
@@ -27,7 +27,7 @@ impl std::fmt::Display for Shard {
 impl FromStr for Shard {
     type Err = CohortError;
 
-    /// Parses `i/n`, or `slurm` for the task of a Slurm array that this process is.
+    /// Parses `i/n`, or `slurm` for this process's task of a Slurm array.
     fn from_str(text: &str) -> Result<Self, CohortError> {
         if text == "slurm" {
             return Self::of_slurm(|name| std::env::var(name).ok());
@@ -41,18 +41,18 @@ impl FromStr for Shard {
 }
 
 impl Shard {
-    /// Returns which of how many.
+    /// Returns the index of the shard and the number of shards.
     #[must_use]
     pub fn index_and_count(self) -> (usize, usize) {
         (self.index, self.count)
     }
 
-    /// Returns the shard of a task of a Slurm array: its place among the numbers from `SLURM_ARRAY_TASK_MIN` to `_MAX`.
-    /// `variable` looks up the environment.
+    /// Returns the shard of a task of a Slurm array: its position among the numbers from `SLURM_ARRAY_TASK_MIN` to
+    /// `_MAX`. `variable` looks up a variable of the environment.
     ///
     /// # Errors
     ///
-    /// [`CohortError::Slurm`] outside an array, and in one with gaps, whose tasks wouldn't have all rows.
+    /// [`CohortError::Slurm`] outside an array, and in an array with gaps, whose tasks wouldn't cover all rows.
     pub fn of_slurm(variable: impl Fn(&str) -> Option<String>) -> Result<Self, CohortError> {
         let refuse = |problem: String| CohortError::Slurm { problem };
         let number = |name: &str| -> Result<usize, CohortError> {
@@ -73,13 +73,13 @@ impl Shard {
         Ok(Self { index: id - first, count })
     }
 
-    /// Returns whether a row is this process's.
+    /// Returns whether a row belongs to this process.
     #[must_use]
     pub fn has(self, row: usize) -> bool {
         row % self.count == self.index
     }
 
-    /// Returns the rows of this process, in their order.
+    /// Returns the rows of this process, in order.
     pub fn of<T>(self, rows: &[T]) -> impl Iterator<Item = &T> {
         rows.iter().skip(self.index).step_by(self.count)
     }

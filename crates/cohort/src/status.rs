@@ -1,4 +1,4 @@
-//! What one process has done, a line at a time.
+//! Status files: the outcomes of one process, line by line.
 
 use std::fmt;
 use std::fs::{File, OpenOptions, TryLockError};
@@ -10,19 +10,19 @@ use crate::error::CohortError;
 use crate::formulas::{guarded, unguarded};
 use crate::table::writer;
 
-/// The columns, in their order.
+/// The columns, in order.
 pub(crate) const HEADER: [&str; 7] = ["id", "state", "msd", "xsd", "seconds", "error", "output"];
 
-/// What became of a row.
+/// Outcome of a row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum State {
     /// Its model was made.
     Done,
-    /// Its model was there.
+    /// Its model existed.
     Skipped,
-    /// It can't be fitted, and the error says why.
+    /// It couldn't be fitted, for the reason given by the error.
     Failed,
-    /// The process was stopped while it was worked on.
+    /// The process was stopped while working on it.
     Interrupted,
 }
 
@@ -30,7 +30,7 @@ impl State {
     /// All states.
     pub const ALL: [Self; 4] = [Self::Done, Self::Skipped, Self::Failed, Self::Interrupted];
 
-    /// Returns the state's name, as it is in the table.
+    /// Returns the state's name in the table.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -41,7 +41,7 @@ impl State {
         }
     }
 
-    /// Returns whether the row's model is there.
+    /// Returns whether the row's model exists.
     #[must_use]
     pub fn is_there(self) -> bool {
         matches!(self, Self::Done | Self::Skipped)
@@ -67,29 +67,30 @@ impl fmt::Display for State {
 pub struct Entry {
     /// The row's id.
     pub id: String,
-    /// What became of it.
+    /// Outcome of the row.
     pub state: State,
     /// Mean squared distance at the vertices, bounding box scaled to volume 1.
     pub msd: Option<f64>,
     /// Maximal squared distance at the vertices, scaled likewise.
     pub xsd: Option<f64>,
-    /// Seconds from reading the surface to having written its model; rows that are fitted together share them.
+    /// Wall time in seconds, from reading the surface to having written its model; shared by rows that are fitted
+    /// together.
     pub seconds: Option<f64>,
-    /// Why it failed; empty otherwise.
+    /// The error, if it failed; empty otherwise.
     pub error: String,
-    /// The model's file; empty where it isn't known.
+    /// The model's file; empty if unknown.
     pub output: String,
 }
 
 impl Entry {
-    /// An entry without numbers, error and output.
+    /// Creates an entry without numbers, error and output.
     #[must_use]
     pub fn new(id: &str, state: State) -> Self {
         let (msd, xsd, seconds, error, output) = (None, None, None, String::new(), String::new());
         Self { id: id.to_owned(), state, msd, xsd, seconds, error, output }
     }
 
-    /// Takes an entry from its cells; `None` where they aren't one.
+    /// Parses an entry from its cells; `None` if they are malformed.
     pub(crate) fn of_cells<'a>(cells: impl Iterator<Item = &'a str>) -> Option<Self> {
         let cells: Vec<&str> = cells.collect();
         let [id, state, msd, xsd, seconds, error, output] = cells[..] else { return None };
@@ -105,9 +106,9 @@ impl Entry {
         })
     }
 
-    /// The line, with its end: always one line.
+    /// Returns the entry as a single line, including its end.
     fn line(&self) -> io::Result<Vec<u8>> {
-        // In the shortest form that is read back as it was.
+        // In the shortest form that is read back exactly.
         let number =
             |value: Option<f64>| value.filter(|value| value.is_finite()).map_or(String::new(), |v| format!("{v:e}"));
         let seconds = self.seconds.map_or(String::new(), |seconds| format!("{seconds:.3}"));
@@ -124,24 +125,24 @@ fn line(cells: impl IntoIterator<Item = impl AsRef<[u8]>>) -> io::Result<Vec<u8>
     writer.into_inner().map_err(|error| io::Error::other(error.to_string()))
 }
 
-/// A status file that this process writes to. Of several lines of a row the last counts, so that it goes on where an
-/// earlier call ended.
+/// A status file that this process writes to. If a row has several lines the last one is valid, so that an earlier call
+/// can be resumed.
 #[derive(Debug)]
 pub struct StatusFile {
     path: PathBuf,
     file: File,
-    /// Bytes up to the end of the last whole line.
+    /// Number of bytes up to the end of the last complete line.
     end: u64,
 }
 
 impl StatusFile {
-    /// Opens a status file to append to, or makes it, with its folder. Part of a line, as a full disk leaves it, is cut
-    /// off.
+    /// Opens a status file for appending, or creates it and its folder. An incomplete last line, as left by a full
+    /// disk, is removed.
     ///
     /// # Errors
     ///
-    /// [`CohortError::NotStatus`] for a file that is something else, [`CohortError::Locked`] while another process has
-    /// it, and [`CohortError::Io`].
+    /// [`CohortError::NotStatus`] for a file that isn't a status file, [`CohortError::Locked`] while another process
+    /// has it open, and [`CohortError::Io`].
     pub fn open(path: impl AsRef<Path>) -> Result<Self, CohortError> {
         let path = path.as_ref();
         let io = |action| move |source| CohortError::Io { path: path.to_owned(), action, source };
@@ -150,7 +151,7 @@ impl StatusFile {
         }
         let options = OpenOptions::new().read(true).append(true).create(true).clone();
         let mut file = spharm_files::open_with(path, &options).map_err(io("open"))?;
-        // Where the file system has no locks, there is nothing to find out.
+        // A file system without locks gives no information.
         if let Err(TryLockError::WouldBlock) = file.try_lock() {
             return Err(CohortError::Locked { path: path.to_owned() });
         }
@@ -173,11 +174,11 @@ impl StatusFile {
         Ok(Self { path: path.to_owned(), file, end })
     }
 
-    /// Appends a line, at once: after this it outlives the process.
+    /// Appends a line and writes it immediately, so that it outlives the process.
     ///
     /// # Errors
     ///
-    /// [`CohortError::Io`]. The file then ends after the last whole line, where the system allows.
+    /// [`CohortError::Io`]. The file then ends after the last complete line, if the system allows.
     pub fn append(&mut self, entry: &Entry) -> Result<(), CohortError> {
         let result = entry.line().and_then(|line| self.file.write_all(&line).map(|()| line.len() as u64));
         match result {
@@ -186,7 +187,7 @@ impl StatusFile {
                 Ok(())
             }
             Err(source) => {
-                // The next one to open it cuts it off where this fails.
+                // If this fails, the incomplete line is removed when the file is next opened.
                 let _ = self.file.set_len(self.end);
                 Err(CohortError::Io { path: self.path.clone(), action: "write", source })
             }

@@ -1,19 +1,19 @@
-//! For build scripts of what is installed: leaves out most of the kernels that OpenBLAS carries.
+//! Leaves out most of OpenBLAS's kernels, for build scripts of the installed program and Python extension.
 //!
 //! # Processors
 //!
-//! Debian's static OpenBLAS chooses among twenty processors' kernels at run time, which are 40 of its 55 MB. Each set
-//! hangs on one table, `gotoblas_NAME`, that the choice points to. Where the table is linked as another name of an
-//! older processor's, its kernels are dropped, and what is installed still runs everywhere: each processor gets the
-//! best of the sets that stay and that it can execute. Processors without AVX2, of before 2013, lose speed in large
-//! factors.
+//! Debian's static OpenBLAS chooses among the kernels of twenty processors at run time, which are 40 of its 55 MB. Each
+//! set is reachable only through its table, `gotoblas_NAME`. If a table is linked as an alias of an older processor's
+//! table, its kernels are dropped, and the installed binaries still run everywhere: each processor uses the best
+//! remaining set that it can execute. Processors without AVX2, from before 2013, lose speed in large factors.
 //!
 //! # Precisions
 //!
-//! The table has the kernels of all precisions, and what calls them here are `dgemm`, `dsyrk`, `dtrsm`, `ddot` and
-//! `dpotrf` alone. Those of single precision and of complex numbers, four fifths of what is left, are linked as address
-//! 0: a call of one would end the process at once. `tests/linked.rs` sees to it that nothing is linked into the program
-//! that calls them; the Python extension has no other callers of BLAS than the program (`crates/solver/src/blas.rs`).
+//! A table has the kernels of all precisions, but the only routines called here are `dgemm`, `dsyrk`, `dtrsm`, `ddot`
+//! and `dpotrf`. The kernels of single precision and of complex numbers, four fifths of the remaining ones, are linked
+//! as address 0: calling one would end the process immediately. `tests/linked.rs` checks that the program contains no
+//! code that calls them; the Python extension calls BLAS only from the same code as the program
+//! (`crates/solver/src/blas.rs`).
 
 #![forbid(unsafe_code)]
 
@@ -22,9 +22,9 @@ use std::env;
 use std::fs;
 use std::path::PathBuf;
 
-/// Tables that are left out, and the one that serves their processors.
+/// Tables that are kept, each with the left-out tables whose processors it serves.
 const SERVED_BY: [(&str, &[&str]); 3] = [
-    // Without AVX2 and FMA: what a processor of 64 bits has had since 2004.
+    // Without AVX2 and FMA: instructions that all 64-bit processors have had since 2004.
     (
         "PRESCOTT",
         &[
@@ -46,14 +46,15 @@ const SERVED_BY: [(&str, &[&str]); 3] = [
     ),
     // With AVX2 and FMA: the same kernels.
     ("HASWELL", &["ZEN", "EXCAVATOR"]),
-    // With AVX-512; what the other has besides is bfloat16.
+    // With AVX-512; the left-out set additionally has only bfloat16.
     ("SKYLAKEX", &["COOPERLAKE"]),
 ];
 
-/// Is set where the linker is zig's.
+/// Environment variable that is set if the linker is zig's.
 const ZIG: &str = "CARGO_ZIGBUILD_TARGET";
 
-/// Tells Cargo how to link the package whose build script calls this, where the feature `openblas-system` is on.
+/// Prints link instructions to Cargo for the package whose build script calls this, if the feature `openblas-system` is
+/// on.
 pub fn leave_out_kernels() {
     println!("cargo::rerun-if-env-changed=CARGO_ENCODED_RUSTFLAGS");
     println!("cargo::rerun-if-env-changed={ZIG}");
@@ -62,7 +63,7 @@ pub fn leave_out_kernels() {
     if !(linux && x86_64 && env::var_os("CARGO_FEATURE_OPENBLAS_SYSTEM").is_some()) {
         return;
     }
-    // Of a library without run-time choice, or with another list, nothing is left out.
+    // Nothing is left out of a library without run-time choice, or with another list of processors.
     let Some(library) = library().and_then(|path| fs::read(path).ok()) else { return };
     let has = |processor: &str| {
         let table = format!("\0gotoblas_{processor}\0");
@@ -78,20 +79,20 @@ pub fn leave_out_kernels() {
     if fs::write(&path, script).is_err() {
         return;
     }
-    // A text file among the objects is more of the linker's script, but zig wants to be told.
+    // Linkers treat a text file among the objects as part of the linker script, but zig needs an option for it.
     let option = if env::var_os(ZIG).is_some() { "-Wl,-T," } else { "" };
     println!("cargo::rustc-link-arg={option}{}", path.display());
 }
 
-/// The kernels of other numbers than f64, for the processors that have some: names as in `strmm_kernel_LN_HASWELL` that
-/// begin with s, c or z for their numbers, or with i for the place of one of these.
+/// Returns the kernels for other types than f64 of the kept processors. Their names, such as `strmm_kernel_LN_HASWELL`,
+/// begin with s, c or z for the type, or with i and one of these for index searches.
 fn other_precisions(library: &[u8]) -> BTreeSet<&str> {
     let is_other = |name: &str| {
         let numbers = name.strip_prefix('i').unwrap_or(name);
         let processor = SERVED_BY.iter().any(|(by, _)| name.strip_suffix(by).is_some_and(|name| name.ends_with('_')));
         processor && numbers.starts_with(['s', 'c', 'z'])
     };
-    // What a name is, is between zeros in the tables of the objects' names.
+    // Names are separated by zeros in the symbol tables of the objects.
     let words = library.split(|&byte| byte == 0).filter_map(|word| std::str::from_utf8(word).ok());
     words.filter(|word| word.len() < 64 && word.bytes().all(is_of_a_name) && is_other(word)).collect()
 }
@@ -100,7 +101,7 @@ fn is_of_a_name(byte: u8) -> bool {
     byte.is_ascii_alphanumeric() || byte == b'_'
 }
 
-/// The static OpenBLAS in the folders that `.cargo/config.toml` names.
+/// Returns the path of the static OpenBLAS in the folders listed in `.cargo/config.toml`.
 fn library() -> Option<PathBuf> {
     let flags = env::var("CARGO_ENCODED_RUSTFLAGS").ok()?;
     flags

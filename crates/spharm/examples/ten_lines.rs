@@ -1,5 +1,5 @@
-//! From a mesh to a model and back: `cargo run --example ten_lines -- bunny.ply 60`, or without arguments a surface
-//! made for the purpose.
+//! From a mesh to a model and back: `cargo run --example ten_lines -- bunny.ply 60`, or, without arguments, a generated
+//! surface.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,4 @@
-//! Why a row has no model, or why a run ended.
+//! Errors that end a row or an entire run.
 
 use std::fmt::Display;
 use std::io::ErrorKind;
@@ -35,25 +35,25 @@ pub enum RunError {
         /// The surface's file.
         path: PathBuf,
     },
-    /// A share of equal areas in the map of a label's surface.
+    /// An allowed area distortion for the map of a label's surface, which always has equal areas.
     #[error("{input}: area is for meshes; the quadrangles around a label are mapped with equal areas")]
     AreaOfLabel {
         /// The volume and its label.
         input: String,
     },
-    /// Weights that name no file.
+    /// Weights that aren't a file.
     #[error("column weights: expected uniform, area or a file, found {}, which isn't there", .path.display())]
     NoWeights {
         /// The cell of the table.
         path: PathBuf,
     },
-    /// A mask, or missing values, that leave no vertex.
+    /// No vertex is left by a mask or by missing values.
     #[error("{}: no vertex is left to read", .path.display())]
     NothingToRead {
         /// The surface's file.
         path: PathBuf,
     },
-    /// A warning, where these are refused.
+    /// A warning, in a strict run.
     #[error("{0}")]
     Strict(String),
     /// A file that is missing.
@@ -62,10 +62,10 @@ pub enum RunError {
         /// The file.
         path: PathBuf,
     },
-    /// The verdict of a caller's check.
+    /// An error of a caller's check.
     #[error("{0}")]
     Check(String),
-    /// An error and what it is of.
+    /// An error with its context.
     #[error("{context}")]
     Of {
         /// The row, or its file.
@@ -76,13 +76,13 @@ pub enum RunError {
 }
 
 impl RunError {
-    /// Says what an error is of.
+    /// Adds the context to an error.
     #[must_use]
     pub fn of(self, context: impl Display) -> Self {
         Self::Of { context: context.to_string(), source: Box::new(self) }
     }
 
-    /// Returns whether the run was asked to stop, and did.
+    /// Returns whether the error is an interruption: the run stopped because it was asked to.
     #[must_use]
     pub fn is_interrupted(&self) -> bool {
         match self {
@@ -92,8 +92,8 @@ impl RunError {
         }
     }
 
-    /// Returns whether every other row would fail for the same reason: there is no room for models, or no permission to
-    /// write them.
+    /// Returns whether every other row would fail for the same reason: no space for models, or no permission to write
+    /// them.
     #[must_use]
     pub fn concerns_all(&self) -> bool {
         concerns_all(self)
@@ -142,12 +142,11 @@ impl From<Interrupted> for RunError {
     }
 }
 
-/// Returns whether an error, or one of its sources, says that there is no room for files, or no permission to write
-/// them.
+/// Returns whether an error, or one of its sources, is a lack of disk space, or of permission to write files.
 #[must_use]
 pub fn concerns_all(error: &(dyn std::error::Error + 'static)) -> bool {
     use ErrorKind::{FileTooLarge, QuotaExceeded, ReadOnlyFilesystem, StorageFull};
-    // None of these is an error of reading.
+    // None of these occurs when reading.
     let io_of =
         |error: &SurfaceError| if let SurfaceError::Io { cause, .. } = error { Some(cause.kind()) } else { None };
     let of_fit = |error: &Error| match error {

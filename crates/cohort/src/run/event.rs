@@ -1,4 +1,4 @@
-//! What a run reports while it works.
+//! Events that a run reports while it works.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -35,7 +35,7 @@ impl Observer for Unobserved {}
 #[derive(Debug)]
 #[non_exhaustive]
 pub enum Event<'a> {
-    /// This number of surfaces get spheres of their own, so that their coefficients don't correspond.
+    /// Number of surfaces that are mapped to spheres of their own, so that their coefficients don't correspond.
     OwnSpheres(usize),
     /// Work on a row has begun.
     Started {
@@ -48,12 +48,12 @@ pub enum Event<'a> {
         row: &'a Row,
         /// The sphere's file.
         sphere: &'a Path,
-        /// How it was mapped.
+        /// Report on the map.
         report: &'a Report,
         /// Whether the sphere is that of an earlier run.
         reused: bool,
     },
-    /// Vertices of a row aren't read.
+    /// Some vertices of a row aren't read.
     LeftOut {
         /// The row.
         row: &'a Row,
@@ -73,7 +73,7 @@ pub enum Event<'a> {
     },
     /// A row is finished.
     Finished {
-        /// The row's number.
+        /// The row's index.
         number: usize,
         /// The row.
         row: &'a Row,
@@ -88,7 +88,8 @@ pub enum Event<'a> {
     RowWarning(&'a str),
     /// A warning.
     Warning(&'a str),
-    /// A warning of the cohort, at the end of the run: inputs that occur twice, models that follow voxels' steps.
+    /// A warning of the cohort, at the end of the run: inputs that occur twice, models that reproduce the voxels'
+    /// steps.
     CohortWarning(&'a str),
     /// A note.
     Note(&'a str),
@@ -114,7 +115,7 @@ pub enum Outcome<'a> {
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct RowFit {
-    /// The model, and the files beside it.
+    /// The model and the files beside it.
     pub files: ModelFiles,
     /// Distances, settings and warnings of the fit.
     pub report: FitReport,
@@ -140,12 +141,12 @@ pub struct Mapping {
     /// Handles that were cut.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub handles: Option<HandlesReport>,
-    /// How it was mapped.
+    /// Report on the map.
     #[serde(flatten)]
     pub report: Report,
 }
 
-/// A path as text, also if it isn't UTF-8.
+/// Serialises a path as text, even if it isn't UTF-8.
 fn shown<S: serde::Serializer>(path: &Path, serializer: S) -> Result<S::Ok, S::Error> {
     serializer.collect_str(&path.display())
 }

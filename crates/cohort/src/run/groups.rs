@@ -1,4 +1,4 @@
-//! Rows that share a sphere and weights, and with them plans, transforms and factors.
+//! Groups of rows that share a sphere and weights, and hence plans, transforms and factors.
 
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
@@ -11,12 +11,12 @@ use crate::Row;
 pub(super) struct Group {
     /// The sphere; none for rows that are mapped to spheres of their own.
     pub(super) sphere: Option<PathBuf>,
-    /// Numbers of the rows, at least one.
+    /// Indices of the rows, at least one.
     pub(super) rows: Vec<usize>,
 }
 
-/// Groups the rows with these numbers, in the order in which the groups' first rows come. Spheres are the same where
-/// their paths or their contents are; only files of the same size are read to find out.
+/// Groups the rows with these indices, in the order of the groups' first rows. Spheres are the same if their paths or
+/// their contents are equal; only files of the same size are read for the comparison.
 pub(super) fn groups(rows: &[Row], numbers: &[usize]) -> Vec<Group> {
     let same = same_spheres(numbers.iter().map(|&number| &rows[number]));
     let (mut groups, mut places): (Vec<Group>, HashMap<_, usize>) = (Vec::new(), HashMap::new());
@@ -32,8 +32,7 @@ pub(super) fn groups(rows: &[Row], numbers: &[usize]) -> Vec<Group> {
     groups
 }
 
-/// For spheres of the same contents under several paths, the first of these. What can't be read is left for the fit to
-/// refuse.
+/// Maps the paths of spheres with equal contents to the first of them. Unreadable files are left for the fit to refuse.
 fn same_spheres<'a>(rows: impl Iterator<Item = &'a Row>) -> HashMap<&'a Path, &'a Path> {
     let (mut seen, mut paths) = (HashSet::new(), Vec::new());
     for path in rows.filter_map(|row| row.sphere.as_deref()) {

@@ -1,4 +1,4 @@
-//! One surface to fit, its outputs, and what to do about those that exist.
+//! One surface to fit, its outputs, and the decision about existing ones.
 
 use std::path::{Path, PathBuf};
 
@@ -11,20 +11,20 @@ use crate::Row;
 use crate::files::{ModelFiles, Replace};
 use crate::rerun::{Decision, Request};
 
-/// One surface to fit and where its model goes.
+/// One surface to fit and the location of its model.
 pub(super) struct Item {
     pub(super) files: ModelFiles,
-    /// What the input is, for the model to record.
+    /// Record of the input's file, for the model's provenance.
     pub(super) record: FileRecord,
-    /// The file of the vertices whose values are read, if not all are.
+    /// The file of the region whose vertices are read, if not all are.
     pub(super) region: Option<FileRecord>,
-    /// Which outputs that exist are replaced.
+    /// Which existing outputs are replaced.
     pub(super) replace: Replace,
 }
 
 impl Item {
-    /// Decides what to do about a row; `None` where its model is there. `record` is its file's, `sphere` the one that
-    /// it is fitted over, if not one of its own.
+    /// Decides what to do about a row; `None` if its model exists. `record` is that of its file, `sphere` is the sphere
+    /// of the fit, unless it is mapped to one of its own.
     pub(super) fn decide(
         row: &Row,
         model: PathBuf,
@@ -41,14 +41,14 @@ impl Item {
             sphere.is_none().then(|| files.sphere()),
             record.label.map(|_| files.surface()),
             options.evaluate.as_ref().map(|evaluate| evaluate.file(&files)),
-            // A surface without handles has none, and is finished all the same.
+            // A surface without handles has no such file, even if it is finished.
             (options.preparation.cut_handles && !options.if_exists.keeps()).then(|| files.cut_surface()),
-            // Nor does a mesh in which there was nothing to mend.
+            // Nor does a mesh without anything to repair.
             (options.preparation.fix && record.label.is_none() && !options.if_exists.keeps())
                 .then(|| files.fixed_surface()),
         ];
         let beside: Vec<PathBuf> = beside.into_iter().flatten().collect();
-        // Its inputs stay, whatever is replaced.
+        // Its inputs are never replaced.
         let inputs =
             [Some(&row.surface), row.sphere.as_ref(), row.weights.as_ref(), row.region.as_ref(), options.mask.as_ref()];
         let inputs: Vec<&Path> = inputs.into_iter().flatten().map(PathBuf::as_path).collect();
@@ -67,7 +67,7 @@ impl Item {
             beside: &beside,
             if_exists: options.if_exists,
         };
-        // Read only where its model was made without what is asked for now.
+        // Only called if the model was made without repairs or cuts that are now requested.
         let read = || options.reader().read(&row.surface, record.label, &Silent);
         let is_sound = || read().is_ok_and(|input| input.changes(options.preparation.cut_handles).is_empty());
         match request.decide_by(&is_sound)? {
@@ -83,18 +83,18 @@ impl Item {
     }
 }
 
-/// The id that a model records: that of a row of a table.
+/// Returns the id for a model's provenance, if the row is from a table.
 pub(super) fn id(row: &Row) -> Option<&str> {
     (row.line > 0).then_some(row.id.as_str())
 }
 
-/// Returns whether an output is one of the inputs, however their paths are written, links included.
+/// Returns whether an output is one of the inputs, however their paths are written, even through links.
 fn is_input(output: &Path, inputs: &[&Path]) -> bool {
-    // An output that doesn't exist is no input, and most don't.
+    // An output that doesn't exist can't be an input, and most don't.
     file_id(output).is_some_and(|id| inputs.iter().any(|input| file_id(input).as_ref() == Some(&id)))
 }
 
-/// Device and inode of a regular file.
+/// Returns the device and inode of a regular file.
 #[cfg(unix)]
 fn file_id(path: &Path) -> Option<(u64, u64)> {
     use std::os::unix::fs::MetadataExt;

@@ -1,4 +1,4 @@
-//! Outcomes of rows, as they become known: the table of outcomes, and the rows under way.
+//! Outcomes of rows as they become known: the table of outcomes, and the rows in progress.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -19,7 +19,7 @@ pub(super) struct Ledger<'a> {
 
 struct Inner {
     status: Option<StatusFile>,
-    /// Rows that are being worked on, and since when.
+    /// Rows that are being worked on, with their start times.
     under_way: BTreeMap<usize, Instant>,
     finished: Vec<bool>,
 }
@@ -31,13 +31,13 @@ impl<'a> Ledger<'a> {
         Ok(Self { observer, inner: Mutex::new(inner) })
     }
 
-    /// Notes that a row is being worked on.
+    /// Records that a row is being worked on.
     pub(super) fn start(&self, number: usize, row: &Row) {
         lock(&self.inner).under_way.insert(number, Instant::now());
         self.observer.event(&Event::Started { row });
     }
 
-    /// Notes that a row's model was made.
+    /// Records that a row's model was made.
     pub(super) fn done(&self, number: usize, row: &Row, fit: RowFit) -> Result<(), CohortError> {
         let (msd, xsd) = fit.report.passes.last().map_or((None, None), |last| (last.msd, last.xsd));
         let entry = Entry { msd, xsd, ..Entry::new(&row.id, State::Done) };
@@ -45,7 +45,7 @@ impl<'a> Ledger<'a> {
         self.finish(number, row, entry, &model, Outcome::Done(fit))
     }
 
-    /// Notes that a row's model exists.
+    /// Records that a row's model exists.
     pub(super) fn skipped(
         &self,
         number: usize,
@@ -56,13 +56,13 @@ impl<'a> Ledger<'a> {
         self.finish(number, row, Entry::new(&row.id, State::Skipped), model, Outcome::Skipped { label })
     }
 
-    /// Notes that a row can't be fitted.
+    /// Records that a row can't be fitted.
     pub(super) fn failed(&self, number: usize, row: &Row, model: &Path, error: &RunError) -> Result<(), CohortError> {
         let entry = Entry { error: self.observer.line(error), ..Entry::new(&row.id, State::Failed) };
         self.finish(number, row, entry, model, Outcome::Failed(error))
     }
 
-    /// Notes that the rows under way won't be finished.
+    /// Records that the rows in progress won't be finished.
     pub(super) fn interrupted(&self, cohort: &Cohort) -> Result<(), CohortError> {
         let numbers: Vec<usize> = lock(&self.inner).under_way.keys().copied().collect();
         for number in numbers {

@@ -1,5 +1,5 @@
-//! Weights, masks and missing values: vertices that a mask leaves out, and vertices of signals without a value, have
-//! the weight 0; those outside a row's region get values continued from its edge.
+//! Weights, masks and missing values. Vertices that a mask leaves out, and vertices of signals without a value, have
+//! weight 0. Vertices outside a row's region get values that are extrapolated from its edge.
 
 use std::path::Path;
 
@@ -23,7 +23,7 @@ pub(super) fn weighted(params: &FitParams, row: &Row) -> Result<FitParams, RunEr
     Ok(FitParams { weights, ..params.clone() })
 }
 
-/// Weights with those of the vertices at zero that a mask has at 0.
+/// Returns the weights, with those of the vertices at which a mask is 0 set to zero.
 pub(super) fn masked(weights: &Weights, mask: &Path, sphere: &Sphere) -> Result<Weights, SurfaceError> {
     let path = mask.display();
     let mask = read_mask(mask, sphere.directions.len())?;
@@ -34,13 +34,13 @@ pub(super) fn masked(weights: &Weights, mask: &Path, sphere: &Sphere) -> Result<
     Ok(without(weights, sphere, name, |vertex| !mask[vertex]))
 }
 
-/// Weights that are 0 at some vertices.
+/// Returns the weights, set to 0 at some vertices.
 fn without(weights: &Weights, sphere: &Sphere, name: String, leave_out: impl Fn(usize) -> bool) -> Weights {
     let mut values = match weights {
         Weights::Uniform => vec![1.0; sphere.directions.len()],
         Weights::Area => sphere.areas(),
         Weights::Values { values, .. } if values.len() == sphere.directions.len() => values.clone(),
-        // Refused by the fit, with its own message.
+        // The fit refuses them with its own message.
         other @ Weights::Values { .. } => return other.clone(),
     };
     values.iter_mut().enumerate().filter(|(vertex, _)| leave_out(*vertex)).for_each(|(_, weight)| *weight = 0.0);
@@ -49,7 +49,7 @@ fn without(weights: &Weights, sphere: &Sphere, name: String, leave_out: impl Fn(
 
 /// Rows that leave out the same vertices.
 pub(super) struct Part {
-    /// Numbers of the rows.
+    /// Indices of the rows.
     pub(super) rows: Vec<usize>,
     /// Settings with the weights of these rows.
     pub(super) params: FitParams,
@@ -57,8 +57,8 @@ pub(super) struct Part {
     pub(super) left_out: usize,
 }
 
-/// Sorts the rows with these numbers by the vertices that have no value, of signals that are fitted by least squares
-/// without a store. Other methods refuse values that aren't there.
+/// Groups the rows with these indices by their vertices without a value, for signals that are fitted by least squares
+/// without a store. Other methods refuse missing values.
 pub(super) fn parts(
     rows: &[Row],
     numbers: &[usize],
@@ -96,7 +96,7 @@ pub(super) fn parts(
     parts.into_iter().map(part).collect()
 }
 
-/// Continues a signal's values from the edge of a region, a mask or a label, over the vertices outside of it.
+/// Extrapolates a signal's values from the edge of a region, a mask or a label, to the vertices outside of it.
 pub(super) fn continue_from(
     region: &Path,
     target: &mut Target,
@@ -105,7 +105,8 @@ pub(super) fn continue_from(
 ) -> Result<(), RunError> {
     let channels = target.channels.max(1);
     let mut known = read_mask(region, sphere.directions.len())?;
-    // Inside the region they aren't filled in: NaN has weight 0, see `gaps`, and anything else is refused by the fit.
+    // Values inside the region that aren't finite aren't filled in: NaN has weight 0, see `gaps`, and the fit refuses
+    // others.
     let mut not_finite: Vec<(usize, Vec<f64>)> = Vec::new();
     for (vertex, (known, values)) in known.iter_mut().zip(target.values.chunks_exact(channels)).enumerate() {
         if *known && !values.iter().all(|value| value.is_finite()) {
@@ -120,8 +121,8 @@ pub(super) fn continue_from(
     Ok(())
 }
 
-/// Returns a warning if a model leaves the range of what was read where nothing was: by more than the width of that
-/// range.
+/// Returns a warning if a model's values at unread vertices leave the range of its values at the others, by more than
+/// the width of that range.
 pub(super) fn runaway(name: &str, fit: &Fit, params: &FitParams, sphere: &Sphere) -> Result<Option<String>, RunError> {
     let Weights::Values { values: weights, .. } = &params.weights else { return Ok(None) };
     let model = Model::without_sphere(fit.coefficients.clone(), Kind::Signal);
@@ -133,7 +134,7 @@ pub(super) fn runaway(name: &str, fit: &Fit, params: &FitParams, sphere: &Sphere
             values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)])
         };
         let ([low, high], [least, most]) = (range(false), range(true));
-        // A constant has the width of rounding.
+        // The width of a constant is that of its rounding.
         let width = (high - low).max(1e-6 * low.abs().max(high.abs()));
         if least < low - width || most > high + width {
             return Ok(Some(format!(
@@ -146,13 +147,13 @@ pub(super) fn runaway(name: &str, fit: &Fit, params: &FitParams, sphere: &Sphere
     Ok(None)
 }
 
-/// Whether each vertex has no value; empty if all have one, or have one continued from a region's edge.
+/// Marks the vertices without a value; empty if all have one, or get one that is extrapolated from a region's edge.
 fn gaps(row: &Row, vertices: usize) -> Vec<bool> {
     let path = &row.surface;
     if row.region.is_none() && !is_named_signal(path) {
         return Vec::new();
     }
-    // Other files, and those that can't be read, are refused when they are fitted.
+    // Other files, and unreadable ones, are refused when they are fitted.
     let Ok(signal) = read_signal_with_gaps(path) else { return Vec::new() };
     let none = |row: &[f64]| row.iter().any(|x| x.is_nan());
     let mut gaps: Vec<bool> = signal.values.chunks_exact(signal.channels.max(1)).map(none).collect();

@@ -1,20 +1,20 @@
-//! Runs many fits, a surface each: groups by sphere, masks, resumption, failures, outputs, the table of outcomes.
+//! Runs many fits, one per surface: groups by sphere, masks, resumption, failures, outputs, the table of outcomes.
 //!
 //! Rows are grouped by sphere, and a group is streamed through [`fit_each`](spharm::fit_each): a row's file is read and
 //! its outputs are checked when its turn comes, so that memory doesn't grow with the number of rows. A row's models,
-//! spheres and status are the same whatever other rows there are.
+//! spheres and status don't depend on the other rows.
 //!
 //! | module | contents |
 //! |---|---|
 //! | `params` | [`Cohort`], [`RunParams`]: rows and settings |
 //! | `event` | [`Observer`], [`Event`]: progress by row |
 //! | `groups` | rows that share a sphere |
-//! | `item` | what to do about outputs that exist |
-//! | `work` | one row after another: read, fit, write |
+//! | `item` | decisions about existing outputs |
+//! | `work` | processing of each row: read, fit, write |
 //! | `own_sphere` | surfaces without a sphere |
 //! | `mask` | weights, and vertices that aren't read |
 //! | `ledger` | outcomes |
-//! | `preview` | what a run would do |
+//! | `preview` | previews of runs |
 
 mod error;
 mod event;
@@ -46,9 +46,9 @@ use ledger::Ledger;
 use sync::lock;
 use work::Work;
 
-/// Fits all rows of a cohort, writes their models and tells an observer of each.
+/// Fits all rows of a cohort, writes their models and notifies an observer of each.
 ///
-/// A row that fails doesn't change the others. It is reported as [`Event::Finished`], and ends the run unless
+/// A row that fails doesn't affect the others. It is reported as [`Event::Finished`], and ends the run unless
 /// [`RunParams::keep_going`] is set or it concerns all rows, see [`RunError::concerns_all`].
 ///
 /// ```
@@ -69,7 +69,7 @@ use work::Work;
 ///
 /// # Errors
 ///
-/// [`RunError`]: the first row that failed where that ends the run, a table of outcomes that can't be written, an
+/// [`RunError`]: the first row that failed, if that ends the run; a table of outcomes that can't be written; an
 /// interruption.
 pub fn run(
     cohort: &Cohort,
@@ -78,7 +78,7 @@ pub fn run(
     monitor: &dyn Monitor,
 ) -> Result<(), RunError> {
     if params.if_exists != IfExists::Refuse {
-        // Leftovers of killed processes beside the models; those that can't be removed do no harm.
+        // Remove leftovers of killed processes beside the models; those that can't be removed do no harm.
         let models = cohort.rows.iter().map(|row| row.model(&cohort.folder));
         let folders: BTreeSet<PathBuf> = models.filter_map(|model| model.parent().map(Path::to_owned)).collect();
         folders.iter().filter(|folder| folder.is_dir()).for_each(|folder| drop(remove_leftovers(folder)));

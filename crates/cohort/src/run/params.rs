@@ -17,23 +17,23 @@ use crate::{Manifest, Row, Shard};
 #[derive(Debug, Clone, Default)]
 #[non_exhaustive]
 pub struct Cohort {
-    /// The rows, in their order.
+    /// The rows, in order.
     pub rows: Vec<Row>,
     /// The folder that models are relative to.
     pub folder: PathBuf,
     /// The sphere of all rows, if it has been read.
     pub sphere: Option<Sphere>,
-    /// Whether all outputs are checked before any work, so that a run that can't succeed doesn't begin; default false.
+    /// Whether to check all outputs before any work, so that a run that can't succeed doesn't begin; default false.
     pub check_first: bool,
 }
 
 impl Cohort {
-    /// Makes a cohort of rows whose models go to a folder.
+    /// Creates a cohort of rows whose models are written to a folder.
     pub fn new(rows: Vec<Row>, folder: impl Into<PathBuf>) -> Self {
         Self { rows, folder: folder.into(), sphere: None, check_first: false }
     }
 
-    /// Makes a cohort of a shard of a manifest. Models go to `folder`, by default that of the manifest.
+    /// Creates a cohort from a shard of a manifest. Models are written to `folder`, by default that of the manifest.
     #[must_use]
     pub fn of_manifest(manifest: Manifest, folder: Option<PathBuf>, shard: Shard) -> Self {
         let folder = folder.unwrap_or_else(|| manifest.folder().to_owned());
@@ -42,7 +42,7 @@ impl Cohort {
         Self::new(rows.collect(), folder)
     }
 
-    /// Sets the sphere's file of the rows that have none.
+    /// Sets the sphere's file for the rows without one.
     #[must_use]
     pub fn with_sphere(mut self, sphere: Option<PathBuf>) -> Self {
         for row in self.rows.iter_mut().filter(|row| row.sphere.is_none()) {
@@ -64,11 +64,11 @@ pub struct RunParams {
     pub preparation: Preparation,
     /// A mask of the sphere's vertices: those with 0 in this file aren't read; none by default.
     pub mask: Option<PathBuf>,
-    /// Whether the complex coefficients are written beside each model; default false.
+    /// Whether to write the complex coefficients beside each model; default false.
     pub coefficients_csv: bool,
-    /// Outputs that exist; refused by default.
+    /// Treatment of existing outputs; they are refused by default.
     pub if_exists: IfExists,
-    /// Whether rows after a failure are fitted; default true.
+    /// Whether to continue with further rows after a failure; default true.
     pub keep_going: bool,
     /// The table of outcomes to append to; none by default.
     pub status: Option<PathBuf>,
@@ -76,12 +76,12 @@ pub struct RunParams {
     pub check: Option<Check>,
     /// A sphere on which every model is evaluated; none by default.
     pub evaluate: Option<Evaluate>,
-    /// A volume that has been read.
+    /// The volume that was read last.
     volume: Mutex<Option<LabelVolume>>,
 }
 
 impl RunParams {
-    /// Makes settings with defaults for all but the fits.
+    /// Creates settings with defaults for all but the fits.
     #[must_use]
     pub fn new(fit: FitParams) -> Self {
         Self {
@@ -98,7 +98,7 @@ impl RunParams {
         }
     }
 
-    /// Keeps a volume for the next run, which needn't read it again.
+    /// Keeps a volume for the next run, so that it needn't be read again.
     pub fn keep_volume(&self, volume: LabelVolume) {
         *lock(&self.volume) = Some(volume);
     }

@@ -1,5 +1,4 @@
-//! What a run would do: rows, models that exist, spheres, memory; and which rows would fail, as far as that is known
-//! beforehand.
+//! Previews of runs: rows, existing models, spheres, memory, and rows that would fail, as far as known beforehand.
 
 use std::path::{Path, PathBuf};
 
@@ -18,10 +17,10 @@ use crate::Row;
 use crate::files::ModelFiles;
 use crate::rerun::IfExists;
 
-/// Spheres, and surfaces without one, that are read where nothing is there yet: for their sizes.
+/// Number of spheres, and of surfaces without one, that are read for their sizes if there are no outputs yet.
 const READ: usize = 3;
 
-/// What a run would do.
+/// The preview of a run.
 #[derive(Debug)]
 #[non_exhaustive]
 pub struct Preview {
@@ -39,11 +38,11 @@ pub struct Preview {
     pub first_spheres: Vec<PreviewedSphere>,
     /// Number of surfaces that would be mapped to spheres of their own.
     pub mapped: usize,
-    /// Numbers of the rows that would fail, and why.
+    /// Indices of the rows that would fail, with their errors.
     pub failed: Vec<(usize, RunError)>,
 }
 
-/// A sphere that a preview has read.
+/// A sphere that was read for a preview.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct PreviewedSphere {
@@ -55,8 +54,7 @@ pub struct PreviewedSphere {
     pub vertices: usize,
 }
 
-/// Returns what [`run`](super::run) would do: looks at all models that exist, at a few spheres, and whether surfaces
-/// exist.
+/// Returns a preview of [`run`](super::run): checks all existing models, a few spheres, and whether surfaces exist.
 ///
 /// # Errors
 ///
@@ -90,25 +88,25 @@ pub fn preview(
     })
 }
 
-/// The rows and spheres that have been looked at.
+/// A preview in progress: the rows and spheres that have been checked.
 struct Look<'a> {
     work: &'a Work<'a>,
     spheres: Vec<PreviewedSphere>,
-    /// Surfaces without a sphere that were read.
+    /// Number of surfaces without a sphere that were read.
     own: usize,
     kept: usize,
     failed: Vec<(usize, RunError)>,
 }
 
 impl Look<'_> {
-    /// Looks at the rows of a sphere; only an interruption is an error.
+    /// Checks the rows of a sphere; only an interruption is an error.
     fn at_group(&mut self, group: &Group) -> Result<(), RunError> {
         let before = self.failed.len();
         let Err(error) = self.at_sphere(group) else { return Ok(()) };
         if error.is_interrupted() {
             return Err(error);
         }
-        // None of its rows can be fitted; they would all say the same.
+        // None of its rows can be fitted, all for the same reason.
         self.failed.truncate(before);
         let error = match &group.sphere {
             Some(path) if self.work.params.keep_going => error.of(path.display()),
@@ -184,7 +182,7 @@ impl Look<'_> {
         }
     }
 
-    /// Whether any file of a row's model exists, so that a decision is needed.
+    /// Returns whether any file of a row's model exists, so that a decision is needed.
     fn any_output(&self, number: usize) -> bool {
         let Work { cohort, params, .. } = *self.work;
         if params.if_exists == IfExists::Replace {

@@ -4,7 +4,7 @@ use std::fmt;
 
 use spharm::{Level, Monitor};
 
-/// Hides the stages of a group where the progress counts rows, and makes its notes details.
+/// Hides the stages of a group, since progress is counted in rows, and demotes its notes to details.
 pub(super) struct Quiet<'a>(pub(super) &'a dyn Monitor);
 
 impl Monitor for Quiet<'_> {

@@ -1,4 +1,4 @@
-//! One row after another: read, fit, write.
+//! Processes the rows: read, fit, write.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -22,7 +22,7 @@ use crate::equal::Inputs;
 use crate::files::MadeOf;
 use crate::reader::SurfaceReader;
 
-/// Rows under way.
+/// State of a run.
 pub(super) struct Work<'a> {
     pub(super) cohort: &'a Cohort,
     pub(super) params: &'a RunParams,
@@ -31,7 +31,7 @@ pub(super) struct Work<'a> {
     pub(super) reader: Mutex<SurfaceReader>,
     /// Decisions about rows that aren't finished.
     items: Mutex<HashMap<usize, Item>>,
-    /// Labels whose models follow the voxels' steps, by their names.
+    /// Labels whose models reproduce the voxels' steps, by name.
     pub(super) steps: Mutex<Vec<(String, VoxelSteps)>>,
     /// The inputs that have been checked.
     pub(super) inputs: Mutex<Inputs>,
@@ -39,7 +39,7 @@ pub(super) struct Work<'a> {
     record: Mutex<Option<(PathBuf, FileRecord)>>,
 }
 
-/// Why a target of a group has no fit.
+/// The reason why a target of a group has no fit.
 enum NoFit {
     /// Its model exists.
     Skip,
@@ -106,7 +106,7 @@ impl<'a> Work<'a> {
         Ok(())
     }
 
-    /// Decides what to do about every row, before any work; returns those that are to be fitted.
+    /// Decides what to do about every row, before any work; returns the rows to fit.
     fn check(&self, numbers: Vec<usize>) -> Result<Vec<usize>, RunError> {
         let mut left = Vec::new();
         let sphere = self.cohort.sphere.as_ref();
@@ -124,7 +124,7 @@ impl<'a> Work<'a> {
         Ok(left)
     }
 
-    /// Decides what to do about a row; `None` if its model exists, which is noted.
+    /// Decides what to do about a row; `None` if its model exists, which is recorded.
     pub(super) fn decide(
         &self,
         number: usize,
@@ -146,7 +146,7 @@ impl<'a> Work<'a> {
         Ok(item)
     }
 
-    /// The label that a row's surface is made of; none of a mesh.
+    /// Returns the label of a row's surface; none for a mesh.
     fn label(&self, row: &Row, on_sphere: bool) -> Result<Option<i64>, RunError> {
         let volume = is_volume(&row.surface) && !on_sphere;
         match row.label {
@@ -171,14 +171,14 @@ impl<'a> Work<'a> {
         }
     }
 
-    /// The settings with a row's own weights.
+    /// Returns the settings with a row's own weights.
     pub(super) fn weighted(&self, row: &Row) -> Result<FitParams, RunError> {
-        // A run that goes on names each row with its outcome.
+        // A run that continues after failures reports each row's name with its outcome.
         mask::weighted(&self.params.fit, row)
             .map_err(|error| if self.params.keep_going { error } else { error.of(&row.id) })
     }
 
-    /// The settings with the weights that the mask leaves.
+    /// Returns the settings with the mask applied to the weights.
     pub(super) fn masked(&self, params: FitParams, sphere: Option<&Sphere>) -> Result<FitParams, RunError> {
         match (&self.params.mask, sphere) {
             (Some(path), Some(sphere)) => {
@@ -188,12 +188,12 @@ impl<'a> Work<'a> {
         }
     }
 
-    /// Reads a sphere, and reports or refuses what is doubtful about it.
+    /// Reads a sphere, and reports or refuses doubtful properties.
     pub(super) fn sphere(&self, path: &Path) -> Result<Sphere, RunError> {
         let sphere = read_sphere(path)?;
         for warning in &sphere.warnings {
             let text = format!("{}: {warning}", path.display());
-            // An open sphere is reported for the surface on it.
+            // An open sphere is reported with the surface on it.
             if self.params.fit.strict && matches!(warning, SphereWarning::RadiusSpread { .. }) {
                 return Err(RunError::Strict(text));
             }
@@ -233,7 +233,7 @@ impl<'a> Work<'a> {
                 for &number in group.rows.iter().filter(|&&number| !self.ledger.is_finished(number)) {
                     let row = &self.cohort.rows[number];
                     let model = row.model(&self.cohort.folder);
-                    // The row's own sphere, whose contents are the same.
+                    // The row's own sphere, which has the same contents.
                     match row.sphere.as_ref().filter(|own| *own != path) {
                         Some(own) => {
                             let line = self.ledger.observer.line(&error).replace(&name, &own.display().to_string());
@@ -292,7 +292,7 @@ impl<'a> Work<'a> {
         let row = &self.cohort.rows[number];
         let outcome = match fit {
             Ok(mut fit) => {
-                // Those that were asked for: gaps of the row itself are no setting.
+                // Record the requested weights: a row's missing values aren't a setting.
                 fit.report.settings.weights = params.weights.name().to_owned();
                 fit.report.settings.weights_hash = params.weights.hash();
                 let Some(item) = lock(&self.items).remove(&number) else { return Ok(()) };
@@ -320,14 +320,14 @@ impl<'a> Work<'a> {
         }
     }
 
-    /// Notes that a row failed; returns the error itself if it ends the run.
+    /// Records that a row failed; returns the error itself if it ends the run.
     pub(super) fn failed(&self, number: usize, error: RunError) -> Result<(), RunError> {
         if error.is_interrupted() {
             return Err(error);
         }
         let row = &self.cohort.rows[number];
         let noted = self.ledger.failed(number, row, &row.model(&self.cohort.folder), &error);
-        // The reason why there is no model is the one to report, also if it couldn't be noted.
+        // Report the reason for the missing model, even if recording it failed.
         if !self.params.keep_going || error.concerns_all() {
             return Err(error);
         }
@@ -354,7 +354,7 @@ impl<'a> Work<'a> {
     }
 }
 
-/// The sphere under the row's own name, if another row's of the same contents was read.
+/// Returns the sphere under the row's own name, if that of another row with the same contents was read.
 fn own_name(row: &Row, sphere: &Sphere) -> Option<Sphere> {
     let own = row.sphere.as_ref().filter(|path| sphere.path.as_ref() != Some(*path));
     own.map(|path| Sphere { path: Some(path.clone()), ..sphere.clone() })
