@@ -1,7 +1,7 @@
-//! What a factor costs: computing it, publishing it, and solving with it from the page cache.
+//! Cost of a factor: computing it, publishing it, and solving with it from the page cache.
 //!
 //! `cargo bench -p spharm-solver --bench factor [-- SIZE]`. Bytes are those of the factor's triangle, read once in each
-//! direction; flops are 2 K^2 a column.
+//! direction; flops are 2 K^2 per column.
 
 use std::ops::Range;
 use std::time::Instant;
@@ -14,8 +14,8 @@ use spharm_solver::{GramMatrix, SolverError, blas};
 use spharm_store::factor::FactorFile;
 use spharm_store::{FactorSpec, Scalar, SchemeKey, WeightsHash};
 
-/// A matrix that costs nothing: noise, and a diagonal above its spectral radius of 2 sqrt(K / 3). (One that decays away
-/// from the diagonal would measure how slow denormal numbers are.)
+/// A matrix that is cheap to compute: noise, and a diagonal above its spectral radius of 2 sqrt(K / 3). (One that
+/// decays away from the diagonal would measure the slowness of denormal numbers.)
 struct Noise(usize);
 
 impl GramMatrix for Noise {
@@ -79,14 +79,14 @@ fn main() {
     }
 }
 
-/// Seconds that this thread has run for.
+/// Returns the processor time of this thread in seconds.
 fn processor_time() -> f64 {
     let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
     let nanoseconds: f64 = text.split(' ').next().and_then(|number| number.parse().ok()).unwrap_or(0.0);
     nanoseconds / 1e9
 }
 
-/// The first solve of a process that opens the file, and later ones.
+/// Measures the first solve of a process that opens the file, and later ones.
 fn solves(file: &FactorFile, channels: usize, threads: usize) {
     let (size, len) = (file.header().grid.size(), file.file_len() as f64);
     let right = Array2::from_shape_fn((size, channels), |(i, c)| ((i * 3 + c) as f64).sin());
@@ -105,7 +105,7 @@ fn solves(file: &FactorFile, channels: usize, threads: usize) {
             later.push(started.elapsed().as_secs_f64());
         }
     }
-    // Where the machine is shared, the processor time of one thread says more than the clock.
+    // On a shared machine, the processor time of one thread is more reliable than the clock.
     let mut processor = Vec::new();
     let alone = StoredFactor::new(FactorFile::open(file.path()).expect("a file"), 1 << 40, 1);
     for _ in 0..4 {

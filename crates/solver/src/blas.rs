@@ -1,11 +1,12 @@
-//! OpenBLAS, for matrices so large that several threads pay: every call of it is in this file.
+//! OpenBLAS, for matrices that are large enough for several threads to pay off. All calls of it are in this file.
 //!
-//! OpenBLAS keeps its number of threads, and the buffers of all that call it, for the whole process, and reserves
-//! [`RESERVED_PER_THREAD`] bytes for each thread that calls it or works for it. So it is used by one caller at a time,
-//! who holds [`Blas`]; what is small, or done by several threads at once, goes to faer instead (`dense.rs`).
+//! OpenBLAS has one number of threads, and one set of buffers for all callers, for the entire process, and reserves
+//! [`RESERVED_PER_THREAD`] bytes for each calling thread and each of its worker threads. So it is used by one caller at
+//! a time, who holds [`Blas`]. Small matrices, and those processed by several threads at once, are handled by faer
+//! instead (`dense.rs`).
 //!
-//! Matrices are column-major slices with a leading dimension. `unsafe` is here because cblas-sys and lapack-sys are
-//! foreign functions; each method checks the sizes that its function will touch.
+//! Matrices are column-major slices with a leading dimension. `unsafe` is needed because cblas-sys and lapack-sys are
+//! foreign functions; each method checks the extents that its function accesses.
 
 #![allow(unsafe_code)]
 
@@ -17,7 +18,7 @@ use spharm_harmonics::product::Matrix;
 
 pub use spharm_blas::RESERVED_PER_THREAD;
 
-/// Bytes that OpenBLAS touches of its buffers for each thread that works on large matrices, measured.
+/// Bytes of its buffers that OpenBLAS uses for each thread that works on large matrices, measured.
 pub(crate) const TOUCHED_PER_THREAD: usize = 34 << 20;
 
 unsafe extern "C" {
@@ -30,14 +31,14 @@ static IN_USE: Mutex<()> = Mutex::new(());
 
 /// Returns version, kernels and build options of OpenBLAS.
 pub fn version() -> String {
-    // SAFETY: OpenBLAS gives a text of its own that ends in a zero and stays.
+    // SAFETY: OpenBLAS returns a static text that ends in a zero.
     unsafe { std::ffi::CStr::from_ptr(openblas_get_config()) }.to_string_lossy().trim().to_owned()
 }
 
-/// The use of OpenBLAS with some number of threads. There is one at a time in a process; others wait for it to be
-/// dropped, which sets the number of threads back to what it was.
+/// Exclusive use of OpenBLAS with some number of threads. A process has one at a time; others wait for it to be
+/// dropped, which restores the previous number of threads.
 ///
-/// It must not be held while waiting for other threads, which may want it too.
+/// It must not be held while waiting for other threads, which may also need it.
 #[derive(Debug)]
 pub struct Blas {
     threads_before: c_int,
@@ -45,10 +46,11 @@ pub struct Blas {
 }
 
 impl Blas {
-    /// Waits until OpenBLAS is free, and has it use `threads` threads.
+    /// Waits until OpenBLAS is free, and sets its number of threads to `threads`.
     pub fn with_threads(threads: usize) -> Self {
         let only = IN_USE.lock().unwrap_or_else(PoisonError::into_inner);
-        // SAFETY: OpenBLAS takes any number; it clamps it to what it was built for. Nobody else sets it meanwhile.
+        // SAFETY: OpenBLAS accepts any number and clamps it to the maximum of its build. Nothing else sets it
+        // meanwhile.
         let threads_before = unsafe {
             let before = openblas_get_num_threads();
             openblas_set_num_threads(threads.clamp(1, 1024) as c_int);
@@ -57,7 +59,8 @@ impl Blas {
         Self { threads_before, _only: only }
     }
 
-    /// Lower triangle of `gram += block^T block`, gram (k, k) column-major with `leading`. `n k (k + 1)` flops.
+    /// Computes the lower triangle of `gram += block^T block`, gram (k, k) column-major with `leading`. `n k (k + 1)`
+    /// flops.
     pub(crate) fn accumulate_gram(&mut self, block: Matrix<'_>, gram: &mut [f64], leading: usize) {
         let k = block.columns();
         assert!(leading >= k && gram.len() >= (k.max(1) - 1) * leading + k, "Gram matrix of {k} columns");
@@ -79,9 +82,9 @@ impl Blas {
         }
     }
 
-    /// Lower Cholesky factor, in place, of a matrix (k, k) given by its lower triangle, column-major with `leading`;
-    /// what is above the diagonal is left as it is. Fails with the column, from 0, at which the matrix isn't positive
-    /// definite.
+    /// Computes the lower Cholesky factor, in place, of a matrix (k, k) given by its lower triangle, column-major with
+    /// `leading`. Entries above the diagonal are unchanged. Fails with the column, from 0, at which the matrix isn't
+    /// positive definite.
     pub(crate) fn cholesky(&mut self, matrix: &mut [f64], k: usize, leading: usize) -> Result<(), usize> {
         assert!(leading >= k && matrix.len() >= (k.max(1) - 1) * leading + k, "matrix of order {k}");
         const LOWER: c_char = b'L' as c_char;
@@ -91,7 +94,7 @@ impl Blas {
         if info > 0 { Err(info as usize - 1) } else { Ok(()) }
     }
 
-    /// `out = out C^-T`: C (k, k) lower triangular, out (rows, k) column-major with `leading`.
+    /// Computes `out = out C^-T`: C (k, k) lower triangular, out (rows, k) column-major with `leading`.
     pub(crate) fn divide_by_transpose(&mut self, c: Matrix<'_>, out: &mut [f64], rows: usize, leading: usize) {
         let k = c.columns();
         assert!(c.rows() == k && leading >= rows && out.len() >= (k.max(1) - 1) * leading + rows, "{rows} x {k}");
@@ -118,7 +121,7 @@ impl Blas {
     ///
     /// # Panics
     ///
-    /// If the shapes don't fit.
+    /// If the shapes don't match.
     pub fn subtract_outer(&mut self, a: Matrix<'_>, b: Matrix<'_>, out: &mut [f64], leading: usize) {
         let (rows, columns, k) = (a.rows(), b.rows(), a.columns());
         let needed = (columns.max(1) - 1) * leading + rows;
@@ -147,7 +150,7 @@ impl Blas {
 
 impl Drop for Blas {
     fn drop(&mut self) {
-        // SAFETY: a number that OpenBLAS itself gave; the lock is released after this.
+        // SAFETY: the number was returned by OpenBLAS itself; the lock is released after this.
         unsafe { openblas_set_num_threads(self.threads_before) };
     }
 }

@@ -1,14 +1,14 @@
-//! Checks of what callers give.
+//! Checks of callers' arguments.
 
 use ndarray::{Array2, ArrayView2, Axis};
 use rayon::prelude::*;
 
 use crate::SolverError;
 
-/// Rows of targets that are looked at together.
+/// Number of rows of targets that are checked together.
 const RUN: usize = 1 << 14;
 
-/// Refuses weights that aren't one finite, not negative number for each row, or are all zero.
+/// Refuses weights whose number isn't the number of rows, that are negative or not finite, or that are all zero.
 pub(crate) fn weights(weights: &[f64], rows: usize) -> Result<(), SolverError> {
     if weights.len() != rows {
         return Err(SolverError::Rows { what: "the list of weights", expected: rows, found: weights.len() });
@@ -21,7 +21,7 @@ pub(crate) fn weights(weights: &[f64], rows: usize) -> Result<(), SolverError> {
     Ok(())
 }
 
-/// Refuses a list of unread rows that isn't one of all rows.
+/// Refuses a list of unread rows that doesn't have an entry for each row.
 pub(crate) fn unread(unread: Option<&Vec<bool>>, rows: usize) -> Result<(), SolverError> {
     match unread.map(Vec::len).filter(|found| *found != rows) {
         Some(found) => Err(SolverError::Rows { what: "the list of unread rows", expected: rows, found }),
@@ -29,12 +29,12 @@ pub(crate) fn unread(unread: Option<&Vec<bool>>, rows: usize) -> Result<(), Solv
     }
 }
 
-/// Refuses targets, (n, c), that haven't `rows` rows or hold a NaN or an infinity.
+/// Refuses targets, (n, c), that don't have `rows` rows, or contain a NaN or an infinity.
 pub(crate) fn targets(targets: &Array2<f64>, rows: usize) -> Result<(), SolverError> {
     if targets.nrows() != rows {
         return Err(SolverError::Rows { what: "the target", expected: rows, found: targets.nrows() });
     }
-    // By runs of rows, which the processor goes through without a branch a value.
+    // By runs of rows, which the processor checks without a branch per value.
     let finite = |run: ArrayView2<'_, f64>| run.iter().fold(true, |all, value| all & value.is_finite());
     if targets.axis_chunks_iter(Axis(0), RUN).into_par_iter().all(finite) {
         return Ok(());

@@ -1,16 +1,17 @@
 //! The Cholesky factor of normal equations, computed once and used for any number of surfaces.
 //!
-//! G = A^T diag(w) A + P = C C^T with C lower triangular: K^3 / 3 flops once, 2 K^2 for each right-hand side. G comes
-//! tile by tile from a [`GramMatrix`](crate::GramMatrix); C is made of tiles too, in memory ([`MemoryFactor`]) or in a
-//! store ([`StoredFactor`]). A factor that is larger than the budget is computed out of core, reading finished columns
-//! back from the unfinished file.
+//! G = A^T diag(w) A + P = C C^T with C lower triangular: K^3 / 3 flops once, 2 K^2 for each right-hand side. G is read
+//! tile by tile from a [`GramMatrix`](crate::GramMatrix); C consists of tiles, too, in memory ([`MemoryFactor`]) or in
+//! a store ([`StoredFactor`]). A factor that is larger than the budget is computed out of core, reading finished
+//! columns back from the unfinished file.
 //!
-//! A factor of f32 takes half of the space, and half of the time to solve with where that is bound by memory. Its
-//! solves are a relative 6e-8 times the condition number of G off: refine with the operator, or precondition.
+//! An f32 factor needs half the space, and half the time for solves that are bound by memory. Its solves have a
+//! relative error of 6e-8 times the condition number of G: refine them with the operator, or use them as a
+//! preconditioner.
 //!
 //! | module | contents |
 //! |---|---|
-//! | `build` | memory and disk that a factor takes; computing it in memory or into a store |
+//! | `build` | memory and disk space of a factor; its computation in memory or into a store |
 //! | `factorise` | the factorisation, panel by panel |
 //! | `tiles` | tiles in memory, and those of an unfinished file |
 //! | `stored` | tiles in a store |
@@ -46,18 +47,19 @@ pub trait CholeskyFactor: Sync {
     /// Returns the scalar type of its values.
     fn scalar(&self) -> Scalar;
 
-    /// Returns the norm and the estimated condition of G.
+    /// Returns the norm and the estimated condition number of G.
     fn condition(&self) -> Condition;
 
-    /// Solves G x = b for any number of columns: `x`, (K, c), is b on entry. Any number of threads gives the same bits.
+    /// Solves G x = b for any number of columns: `x`, (K, c), is b on entry. The result is bit-identical for any number
+    /// of threads.
     ///
     /// # Errors
     ///
-    /// When the factor can't be read or is damaged; `x` is then as it was.
+    /// If the factor can't be read or is damaged; `x` is then unchanged.
     ///
     /// # Panics
     ///
-    /// If `x` hasn't K rows.
+    /// If `x` doesn't have K rows.
     fn solve(&self, x: &mut Array2<f64>) -> Result<(), SolverError>;
 
     /// Returns the diagonal of G^-1, (K): the squares of the coefficients' standard errors at unit variance. K^3 / 3
@@ -67,6 +69,6 @@ pub trait CholeskyFactor: Sync {
     ///
     /// # Errors
     ///
-    /// [`SolverError::Interrupted`], and when the factor can't be read or is damaged.
+    /// [`SolverError::Interrupted`], and if the factor can't be read or is damaged.
     fn inverse_diagonal(&self, monitor: &dyn Monitor) -> Result<Vec<f64>, SolverError>;
 }

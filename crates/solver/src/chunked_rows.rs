@@ -1,7 +1,8 @@
-//! Arrays (n, c) kept in the chunks of the basis: each chunk's rows together, column-major.
+//! Arrays (n, c) stored in the chunks of the basis: each chunk's rows are contiguous, column-major.
 //!
-//! Targets come in this form and become the residual in place. A chunk of the residual is then one slice that stays in
-//! the L1 cache while a chunk of the basis passes by, and threads can be given disjoint runs of chunks.
+//! Targets are given in this form and become the residual in place. A chunk of the residual is then one slice that
+//! stays in the L1 cache while a chunk of the basis is processed, and disjoint runs of chunks can be assigned to
+//! threads.
 
 use std::ops::Range;
 
@@ -10,7 +11,7 @@ use rayon::prelude::*;
 
 use crate::residual::{ResidualNorms, rows_read};
 
-/// An (n, c) array in chunks of rows: the targets of a fit, and then its residual.
+/// An (n, c) array in chunks of rows: the targets of a fit, later its residual.
 #[derive(Debug, Clone)]
 pub struct ChunkedRows {
     values: Vec<f64>,
@@ -20,7 +21,7 @@ pub struct ChunkedRows {
 }
 
 impl ChunkedRows {
-    /// Makes an array of zeros, (rows, channels), in the operator's chunks of `chunk_rows` rows.
+    /// Creates an array of zeros, (rows, channels), in the operator's chunks of `chunk_rows` rows.
     pub fn zeros(rows: usize, channels: usize, chunk_rows: usize) -> Self {
         Self { values: vec![0.0; rows * channels], rows, channels, chunk_rows }
     }
@@ -32,11 +33,11 @@ impl ChunkedRows {
         chunked
     }
 
-    /// Copies `columns`, (rows, some), to column `first` and those after it.
+    /// Copies `columns`, (rows, some), to column `first` and the following ones.
     ///
     /// # Panics
     ///
-    /// If the numbers of rows differ or there are not so many columns.
+    /// If the numbers of rows differ or there aren't enough columns.
     pub fn set_columns(&mut self, first: usize, columns: ArrayView2<'_, f64>) {
         assert!(columns.nrows() == self.rows && first + columns.ncols() <= self.channels, "columns of {columns:?}");
         let chunk_rows = self.chunk_rows;
@@ -64,19 +65,19 @@ impl ChunkedRows {
         array
     }
 
-    /// Chunk `chunk`, (rows, c) column-major.
+    /// Returns chunk `chunk`, (rows, c) column-major.
     pub(crate) fn chunk(&self, chunk: usize) -> &[f64] {
         let start = chunk * self.chunk_rows * self.channels;
         &self.values[start..(start + self.chunk_rows * self.channels).min(self.values.len())]
     }
 
-    /// Takes over the values of an array of the same shape and chunks.
+    /// Copies the values of an array with the same shape and chunks.
     pub(crate) fn copy_from(&mut self, other: &Self) {
         self.values.copy_from_slice(&other.values);
     }
 
-    /// Replaces each value by `f(column, value, other)`, other being at the same place in an array of the same shape
-    /// and chunks.
+    /// Replaces each value by `f(column, value, other)`, where `other` is the corresponding value of an array with the
+    /// same shape and chunks.
     pub(crate) fn combine(&mut self, other: &Self, f: impl Fn(usize, f64, f64) -> f64 + Sync) {
         let channels = self.channels.max(1);
         self.chunks_mut().into_par_iter().enumerate().for_each(|(chunk, values)| {
@@ -89,7 +90,7 @@ impl ChunkedRows {
     }
 
     pub(crate) fn chunks_mut(&mut self) -> Vec<&mut [f64]> {
-        // An array without columns has chunks all the same, empty ones.
+        // An array without columns also has chunks, which are empty.
         let count = self.rows.div_ceil(self.chunk_rows);
         let mut rest = &mut self.values[..];
         let mut chunks = Vec::with_capacity(count);
@@ -112,7 +113,7 @@ impl ChunkedRows {
         self.channels
     }
 
-    /// Row and column of a value that is NaN or infinite.
+    /// Returns the row and column of a value that is NaN or infinite.
     pub(crate) fn not_finite(&self) -> Option<(usize, usize)> {
         (0..self.rows.div_ceil(self.chunk_rows)).find_map(|chunk| {
             let values = self.chunk(chunk);
@@ -122,7 +123,7 @@ impl ChunkedRows {
         })
     }
 
-    /// Norms over the columns of a range and the rows that `unread` doesn't mark.
+    /// Computes the norms over a range of columns and the rows that aren't marked in `unread`.
     pub(crate) fn norms(&self, columns: &Range<usize>, unread: Option<&[bool]>) -> ResidualNorms {
         let (mut sum, mut max) = (0.0, 0.0f64);
         let mut norms = Vec::new();

@@ -1,10 +1,10 @@
-//! An estimate of the condition of a matrix G from a few solves with its factor.
+//! Estimates the condition number of a matrix G from a few solves with its factor.
 //!
 //! N. J. Higham, "FORTRAN codes for estimating the one-norm of a real or complex matrix, with applications to condition
 //! estimation", ACM Trans. Math. Softw. 14, 1988, algorithm 4.1 (Hager's, with his safeguards): a lower bound of
 //! ||G^-1||_1 that is rarely off by more than a factor of 3. G^-1 is symmetric, which spares its transpose.
 
-/// Estimate of the 1-norm of a symmetric operator (K, K) that `apply` applies in place to vectors, (K).
+/// Estimates the 1-norm of a symmetric operator (K, K) that `apply` applies in place to vectors, (K).
 pub(crate) fn one_norm<E>(size: usize, apply: &mut dyn FnMut(&mut [f64]) -> Result<(), E>) -> Result<f64, E> {
     /// Higham's bound; more than 3 are hardly ever needed.
     const MOST: usize = 5;

@@ -1,8 +1,8 @@
-//! Dense matrices on the calling thread alone, by faer: what is too small for several threads, and what many threads do
-//! at once. The large ones are OpenBLAS's ([`blas`](crate::blas)).
+//! Dense matrices on the calling thread, by faer: matrices too small for several threads, and those processed by many
+//! threads at once. Large ones are processed by OpenBLAS ([`blas`](crate::blas)).
 //!
-//! Matrices are column-major slices; right-hand sides and solutions (k, c) of a block are row-major, as they are
-//! summed.
+//! Matrices are column-major slices; right-hand sides and solutions (k, c) of a block are row-major, the order in which
+//! they are summed.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::{cholesky_in_place, cholesky_in_place_scratch};
@@ -21,7 +21,7 @@ fn view(matrix: Matrix<'_>) -> MatRef<'_, f64> {
     MatRef::from_column_major_slice_with_stride(matrix.values(), rows, columns, matrix.leading())
 }
 
-/// Lower triangle of `gram += block^T block`, gram (k, k) column-major. `n k (k + 1)` flops.
+/// Computes the lower triangle of `gram += block^T block`, gram (k, k) column-major. `n k (k + 1)` flops.
 pub(crate) fn accumulate_gram(block: Matrix<'_>, gram: &mut [f64]) {
     let k = block.columns();
     assert_eq!(gram.len(), k * k, "Gram matrix of {k} columns");
@@ -39,7 +39,7 @@ pub(crate) fn accumulate_gram(block: Matrix<'_>, gram: &mut [f64]) {
     );
 }
 
-/// `out += block^T r`: block (n, k), r (n, c), out (k, c) row-major.
+/// Computes `out += block^T r`: block (n, k), r (n, c), out (k, c) row-major.
 pub(crate) fn accumulate_adjoint(block: Matrix<'_>, r: Matrix<'_>, out: &mut [f64]) {
     let (k, c) = (block.columns(), r.columns());
     assert!(out.len() == k * c && r.rows() == block.rows(), "adjoint of {k} x {c}");
@@ -47,7 +47,7 @@ pub(crate) fn accumulate_adjoint(block: Matrix<'_>, r: Matrix<'_>, out: &mut [f6
     matmul(out, Accum::Add, view(r).transpose(), view(block), 1.0, Par::Seq);
 }
 
-/// `out += sign block x`: block (n, k), x (k, c) row-major, out (n, c) column-major.
+/// Computes `out += sign block x`: block (n, k), x (k, c) row-major, out (n, c) column-major.
 pub(crate) fn accumulate_synthesis(block: Matrix<'_>, x: &[f64], sign: f64, out: &mut [f64]) {
     let (rows, k) = (block.rows(), block.columns());
     assert!(k > 0 && x.len().is_multiple_of(k) && out.len() == rows * (x.len() / k), "synthesis of {rows} x {k}");
@@ -56,8 +56,8 @@ pub(crate) fn accumulate_synthesis(block: Matrix<'_>, x: &[f64], sign: f64, out:
     matmul(out, Accum::Add, view(block), MatRef::from_row_major_slice(x, k, c), sign, Par::Seq);
 }
 
-/// Lower Cholesky factor, in place, of a matrix (k, k) given by its lower triangle; false when it isn't numerically
-/// positive definite.
+/// Computes the lower Cholesky factor, in place, of a matrix (k, k) given by its lower triangle; returns false if it
+/// isn't numerically positive definite.
 pub(crate) fn cholesky(matrix: &mut [f64], k: usize) -> bool {
     assert_eq!(matrix.len(), k * k, "matrix of order {k}");
     let mut scratch = MemBuffer::new(cholesky_in_place_scratch::<f64>(k, Par::Seq, Default::default()));
@@ -66,8 +66,8 @@ pub(crate) fn cholesky(matrix: &mut [f64], k: usize) -> bool {
     cholesky_in_place(lower, Default::default(), Par::Seq, stack, Default::default()).is_ok()
 }
 
-/// An estimate of the reciprocal condition number, in the 1-norm, of a matrix of that norm from its factor by
-/// [`cholesky`]; zero where it is not a number.
+/// Estimates the reciprocal condition number, in the 1-norm, of a matrix with this norm from its factor by
+/// [`cholesky`]; zero if the estimate is NaN.
 pub(crate) fn reciprocal_condition(norm: f64, factor: &[f64], k: usize) -> f64 {
     let inverse = condition::one_norm(k, &mut |x| {
         cholesky_solve(factor, k, x);
@@ -78,7 +78,7 @@ pub(crate) fn reciprocal_condition(norm: f64, factor: &[f64], k: usize) -> f64 {
     if reciprocal.is_finite() { reciprocal } else { 0.0 }
 }
 
-/// 1-norm of a symmetric matrix (k, k) given by its lower triangle.
+/// Returns the 1-norm of a symmetric matrix (k, k) given by its lower triangle.
 pub(crate) fn symmetric_norm(matrix: &[f64], k: usize) -> f64 {
     let mut sums = vec![0.0; k];
     for (j, column) in matrix.chunks_exact(k).enumerate() {
@@ -89,7 +89,7 @@ pub(crate) fn symmetric_norm(matrix: &[f64], k: usize) -> f64 {
             }
         }
     }
-    // Not f64::max, which would pass over a NaN.
+    // Not f64::max, which would ignore a NaN.
     sums.into_iter().fold(0.0, |m, s| if s > m || s.is_nan() { s } else { m })
 }
 
@@ -103,8 +103,8 @@ pub(crate) fn cholesky_solve(factor: &[f64], k: usize, x: &mut [f64]) {
     solve_upper_triangular_in_place(factor.transpose(), x, Par::Seq);
 }
 
-/// Triangular factor of a QR factorisation, in place: matrix (rows, columns) column-major; on return its first
-/// `min(rows, columns)` rows hold R, with zeros below the diagonal.
+/// Computes the triangular factor of a QR factorisation, in place: matrix (rows, columns) column-major. On return its
+/// first `min(rows, columns)` rows contain R, with zeros below the diagonal.
 pub(crate) fn triangularise(matrix: &mut [f64], rows: usize, columns: usize) {
     assert_eq!(matrix.len(), rows * columns, "matrix of {rows} x {columns}");
     let block = recommended_block_size::<f64>(rows, columns);
@@ -124,7 +124,7 @@ pub(crate) struct NoConvergence;
 
 /// The minimum-norm solution of a least-squares problem.
 pub(crate) struct MinimumNorm {
-    /// (k, c) row-major.
+    /// The solution, (k, c) row-major.
     pub(crate) x: Vec<f64>,
     /// Numerical rank.
     pub(crate) rank: usize,
@@ -132,8 +132,8 @@ pub(crate) struct MinimumNorm {
     pub(crate) condition: f64,
 }
 
-/// Minimum-norm least squares of `r x = z`: r (m, k), z (m, c), column-major. Singular values up to `tolerance` times
-/// the largest count as zero.
+/// Solves `r x = z` in the minimum-norm least-squares sense: r (m, k), z (m, c), column-major. Singular values up to
+/// `tolerance` times the largest are treated as zero.
 pub(crate) fn minimum_norm(r: &[f64], z: &[f64], m: usize, tolerance: f64) -> Result<MinimumNorm, NoConvergence> {
     let (k, c) = (r.len() / m, z.len() / m);
     let r = MatRef::from_column_major_slice(r, m, k);
@@ -156,7 +156,7 @@ pub(crate) fn minimum_norm(r: &[f64], z: &[f64], m: usize, tolerance: f64) -> Re
         Default::default(),
     )
     .map_err(|_| NoConvergence)?;
-    // Decreasing.
+    // In decreasing order.
     let singular: Vec<f64> = singular.column_vector().iter().copied().collect();
     let largest = singular.first().copied().unwrap_or(0.0);
     let smallest = singular.last().copied().unwrap_or(0.0);
@@ -173,12 +173,12 @@ pub(crate) fn minimum_norm(r: &[f64], z: &[f64], m: usize, tolerance: f64) -> Re
     Ok(MinimumNorm { x, rank, condition })
 }
 
-/// `out -= a y`: a (rows, k), y (k, c), out (rows, c), column-major.
+/// Computes `out -= a y`: a (rows, k), y (k, c), out (rows, c), column-major.
 pub(crate) fn subtract_product(a: Matrix<'_>, y: &[f64], out: &mut [f64]) {
     subtract(view(a), y, out);
 }
 
-/// `out -= a^T x`: a (rows, k), x (rows, c), out (k, c), column-major.
+/// Computes `out -= a^T x`: a (rows, k), x (rows, c), out (k, c), column-major.
 pub(crate) fn subtract_adjoint_product(a: Matrix<'_>, x: &[f64], out: &mut [f64]) {
     subtract(view(a).transpose(), x, out);
 }
@@ -190,13 +190,13 @@ fn subtract(a: MatRef<'_, f64>, y: &[f64], out: &mut [f64]) {
     matmul(out, Accum::Add, a, MatRef::from_column_major_slice(y, k, c), -1.0, Par::Seq);
 }
 
-/// `x = C^-1 x`: C (k, k) lower triangular, x (k, c) column-major.
+/// Computes `x = C^-1 x`: C (k, k) lower triangular, x (k, c) column-major.
 pub(crate) fn solve_lower(c: Matrix<'_>, x: &mut [f64]) {
     let (k, columns) = (c.rows(), x.len() / c.rows());
     solve_lower_triangular_in_place(view(c), MatMut::from_column_major_slice_mut(x, k, columns), Par::Seq);
 }
 
-/// `x = C^-T x`: C (k, k) lower triangular, x (k, c) column-major.
+/// Computes `x = C^-T x`: C (k, k) lower triangular, x (k, c) column-major.
 pub(crate) fn solve_lower_transposed(c: Matrix<'_>, x: &mut [f64]) {
     let (k, columns) = (c.rows(), x.len() / c.rows());
     let x = MatMut::from_column_major_slice_mut(x, k, columns);

@@ -1,9 +1,9 @@
-//! The errors of fits and factors.
+//! Errors of fits and factors.
 
 #[cfg(feature = "dense")]
 use spharm_store::StoreError;
 
-/// Errors of this crate. Not converging is no error: it shows in the report.
+/// Errors of this crate. Not converging isn't an error; it is stated in the report.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SolverError {
@@ -14,17 +14,17 @@ pub enum SolverError {
     /// The harmonics could not be evaluated.
     #[error(transparent)]
     Harmonics(#[from] spharm_harmonics::HarmonicsError),
-    /// The fast transforms could not be made.
+    /// The fast transforms could not be planned or computed.
     #[error(transparent)]
     Transform(#[from] spharm_transform::TransformError),
-    /// A memory budget below the least that the fit needs.
+    /// A memory budget that is too small for the fit.
     #[error("a memory budget of {} is too small for this fit; the smallest that works is {} MiB", size(*.budget), .needed.div_ceil(1 << 20))]
     Budget {
         /// The budget, bytes.
         budget: usize,
-        /// The least that works, bytes.
+        /// The smallest sufficient budget, bytes.
         needed: usize,
-        /// The largest granularity that fits the budget, if there is one.
+        /// The largest granularity that fits the budget, if any.
         granularity: Option<usize>,
     },
     /// A limit on the process that a factor would exceed.
@@ -42,12 +42,12 @@ pub enum SolverError {
     TooSmall {
         /// The parameter.
         what: &'static str,
-        /// Its least value.
+        /// Its minimum.
         least: usize,
         /// The value given.
         found: usize,
     },
-    /// A first block that reaches above the highest degree.
+    /// A first block that ends above the highest degree.
     #[error("the first block ends at degree {found}, above the highest degree {max_degree}")]
     StartDegree {
         /// Degree given.
@@ -63,17 +63,17 @@ pub enum SolverError {
         /// Highest degree of the basis.
         max_degree: usize,
     },
-    /// Arrays whose numbers of rows differ.
+    /// An array whose number of rows isn't the number of directions.
     #[error("{what} has {found} rows, the sampling scheme has {expected} directions")]
     Rows {
         /// Which array.
         what: &'static str,
-        /// Directions.
+        /// Number of directions.
         expected: usize,
-        /// Rows found.
+        /// Number of rows found.
         found: usize,
     },
-    /// Targets with a NaN or an infinity.
+    /// Targets that contain a NaN or an infinity.
     #[error("column {column} of the targets has a NaN or infinite value at row {row}")]
     NotFinite {
         /// Row from 0.
@@ -81,12 +81,12 @@ pub enum SolverError {
         /// Column from 0.
         column: usize,
     },
-    /// A batch wider than the fit was planned for.
+    /// A batch with more columns than planned.
     #[error("the batch has {found} columns, but the plan allows {planned}")]
     Channels {
-        /// Columns planned.
+        /// Number of columns planned.
         planned: usize,
-        /// Columns of the targets.
+        /// Number of columns of the targets.
         found: usize,
     },
     /// Weights that are negative, not finite or all zero.
@@ -97,23 +97,23 @@ pub enum SolverError {
         /// The weight.
         found: f64,
     },
-    /// A block that is numerically singular and too wide for the budget to be solved the safe way.
+    /// A numerically singular block that is too wide for a rank-revealing solve within the budget.
     #[error("degrees {first} to {last} together are numerically singular on this sampling, and solving them safely needs {} MiB of memory", .needed.div_ceil(1 << 20))]
     Singular {
         /// First degree of the block.
         first: usize,
         /// Last degree of the block.
         last: usize,
-        /// The least budget, bytes.
+        /// The smallest sufficient budget, bytes.
         needed: usize,
     },
-    /// A smoothness that isn't a finite number from zero on.
+    /// A smoothness that is negative or not finite.
     #[error("the smoothness must be finite and not negative, found {found}")]
     Smoothness {
         /// The value given.
         found: f64,
     },
-    /// A penalty of a degree that isn't a finite number from zero on.
+    /// A penalty of a degree that is negative or not finite.
     #[error("the penalty of degree {degree} must be finite and not negative, found {found}")]
     Penalty {
         /// The degree.
@@ -121,38 +121,38 @@ pub enum SolverError {
         /// The value given.
         found: f64,
     },
-    /// Samples that leave nothing beside the coefficients to tell the noise by.
+    /// Too few samples to estimate the noise in addition to the coefficients.
     #[error(
         "{rows} vertices for {columns} coefficients leave no residual to estimate the noise from; denoising needs more vertices than coefficients: choose a lower degree"
     )]
     NoResidual {
-        /// Vertices with weight.
+        /// Number of vertices with weight.
         rows: usize,
-        /// Coefficients of a column, K.
+        /// Number of coefficients of a column, K.
         columns: usize,
     },
-    /// A factor is needed, and there is nothing to make it from.
+    /// A factor is needed, but there is no Gram matrix to compute it from.
     #[error("this strategy needs the Gram matrix or a factor, but has neither")]
     NoGram,
-    /// Sums over no samples, or over samples without weight.
+    /// Sums over no samples, or only over samples without weight.
     #[error("no sample has a positive weight (the sums are over {count} samples of total weight {weight})")]
     NoSamples {
-        /// Samples with weight.
+        /// Number of samples with weight.
         count: u64,
         /// Sum of the weights.
         weight: f64,
     },
-    /// Sums whose arrays don't belong to their degree or number of columns.
+    /// Sums whose arrays don't match their degree or number of columns.
     #[error("sums over the samples: expected {expected} rows in {what}, found {found}")]
     Sums {
         /// Which array.
         what: &'static str,
-        /// Rows expected.
+        /// Number of rows expected.
         expected: usize,
-        /// Rows found.
+        /// Number of rows found.
         found: usize,
     },
-    /// Sums over samples with a NaN or an infinity.
+    /// Sums over samples that contain a NaN or an infinity.
     #[error("the sums over the samples contain NaN or infinite values; check the samples' values and weights")]
     SumsNotFinite,
     /// Standard errors of coefficients that the samples don't determine.
@@ -160,9 +160,9 @@ pub enum SolverError {
         "{rows} vertices don't determine {columns} coefficients on this sampling; standard errors need a lower degree or a smoothness penalty"
     )]
     Underdetermined {
-        /// Rows with weight.
+        /// Number of rows with weight.
         rows: usize,
-        /// Columns.
+        /// Number of columns.
         columns: usize,
     },
     /// A Gram matrix without a Cholesky factor.
@@ -188,7 +188,7 @@ pub enum SolverError {
     Interrupted(#[from] spharm_monitor::Interrupted),
 }
 
-/// In MiB, or in bytes where a unit was forgotten.
+/// Formats a size in MiB, or in bytes if a unit seems to have been forgotten.
 fn size(bytes: usize) -> String {
     if bytes < 1 << 20 { format!("{bytes} bytes") } else { format!("{} MiB", bytes >> 20) }
 }

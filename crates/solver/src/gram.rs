@@ -1,12 +1,12 @@
-//! The Gram matrix of a sampling, from its moments or from elsewhere, tile by tile.
+//! Gram matrices of samplings, from moments or other sources, tile by tile.
 //!
-//! Summing `A^T W A` over the basis takes `n K (K + 1)` flops; the moments of the sampling give the same matrix in a
+//! Summing `A^T W A` over the basis takes `n K (K + 1)` flops. The moments of the sampling give the same matrix in a
 //! time that doesn't depend on n (`spharm_transform::MomentGram`), to 1e-13, the accuracy of the finest transform. In a
-//! first pass of iterative residual fitting that moves the msd by some 1e-10 of itself (5e-10 on a cortex, 6e-10 on an
-//! irregular head, L = 100); further passes take it back, for the residual is exact where a step is a little off.
+//! first pass of iterative residual fitting that changes the msd by a relative 1e-10 or so (5e-10 on a cortex, 6e-10 on
+//! an irregular head, L = 100). Further passes correct it, since the residual is exact even if a step is slightly off.
 //!
-//! A basis kept in f64 is those harmonics to rounding; one kept in f32 differs from them by 6e-8, and the exact solve
-//! of a block would become an approximate one. So moments go with f64 bases only.
+//! A basis stored in f64 equals these harmonics up to rounding. A basis stored in f32 differs from them by 6e-8, which
+//! would make the exact solve of a block an approximate one. So moments are only used with f64 bases.
 
 use std::ops::{Range, RangeInclusive};
 
@@ -25,8 +25,8 @@ pub trait GramMatrix: Sync {
     /// Returns the bytes of memory that it holds.
     fn bytes(&self) -> usize;
 
-    /// Writes `G[rows, columns]` to `out`, column-major with `leading` values from column to column; every entry, also
-    /// above the diagonal.
+    /// Writes `G[rows, columns]` to `out`, column-major with a stride of `leading` values between columns. Every entry
+    /// is written, including those above the diagonal.
     ///
     /// # Errors
     ///
@@ -61,7 +61,7 @@ impl GramMatrix for MomentGram {
         leading: usize,
     ) -> Result<(), SolverError> {
         match whole_degrees(&columns) {
-            // On the diagonal half of it is the mirror image of the other.
+            // A tile on the diagonal is symmetric.
             Some(degrees) if rows == columns && leading == rows.len() => {
                 self.block(degrees, &mut out[..rows.len() * rows.len()])
             }
@@ -71,7 +71,7 @@ impl GramMatrix for MomentGram {
     }
 }
 
-/// The degrees whose columns these are, when they are those of whole degrees.
+/// Returns the degrees of these columns, if they are those of complete degrees.
 fn whole_degrees(columns: &Range<usize>) -> Option<RangeInclusive<usize>> {
     let (first, end) = (columns.start.isqrt(), columns.end.isqrt());
     (first * first == columns.start && end * end == columns.end && first < end).then(|| first..=end - 1)
@@ -89,7 +89,7 @@ impl<'a, S: GramMatrix + ?Sized> Penalised<'a, S> {
     ///
     /// # Panics
     ///
-    /// If it isn't of the matrix's size.
+    /// If its length isn't the matrix's size.
     pub fn new(source: &'a S, penalty: Vec<f64>) -> Self {
         assert_eq!(penalty.len(), source.size(), "penalty of the diagonal");
         Self { source, penalty }
@@ -120,24 +120,24 @@ impl<S: GramMatrix + ?Sized> GramMatrix for Penalised<'_, S> {
     }
 }
 
-/// Returns the diagonal of the smoothness penalty: lambda (l (l + 1))^2 for each column to `max_degree`, (K). It is the
-/// squared norm of the Laplacian on the sphere.
+/// Returns the diagonal of the smoothness penalty: lambda (l (l + 1))^2 for each column up to `max_degree`, (K). The
+/// penalty is lambda times the squared norm of the Laplacian on the sphere.
 pub fn smoothness_penalty(max_degree: usize, lambda: f64) -> Vec<f64> {
     let of = |l: usize| std::iter::repeat_n(lambda * ((l * (l + 1)) as f64).powi(2), order_count(l));
     (0..=max_degree).flat_map(of).collect()
 }
 
-/// Returns the diagonal of a penalty that each degree has one value of, (K): `p_l` for each order of degree l.
+/// Returns the diagonal of a penalty with one value per degree, (K): `p_l` for each order of degree l.
 pub fn degree_penalty(by_degree: &[f64]) -> Vec<f64> {
     by_degree.iter().enumerate().flat_map(|(l, &p)| std::iter::repeat_n(p, order_count(l))).collect()
 }
 
-/// Computes the Gram matrix of the harmonics to `max_degree` at weighted directions, from the moments of the sampling.
-/// Without weights all are 1; there must be one for each direction otherwise.
+/// Computes the Gram matrix of the harmonics up to `max_degree` at weighted directions, from the moments of the
+/// sampling. Without weights all are 1; otherwise there must be one for each direction.
 ///
 /// # Errors
 ///
-/// Those of the transforms, to twice the degree.
+/// Errors of the transforms, which are of twice the degree.
 pub fn moment_gram(
     directions: &Directions,
     weights: Option<&[f64]>,
@@ -146,12 +146,12 @@ pub fn moment_gram(
     Ok(MomentGram::new(max_degree, &moments(directions, weights, max_degree, FINEST)?)?)
 }
 
-/// Computes the normal matrix of the harmonics to `max_degree` at weighted directions, from the moments of the sampling
-/// to a relative accuracy. Without weights all are 1; there must be one for each direction otherwise.
+/// Computes the normal matrix of the harmonics up to `max_degree` at weighted directions, from the moments of the
+/// sampling, to a relative accuracy. Without weights all are 1; otherwise there must be one for each direction.
 ///
 /// # Errors
 ///
-/// Those of the transforms, to twice the degree.
+/// Errors of the transforms, which are of twice the degree.
 pub fn moment_normal(
     directions: &Directions,
     weights: Option<&[f64]>,
@@ -173,7 +173,7 @@ fn moments(
     Ok(transform.weighted_sums(none.view(), weights)?.into_raw_vec_and_offset().0)
 }
 
-/// Checks that there are n weights where there are any.
+/// Checks that there are n weights, if any.
 pub(crate) fn check_count(n: usize, weights: Option<&[f64]>) -> Result<(), SolverError> {
     match weights {
         Some(weights) if weights.len() != n => {
@@ -183,11 +183,11 @@ pub(crate) fn check_count(n: usize, weights: Option<&[f64]>) -> Result<(), Solve
     }
 }
 
-/// Returns the most bytes that [`moment_gram`] holds while it works, its result among them.
+/// Returns the peak memory of [`moment_gram`] in bytes, including its result.
 ///
 /// # Errors
 ///
-/// Those of the transforms, to twice the degree, which must not be above [`MAX_DEGREE`].
+/// Errors of the transforms, which are of twice the degree; that must not be above [`MAX_DEGREE`].
 pub fn moment_gram_bytes(directions: usize, max_degree: usize) -> Result<usize, SolverError> {
     if 2 * max_degree > MAX_DEGREE {
         return Err(HarmonicsError::DegreeTooHigh { degree: max_degree, max: MAX_DEGREE / 2 }.into());
@@ -196,7 +196,8 @@ pub fn moment_gram_bytes(directions: usize, max_degree: usize) -> Result<usize, 
     Ok(transform.max(MomentGram::bytes(max_degree)) + 8 * directions)
 }
 
-/// What moments take. A Gram matrix asks for all digits, since its condition is the square of the basis's.
+/// Returns the settings of the transforms for moments. A Gram matrix needs all digits, since its condition number is
+/// the square of the basis's.
 fn to_twice(max_degree: usize, accuracy: f64) -> TransformParams {
     TransformParams { max_degree: 2 * max_degree, accuracy, channels: 1 }
 }

@@ -13,23 +13,23 @@
 //!         r -= A_d..e x
 //! ```
 //!
-//! A block's least squares are one step of block Gauss-Seidel on the normal equations, so with more passes the fit
-//! tends to the full least squares, whatever the blocks are.
+//! Solving a block's least squares is one step of block Gauss-Seidel on the normal equations, so with more passes the
+//! fit converges to the full least squares, whatever the blocks.
 //!
 //! Cost of the first pass for c columns: `n k (k + 1)` flops for the Gram matrix of each block of k columns, `4 n K c`
-//! for right-hand sides and updates, and every byte of the basis read once (twice where a block doesn't fit the
-//! budget). Later passes need right-hand sides and updates only, and run as fast as the basis comes from memory.
+//! for right-hand sides and updates, and every byte of the basis read once (twice if a block doesn't fit the budget).
+//! Later passes need only right-hand sides and updates, and are bound by the bandwidth of memory.
 //!
 //! | module | contents |
 //! |---|---|
-//! | `blocks` | NLSF, SIRF, MIRF, IRF: which degrees are solved together |
+//! | `blocks` | NLSF, SIRF, MIRF, IRF: the degrees that are solved together |
 //! | `params`, `solver` | [`IrfParams`], [`IrfSolver`]: checks and the report |
-//! | `stream` | blocks opened in order, the next one being read ahead |
+//! | `stream` | blocks opened in order, with read-ahead of the next |
 //! | `block_solve` | one block's least squares, by Cholesky or a rank-revealing factorisation (`triangle`) |
-//! | `workers` | the residual, shared out among threads |
+//! | `workers` | the residual, divided among threads |
 //! | `accelerated` | conjugate gradients over pairs of passes |
-//! | `plan` | the memory that a fit takes |
-//! | `report` | what a fit reports |
+//! | `plan` | the memory plan of a fit |
+//! | `report` | reports on fits |
 
 mod accelerated;
 mod block_solve;
@@ -61,7 +61,8 @@ pub use solver::{IrfFit, IrfSolver, solve};
 const REFINED: f64 = 1e-14;
 
 impl IrfSolver<'_> {
-    /// Fits `r`, (n, c), which holds the targets on entry and their residual on return, by `a`, (K, c), zero on entry.
+    /// Fits `r`, (n, c), which contains the targets on entry and their residual on return, by `a`, (K, c), zero on
+    /// entry.
     fn passes(&mut self, r: &mut ChunkedRows, a: &mut Array2<f64>, log: &mut Recorder<'_>) -> Result<(), SolverError> {
         let passes = self.params.method.passes();
         let mut last_change = f64::INFINITY;
@@ -69,8 +70,8 @@ impl IrfSolver<'_> {
             log.begin_pass(number.min(passes), number > passes);
             let pass = self.pass(Order::Forward, r, a, log)?;
             log.end_pass(r, pass.bytes_read);
-            // Rounding has been reached when a further pass changes nothing, or no less than the one before. What
-            // needed a rank-revealing solve is as good as it gets: it doesn't suffer from the Gram matrix's condition.
+            // The limit of rounding is reached when a further pass changes nothing, or no less than the previous one.
+            // Rank-revealing solves need no refinement, since they don't suffer from the Gram matrix's condition.
             let change = pass.relative_change(a);
             let refined = number > passes && (change < REFINED || change >= 0.5 * last_change);
             if refined || (number >= passes && self.block_solver.has_rank_revealing()) {
@@ -107,7 +108,7 @@ impl IrfSolver<'_> {
     }
 }
 
-/// What a pass did, column by column of the targets.
+/// The changes made by a pass, for each column of the targets.
 struct PassSummary {
     /// Squared norm of the change of the coefficients, (c).
     change: Vec<f64>,
@@ -130,7 +131,7 @@ impl PassSummary {
         self.bytes_read += bytes_read;
     }
 
-    /// Norm of the change relative to that of the coefficients, the largest of all columns.
+    /// Returns the norm of the change relative to that of the coefficients, the largest of all columns.
     fn relative_change(&self, a: &Array2<f64>) -> f64 {
         let norms = a.columns().into_iter().map(|column| column.iter().map(|a| a * a).sum::<f64>());
         let relative =

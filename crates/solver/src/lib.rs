@@ -4,8 +4,8 @@
 //! The paper: L. Shen and M. K. Chung, "Large-scale modeling of parametric surfaces using spherical harmonics", 3DPVT
 //! 2006. A surface's x, y and z are three columns of targets; many surfaces are many columns, fitted together.
 //!
-//! Arrays: n directions (vertices) are rows, `K = (L + 1)^2` basis functions to degree L are columns of the basis
-//! matrix A, in the order `l^2 + l + m`; c columns of targets share a fit.
+//! Arrays: n directions (vertices) are rows, the `K = (L + 1)^2` basis functions up to degree L are columns of the
+//! basis matrix A, in the order `l^2 + l + m`; c columns of targets share a fit.
 //!
 //! | module | contents |
 //! |---|---|
@@ -14,12 +14,12 @@
 //! | [`lsq`] | the full least squares: conjugate gradients, Cholesky with refinement |
 //! | [`gram`] | Gram matrices, from the moments of a sampling |
 //! | [`cholesky`] | the factor of the normal equations, in memory or in a store |
-//! | [`chunked_rows`] | targets and residual, kept in the basis's chunks |
+//! | [`chunked_rows`] | targets and residual, stored in the basis's chunks |
 //! | [`residual`] | the size of a residual |
 //! | `dense`, [`blas`] | dense matrices: faer on one thread, OpenBLAS on several |
 //!
-//! Without the default feature `dense` there are fast operators, conjugate gradients ([`lsq::cg`]) and cross-validation
-//! alone, and neither OpenBLAS nor `spharm-store` is needed.
+//! Without the default feature `dense`, only fast operators, conjugate gradients ([`lsq::cg`]) and cross-validation are
+//! available, and neither OpenBLAS nor `spharm-store` is needed.
 //!
 //! ```
 //! use ndarray::Array2;
@@ -76,7 +76,7 @@ pub use operator::{BlockOperator, DiskOperator, MemoryOperator, Residency};
 pub use operator::{DeferredOperator, MatrixFreeOperator, Operator};
 pub use residual::ResidualNorms;
 
-/// The number of threads that a parameter asks for; 0 stands for those of the rayon pool that the call is in.
+/// Returns the requested number of threads; 0 stands for the number of the caller's rayon pool.
 #[cfg(feature = "dense")]
 pub(crate) fn threads(asked: usize) -> usize {
     if asked == 0 { rayon::current_num_threads() } else { asked }

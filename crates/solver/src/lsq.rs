@@ -4,38 +4,38 @@
 //! min | W^(1/2) (A x - f) |^2 + x^T P x,   P = lambda diag (l (l + 1))^2 + diag p_l
 //! ```
 //!
-//! for each column f of the targets. This is the paper's NLSF, without its matrix. There are three tools:
+//! for each column f of the targets. This is the paper's NLSF, without its matrix. There are three methods:
 //!
 //! - Conjugate gradients ([`cg`]) by fast operators. On an even sampling the normal matrix `N = A^T W A + P` is nearly
-//!   a multiple of the identity, and a handful of iterations suffices. Products with N come from the samples, or from
-//!   moments of the sampling ([`MomentProblem`]) at a cost that doesn't depend on the number of samples, three columns
-//!   at a time; there the inverse of the density preconditions, see
-//!   [`InverseDensity`](spharm_transform::InverseDensity), if the sampling is uneven. The gradient is formed from the
-//!   samples in the end if its errors may matter, and the iteration goes on from there if the optimality asks for it.
-//! - A Cholesky factor of N, made from the Gram matrix or read from a store, and refinement: `x += N^-1 g` with the
-//!   gradient `g = A^T W (f - A x) - P x` formed by the operator, until the optimality `|g| / |A^T W f|` is met or
-//!   stops improving.
+//!   a multiple of the identity, and a handful of iterations suffices. Products with N are computed from the samples,
+//!   or from moments of the sampling ([`MomentProblem`]) at a cost that doesn't depend on the number of samples, three
+//!   columns at a time. With moments, the inverse of the density serves as a preconditioner if the sampling is uneven,
+//!   see [`InverseDensity`](spharm_transform::InverseDensity). At the end the gradient is computed from the samples if
+//!   its errors may matter, and the iteration is resumed from there if the optimality requires it.
+//! - A Cholesky factor of N, computed from the Gram matrix or read from a store, and refinement: `x += N^-1 g` with the
+//!   gradient `g = A^T W (f - A x) - P x` computed by the operator, until the optimality `|g| / |A^T W f|` is reached
+//!   or stops improving.
 //! - If N is numerically singular, the factor of `N + mu I`: `x += (N + mu I)^-1 g`, iterated Tikhonov regularisation.
-//!   From x = 0 that tends to the minimum-norm solution; what the targets determine worse than `mu` allows for stays
+//!   From x = 0 that tends to the minimum-norm solution; components that the targets determine too poorly for `mu` stay
 //!   small instead of growing to 1e11. A. Bjorck, "Numerical methods for least squares problems" (1996), section 4.1.3.
 //!
-//! Which of them are used, in which order and how long, is decided in one place: `strategy` has a function from sizes,
-//! what is available and what is asked for to a list of steps, and the table of it. [`Strategy::Auto`] iterates first,
-//! by moments if these pay, and leaves the iterations for a factor if that seems faster. The plan is noted as a detail;
-//! the report has the steps that were taken ([`StepReport`]), and how close the result is.
+//! The choice of methods, their order and duration is made in one place: `strategy` has a function from sizes,
+//! available data and the request to a list of steps, and documents it in a table. [`Strategy::Auto`] iterates first,
+//! by moments if these pay off, and switches from iterations to a factor if that seems faster. The plan is logged as a
+//! detail; the report has the steps taken ([`StepReport`]), and the accuracy of the result.
 //!
 //! | module | contents |
 //! |---|---|
-//! | `strategy`, `limits`, `cost`, `plan` | which steps to take, by which numbers |
-//! | `params`, `solver`, `available`, `run`, `progress` | [`LsqParams`], [`LsqSolver`]: takes the steps |
+//! | `strategy`, `limits`, `cost`, `plan` | the choice of steps, and its numbers |
+//! | `params`, `solver`, `available`, `run`, `progress` | [`LsqParams`], [`LsqSolver`]: execution of the steps |
 //! | [`normal_equations`], [`cg`], [`preconditioner`] | conjugate gradients |
 //! | `factor`, `refine` | the factor of N, shifted if N is singular; refinement with it |
 //! | `problem` | products and gradients, from samples or from moments |
 //! | `moments`, `moment_solver` | [`MomentProblem`], [`solve_moments`]: fits from sums over the samples alone |
-//! | `standard_errors` | of the coefficients |
+//! | `standard_errors` | standard errors of the coefficients |
 //! | [`gcv`] | the smoothness by generalised cross-validation |
 //! | [`denoise`] | a ridge by degree that removes noise, estimated from the targets |
-//! | `report`, `assess` | what a fit reports |
+//! | `report`, `assess` | reports on fits |
 //!
 //! ```
 //! use ndarray::Array2;

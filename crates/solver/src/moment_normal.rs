@@ -1,4 +1,4 @@
-//! The normal matrix of a sampling by its moments.
+//! The normal matrix of a sampling, from its moments.
 
 use std::sync::OnceLock;
 
@@ -6,7 +6,7 @@ use spharm_transform::{InverseDensity, MomentOperator};
 
 use crate::SolverError;
 
-/// The normal operator from the moments of a sampling, and an approximate inverse from the same once it is asked for.
+/// The normal operator from the moments of a sampling, and an approximate inverse that is computed on first use.
 #[derive(Debug)]
 pub struct MomentNormal {
     operator: MomentOperator,
@@ -15,7 +15,8 @@ pub struct MomentNormal {
 }
 
 impl MomentNormal {
-    /// Makes the operator to degree L = `max_degree` from moments to degree 2L, `(2L + 1)^2` values in canonical order.
+    /// Creates the operator up to degree L = `max_degree` from moments up to degree 2L, `(2L + 1)^2` values in
+    /// canonical order.
     ///
     /// # Errors
     ///
@@ -25,7 +26,7 @@ impl MomentNormal {
         Ok(Self { operator, moments, inverse: OnceLock::new() })
     }
 
-    /// Returns the most bytes that it takes, as [`MomentOperator::bytes`] does for the operator.
+    /// Returns its peak memory in bytes, as [`MomentOperator::bytes`] does for the operator.
     pub const fn bytes(max_degree: usize, channels: usize, threads: usize) -> usize {
         let moments = 8 * (2 * max_degree + 1) * (2 * max_degree + 1);
         moments + InverseDensity::bytes_with_operator(max_degree, channels, threads)
@@ -41,11 +42,11 @@ impl MomentNormal {
         &self.moments
     }
 
-    /// Returns the approximate inverse; `None` where the sampling has none that is worth it.
+    /// Returns the approximate inverse; `None` if the sampling has none that pays off.
     pub fn inverse(&self) -> Option<&InverseDensity> {
         if self.inverse.get().is_none() {
-            // Not within the cell: a thread that waits there for others' parts of the work may take up what waits for
-            // the cell. What could be wrong with degree or moments was found by `new`.
+            // Not computed within the cell's initialisation: a thread that waits there for other threads' parts of the
+            // work may steal a task that itself waits for the cell. Degree and moments were already validated by `new`.
             let made = InverseDensity::new(self.operator.max_degree(), &self.moments).unwrap_or_default();
             let _ = self.inverse.set(made);
         }

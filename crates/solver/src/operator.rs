@@ -1,11 +1,12 @@
-//! The basis as solvers use it: its products with vectors, and, for iterative residual fitting, its blocks.
+//! The basis as used by solvers: its products with vectors, and, for iterative residual fitting, its blocks.
 //!
 //! An [`Operator`] is the matrix A, (n, K): rows are vertices, columns basis functions. A [`BlockOperator`] can also be
-//! read: a block is a run of degrees, and so of A's columns; it is opened and read chunk by chunk from several threads.
+//! read: a block is a run of degrees, and thus of A's columns, which is opened and read chunk by chunk from several
+//! threads.
 //!
 //! | operator | the basis |
 //! |---|---|
-//! | [`MatrixFreeOperator`], [`DeferredOperator`] | nowhere: fast transforms |
+//! | [`MatrixFreeOperator`], [`DeferredOperator`] | not stored: fast transforms |
 //! | [`MemoryOperator`] | in memory |
 //! | [`DiskOperator`] | in a store |
 
@@ -31,7 +32,7 @@ pub use matrix_free::{DeferredOperator, MatrixFreeOperator};
 #[cfg(feature = "dense")]
 pub use memory::MemoryOperator;
 
-/// A basis matrix A, (n, K), known by its products.
+/// A basis matrix A, (n, K), given by its products.
 pub trait Operator: Sync {
     /// Returns the number of rows (vertices), n.
     fn rows(&self) -> usize;
@@ -39,33 +40,33 @@ pub trait Operator: Sync {
     /// Returns the highest degree, L; the matrix has `(L + 1)^2` columns.
     fn max_degree(&self) -> usize;
 
-    /// Computes the synthesis `A x`: x (K', c) of the degrees that K' stands for, result (n, c).
+    /// Computes the synthesis `A x`: x (K', c) with the coefficients of all degrees up to some degree, result (n, c).
     ///
     /// # Errors
     ///
-    /// When the basis can't be read.
+    /// If the basis can't be read.
     ///
     /// # Panics
     ///
-    /// If K' isn't a basis size up to the operator's.
+    /// If K' isn't a basis size, or is above the operator's.
     fn apply(&self, x: ArrayView2<'_, f64>) -> Result<Array2<f64>, SolverError>;
 
     /// Computes the adjoint synthesis `A^T r`: r (n, c), result (K, c).
     ///
     /// # Errors
     ///
-    /// When the basis can't be read.
+    /// If the basis can't be read.
     ///
     /// # Panics
     ///
-    /// If r hasn't n rows.
+    /// If r doesn't have n rows.
     fn apply_adjoint(&self, r: ArrayView2<'_, f64>) -> Result<Array2<f64>, SolverError>;
 
-    /// Computes `A^T diag(w) A x`: x (K, c), weights w (n), all one where there are none; result (K, c).
+    /// Computes `A^T diag(w) A x`: x (K, c), weights w (n), all one by default; result (K, c).
     ///
     /// # Errors
     ///
-    /// When the basis can't be read.
+    /// If the basis can't be read.
     fn normal(&self, x: ArrayView2<'_, f64>, weights: Option<&[f64]>) -> Result<Array2<f64>, SolverError> {
         let mut samples = self.apply(x)?;
         if let Some(weights) = weights {

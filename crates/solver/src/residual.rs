@@ -1,10 +1,10 @@
-//! The size of a target's residual.
+//! Norms of a target's residual.
 
 use ndarray::{ArrayView2, Axis};
 use rayon::prelude::*;
 use serde::Serialize;
 
-/// Rows whose squares are summed together.
+/// Number of rows whose squares are summed together.
 const RUN: usize = 1 << 14;
 
 /// Mean and maximum over the rows (vertices) of the squared norm of one target's residual, in the target's unit
@@ -23,9 +23,9 @@ impl ResidualNorms {
         Self::without(residual, None)
     }
 
-    /// As [`of`](Self::of), over the rows that `unread`, (n), doesn't mark.
+    /// As [`of`](Self::of), over the rows that aren't marked in `unread`, (n).
     pub fn without(residual: ArrayView2<'_, f64>, unread: Option<&[bool]>) -> Self {
-        // By runs of rows, whatever the number of threads: the same sums.
+        // By runs of rows, so that the sums don't depend on the number of threads.
         let runs: Vec<[f64; 2]> = residual
             .axis_chunks_iter(Axis(0), RUN)
             .into_par_iter()
@@ -45,7 +45,7 @@ impl ResidualNorms {
     }
 }
 
-/// Number of rows that `unread` doesn't mark.
+/// Returns the number of rows that aren't marked in `unread`.
 pub(crate) fn rows_read(rows: usize, unread: Option<&[bool]>) -> usize {
     unread.map_or(rows, |unread| unread.iter().filter(|unread| !**unread).count())
 }
