@@ -1,4 +1,4 @@
-//! What a solver reports of a solution.
+//! Reports on solutions.
 
 use std::ops::Range;
 use std::time::Instant;
@@ -13,7 +13,7 @@ use crate::cholesky::CholeskyFactor;
 use crate::residual::ResidualNorms;
 
 impl LsqSolver<'_> {
-    /// Reports on a solution; `groups` gives the columns of each target whose residual is to be assessed.
+    /// Creates the report on a solution; `groups` gives the columns of each target whose residual is to be assessed.
     pub(super) fn report(
         &mut self,
         cg: &Cg,
@@ -70,7 +70,7 @@ impl LsqSolver<'_> {
         }
     }
 
-    /// Condition number of `W^(1/2) A`, stacked on `P^(1/2)`.
+    /// Returns the condition number of `W^(1/2) A`, stacked on `P^(1/2)`.
     fn condition(&self, cg: &Cg) -> f64 {
         let of = |reciprocal: f64| if reciprocal > 0.0 { (1.0 / reciprocal).sqrt() } else { f64::INFINITY };
         match (self.stored, &self.made) {

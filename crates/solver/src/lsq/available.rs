@@ -1,4 +1,4 @@
-//! What a solver gives its strategy to decide by, and the preconditioner that a step asks for.
+//! The data that a solver's strategy decides by, and the preconditioner of a step.
 
 use spharm_transform::InverseDensity;
 
@@ -42,12 +42,12 @@ impl LsqSolver<'_> {
         Available { moments, factor }
     }
 
-    /// Bytes of memory that aren't taken.
+    /// Returns the free bytes of the memory budget.
     fn room(&self) -> usize {
         self.params.memory.saturating_sub(self.params.held)
     }
 
-    /// Returns why there are no moments.
+    /// Returns the reason why there are no moments.
     pub(super) fn why_no_moments(&self) -> String {
         match self.make_moments {
             Some(_) => format!("their moments don't fit the {} MiB of memory that are left", self.room() >> 20),
@@ -62,13 +62,13 @@ impl LsqSolver<'_> {
         }
     }
 
-    /// The inverse of the density if there are moments of uneven samples and the density may precondition.
+    /// Returns the inverse of the density, if there are moments of uneven samples and the density may precondition.
     pub(super) fn inverse_density(&self) -> Option<&InverseDensity> {
         let normal = match self.source {
             Source::Samples(_) => &*self.moments.as_ref()?.normal,
             Source::Moments(problem) => problem.normal(),
         };
-        // Whatever the number of columns.
+        // The decision doesn't depend on the number of columns.
         if density_may_precondition(&self.sizes(0), &self.request()) { normal.inverse() } else { None }
     }
 

@@ -1,4 +1,5 @@
-//! Preconditioned conjugate gradients on the normal equations, all columns in step, or by moments a few at a time.
+//! Preconditioned conjugate gradients on the normal equations, for all columns together, or by moments for a few at a
+//! time.
 //!
 //! Problem: `min |W^(1/2) (A x - f)|^2 + x^T P x` for each column f of the targets; N = A^T W A + P. From x = 0:
 //!
@@ -8,11 +9,11 @@
 //!          z = M r,  beta = r^T z / (r^T z)_before,  p = z + beta p
 //! ```
 //!
-//! with M the preconditioner. In exact arithmetic the same iterates as LSQR's with the same preconditioner, at less
-//! storage: four (K, c) arrays, no (n, c) one. The normal equations square the condition, which bounds the optimality
-//! that can be reached by rounding; so r is formed anew in the end unless its errors are estimated to be small, and the
-//! iteration is started again from there while that gains something. From zero it tends to the minimum-norm solution
-//! where there are many.
+//! with M the preconditioner. In exact arithmetic the iterates are those of LSQR with the same preconditioner, with
+//! less storage: four (K, c) arrays, and none of (n, c). The normal equations square the condition number, so rounding
+//! limits the attainable optimality. Hence r is recomputed at the end unless its errors are estimated to be small, and
+//! the iteration is restarted from there while that improves it. If there are many solutions, iterating from zero tends
+//! to that of minimum norm.
 //!
 //! M. R. Hestenes and E. Stiefel, "Methods of conjugate gradients for solving linear systems", J. Res. NBS 49 (1952);
 //! A. Bjorck, "Numerical methods for least squares problems" (1996), section 7.4.
@@ -31,17 +32,17 @@ use super::problem::{Problem, ProductError, Sampled};
 use super::progress::Progress;
 use crate::SolverError;
 
-/// The share of the tolerance by which an optimality may be off.
+/// Largest error of an optimality, relative to the tolerance.
 const ERROR_SHARE: f64 = 0.2;
 
-/// When to stop.
+/// Stopping rules.
 #[derive(Debug, Clone, Copy)]
 pub struct CgParams {
     /// Optimality to reach, `|A^T W r - P x| / |A^T W f|`, of every column; default 1e-10.
     pub tolerance: f64,
-    /// Most iterations; default 3000.
+    /// Maximum number of iterations; default 3000.
     pub max_iterations: usize,
-    /// Iterations without the optimality halving after which to give up; default 250.
+    /// Number of iterations without halving the optimality after which to give up; default 250.
     pub patience: usize,
 }
 
@@ -58,21 +59,21 @@ pub struct CgFit {
     pub solution: Array2<f64>,
     /// `f - A x`, (n, c).
     pub residual: Array2<f64>,
-    /// How the iteration ended.
+    /// Why the iteration ended.
     pub stop: Stop,
-    /// Iterations made.
+    /// Number of iterations.
     pub iterations: usize,
-    /// The largest relative gradient of all columns, formed from the samples.
+    /// The largest relative gradient of all columns, computed from the samples.
     pub optimality: f64,
 }
 
 /// Solves the normal equations for targets f, (n, c), from x = 0.
 ///
-/// Each iteration is a step of the monitor's stage, and a status.
+/// Each iteration is a step of the monitor's stage, with a status.
 ///
 /// # Errors
 ///
-/// [`SolverError::Interrupted`]; those of operator and preconditioner. Not converging is none.
+/// [`SolverError::Interrupted`]; those of operator and preconditioner. Not converging isn't an error.
 pub fn solve(
     equations: &NormalEquations<'_>,
     targets: &Array2<f64>,
@@ -85,12 +86,12 @@ pub fn solve(
     let stop = cg.run(&problem, preconditioner, params, monitor)?;
     let (stop, residual) = cg.confirm(stop, &problem, preconditioner, params, monitor)?;
     let optimality = cg.optimality();
-    // Where there are samples there is a residual.
+    // With samples there is always a residual.
     let residual = residual.unwrap_or_default();
     Ok(CgFit { solution: cg.x, residual, stop, iterations: cg.iterations, optimality })
 }
 
-/// How an iteration ended.
+/// Why an iteration ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Stop {
@@ -98,25 +99,25 @@ pub enum Stop {
     Converged,
     /// The optimality stopped improving.
     Stalled,
-    /// The iterations were used up.
+    /// The maximum number of iterations was reached.
     IterationLimit,
 }
 
-/// State of an iteration that can go on with another preconditioner.
+/// State of an iteration that can be resumed with another preconditioner.
 pub(crate) struct Cg {
     /// Solution, (K, c).
     pub(crate) x: Array2<f64>,
-    /// `A^T W (f - A x) - P x`, as the iteration carries it.
+    /// `A^T W (f - A x) - P x`, as updated by the iteration.
     pub(crate) gradient: Array2<f64>,
-    /// Norms of `A^T W f`.
+    /// Norms of the columns of `A^T W f`.
     pub(crate) scale: Vec<f64>,
     pub(crate) iterations: usize,
-    /// The iteration at which the optimality halved for the last time.
+    /// The last iteration at which the optimality halved.
     pub(crate) best_at: usize,
-    /// Of N, from the iterations' own coefficients, times that of the preconditioner; of the column with the largest.
-    /// NaN where that of the preconditioner isn't known.
+    /// Condition number of N, estimated from the coefficients of the iterations, times that of the preconditioner; the
+    /// largest of all columns. NaN if that of the preconditioner is unknown.
     pub(crate) condition: f64,
-    /// An estimate of what the optimality may be off by, where the gradient is the iteration's own.
+    /// Estimated error of the optimality, if the gradient is that updated by the iteration.
     pub(crate) doubt: f64,
     /// Wall time of the iterations.
     pub(crate) seconds: f64,
@@ -135,7 +136,7 @@ impl Cg {
         Self { x, gradient, scale, iterations: 0, best_at: 0, condition: 1.0, doubt: 0.0, seconds: 0.0 }
     }
 
-    /// The largest relative gradient of all columns, with what it may be off by.
+    /// Returns the largest relative gradient of all columns, plus its estimated error.
     pub(crate) fn optimality(&self) -> f64 {
         relative(&norms(&self.gradient), &self.scale) + self.doubt
     }
@@ -151,7 +152,8 @@ impl Cg {
         self.run_while(problem, preconditioner, params, None, monitor)
     }
 
-    /// Iterates until a stopping rule applies, or `progress` isn't enough, which counts as the limit of iterations.
+    /// Iterates until a stopping rule applies, or until `progress` is too slow, which is treated as the limit of
+    /// iterations.
     pub(crate) fn run_while(
         &mut self,
         problem: &dyn Problem,
@@ -229,10 +231,10 @@ impl Cg {
         Ok(Stop::IterationLimit)
     }
 
-    /// Forms the gradient from the samples, and goes on from there where the iteration's own was wrong about having
-    /// converged. Without samples the gradient is but one more product, no more exact than those before; where the
-    /// errors of products are small it isn't formed. Returns how it ended and the residual, (n, c), where there are
-    /// samples.
+    /// Computes the gradient from the samples, and resumes the iteration from there if it hasn't converged after all.
+    /// Without samples the gradient is only one more product, no more accurate than the previous ones. It isn't
+    /// computed if the errors of products are small. Returns why the iteration ended, and the residual, (n, c), if
+    /// there are samples.
     pub(crate) fn confirm(
         &mut self,
         mut stop: Stop,
@@ -260,13 +262,14 @@ impl Cg {
         }
     }
 
-    /// Returns the residual, (n, c), where there are samples, if the gradient that the iteration carries is known well
-    /// enough with it; `None` where the gradient has to be formed, at twice the cost of the residual.
+    /// Returns the residual, (n, c), if there are samples, provided that the iteration's own gradient is accurate
+    /// enough; `None` if the gradient must be recomputed, at twice the cost of the residual.
     ///
-    /// Products that are off by e of the norm of N leave the gradient, `b - N x`, off by up to `e |N| |x|`, and
-    /// rounding by some eps of `|N| |x|` in each iteration; in units of the optimality that is divided by `|b|`, and
-    /// has to be little beside the tolerance. Where there are samples, that products are no worse is held against them
-    /// in the direction of x, in which the residual r and the gradient g have the same slope, `(A x)^T W r = x^T g`.
+    /// Products with an error of e relative to the norm of N cause an error of up to `e |N| |x|` in the gradient, `b -
+    /// N x`, and rounding one of some eps of `|N| |x|` in each iteration. In units of the optimality these errors are
+    /// divided by `|b|`, and must be small compared with the tolerance. If there are samples, the accuracy of products
+    /// is verified with them in the direction of x, in which the residual r and the gradient g have the same slope, `(A
+    /// x)^T W r = x^T g`.
     fn confirm_carried(
         &mut self,
         problem: &dyn Problem,
@@ -290,18 +293,18 @@ impl Cg {
     }
 }
 
-/// The largest of the quotients; a column that is zero is solved.
+/// Returns the largest of the quotients; a zero column is solved.
 pub(crate) fn relative(norms: &[f64], scale: &[f64]) -> f64 {
     norms.iter().zip(scale).map(|(norm, scale)| if *scale > 0.0 { norm / scale } else { 0.0 }).fold(0.0, f64::max)
 }
 
-/// A column that is solved has no direction left to go.
+/// Returns a quotient; zero for a solved column, which has no search direction left.
 fn ratio(numerator: f64, denominator: f64) -> f64 {
     if denominator > 0.0 { numerator / denominator } else { 0.0 }
 }
 
-/// The tridiagonal matrix that conjugate gradients know implicitly: its eigenvalues approach those of the
-/// preconditioned matrix from inside, the extreme ones first.
+/// The tridiagonal matrix that is implicit in conjugate gradients: its eigenvalues approach those of the preconditioned
+/// matrix from within, the extreme ones first.
 struct Lanczos {
     steps: Vec<(Vec<f64>, Vec<f64>)>,
     columns: usize,
@@ -350,7 +353,7 @@ impl Lanczos {
             count
         };
         let find = |rank: usize| {
-            // On a logarithmic scale: the smallest may be 1e-16 of the largest.
+            // On a logarithmic scale, since the smallest may be 1e-16 of the largest.
             let (mut low, mut high) = (bound * 1e-20, bound);
             for _ in 0..80 {
                 let middle = (low * high).sqrt();

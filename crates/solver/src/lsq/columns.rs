@@ -1,12 +1,12 @@
-//! Arithmetic on (K, c) arrays column by column, in parallel and with one order of summation.
+//! Arithmetic on (K, c) arrays column by column, in parallel and with a fixed order of summation.
 
 use ndarray::Array2;
 use rayon::prelude::*;
 
-/// Rows whose sums are formed together; fixed, so that sums don't depend on the threads.
+/// Number of rows that are summed together; fixed, so that sums don't depend on the number of threads.
 const RUN: usize = 4096;
 
-/// Inner products of the columns of two arrays.
+/// Returns the inner products of the columns of two arrays.
 pub(crate) fn dots(a: &Array2<f64>, b: &Array2<f64>) -> Vec<f64> {
     assert_eq!(a.dim(), b.dim(), "arrays of inner products");
     let c = a.ncols();
@@ -24,7 +24,7 @@ pub(crate) fn dots(a: &Array2<f64>, b: &Array2<f64>) -> Vec<f64> {
     total
 }
 
-/// In sums of their own, which the processor forms side by side.
+/// Computes an inner product as several partial sums, which the processor evaluates in parallel.
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     const LANES: usize = 16;
     let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
@@ -48,12 +48,12 @@ fn dots_of_rows(a: &[f64], b: &[f64], c: usize) -> Vec<f64> {
     sums
 }
 
-/// Norms of the columns.
+/// Returns the norms of the columns.
 pub(crate) fn norms(a: &Array2<f64>) -> Vec<f64> {
     dots(a, a).into_iter().map(f64::sqrt).collect()
 }
 
-/// `y_c = s_c y_c + a_c x_c` for each column c.
+/// Computes `y_c = s_c y_c + a_c x_c` for each column c.
 pub(crate) fn combine(y: &mut Array2<f64>, s: &[f64], a: &[f64], x: &Array2<f64>) {
     assert_eq!(y.dim(), x.dim(), "arrays to combine");
     let c = y.ncols().max(1);
@@ -76,7 +76,7 @@ pub(crate) fn combine(y: &mut Array2<f64>, s: &[f64], a: &[f64], x: &Array2<f64>
     });
 }
 
-/// `y += x * factors`, a factor a row.
+/// Computes `y += x * factors`, with one factor per row.
 pub(crate) fn add_scaled_rows(y: &mut Array2<f64>, factors: &[f64], x: &Array2<f64>) {
     for ((mut y, x), factor) in y.rows_mut().into_iter().zip(x.rows()).zip(factors) {
         y.scaled_add(*factor, &x);

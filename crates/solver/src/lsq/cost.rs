@@ -1,8 +1,9 @@
-//! What products with the normal matrix take, by samples and by moments.
+//! Costs of products with the normal matrix, by samples and by moments.
 //!
-//! Nanoseconds of one thread, from measurements on a Xeon of 2023 (`examples/rates.rs` of `spharm-transform`); only
-//! their ratios count. At 40,962 samples and L = 100 a product of three channels takes 8.4 ms by samples and 2.0 ms by
-//! moments, which take 20 ms to make; at 10^6 and L = 1,000 one of a channel takes 0.33 s either way.
+//! Costs are nanoseconds of one thread, from measurements on a Xeon of 2023 (`examples/rates.rs` of
+//! `spharm-transform`); only their ratios matter. At 40,962 samples and L = 100 a product of three channels takes 8.4
+//! ms by samples and 2.0 ms by moments, which take 20 ms to compute. At 10^6 samples and L = 1,000 a product of one
+//! channel takes 0.33 s either way.
 
 use spharm_harmonics::basis_size;
 
@@ -19,55 +20,57 @@ pub(super) struct Cost {
 }
 
 impl Cost {
-    /// A product by the samples: kernels, which channels share, and their sums; the transforms of a grid.
+    /// Returns the cost of a product by samples: kernels, which channels share, and their sums; the transforms of a
+    /// grid.
     fn by_samples(&self) -> f64 {
         let (n, l, c) = self.sizes();
         n * (50.0 + 50.0 * c) + c * (25.0 * l * l * l.log2() + 0.1 * l.powi(3))
     }
 
-    /// A product by moments: Legendre sums, Fourier transforms.
+    /// Returns the cost of a product by moments: Legendre sums, Fourier transforms.
     pub(super) fn by_moments(&self) -> f64 {
         let (_, l, c) = self.sizes();
         c * (0.2 * l.powi(3) + 13.0 * l * l * l.log2())
     }
 
-    /// A product by moments and one with the inverse of their density.
+    /// Returns the cost of a product by moments and one with the inverse of the density.
     pub(super) fn preconditioned(&self) -> f64 {
         PRODUCTS_PER_DENSITY_ITERATION * self.by_moments()
     }
 
-    /// Making the moments and the operator from them.
+    /// Returns the cost of computing the moments and the operator from them.
     pub(super) fn making(&self) -> f64 {
         let (n, l, _) = self.sizes();
         350.0 * n + 100.0 * l * l * (2.0 * l).log2() + 1.2 * l.powi(3)
     }
 
-    /// A factor of the normal matrix.
+    /// Returns the cost of a factor of the normal matrix.
     pub(super) fn factor(&self) -> f64 {
         (basis_size(self.max_degree) as f64).powi(3) / 3.0 / 40.0
     }
 
-    /// A solve with a factor, whose `4 K^2` bytes are read twice, at 5 a nanosecond, and the gradient that is formed
-    /// beside the residual.
+    /// Returns the cost of a solve with a factor, whose `4 K^2` bytes are read twice, at 5 bytes per nanosecond, and of
+    /// computing gradient and residual.
     pub(super) fn with_factor(&self) -> f64 {
         let entries = (basis_size(self.max_degree) as f64).powi(2);
         entries * (2.0 * self.channels as f64 / 40.0 + 1.6) + 0.5 * self.by_samples()
     }
 
-    /// The iterations after which moments have paid; infinite where they never do.
+    /// Returns the number of iterations after which moments have paid off; infinite if they never do.
     pub(super) fn paid_after(&self) -> f64 {
         let saved = self.by_samples() - self.by_moments();
         if saved > 0.0 { self.making() / saved } else { f64::INFINITY }
     }
 
-    /// Iterations to a tolerance on a sampling without order: its normal matrix has the eigenvalues of Marchenko and
-    /// Pastur's law, (1 -+ (K / n)^(1/2))^2, and each iteration gains (n / K)^(1/2). Even samplings take half as many.
+    /// Returns the expected number of iterations to a tolerance on a random sampling. Its normal matrix has the
+    /// eigenvalues of Marchenko and Pastur's law, (1 -+ (K / n)^(1/2))^2, and each iteration reduces the error by (n /
+    /// K)^(1/2). Even samplings take half as many.
     pub(super) fn expected_iterations(&self, tolerance: f64) -> f64 {
         let ratio = basis_size(self.max_degree) as f64 / self.rows.max(1) as f64;
         if ratio < 1.0 { 2.0 * tolerance.ln() / ratio.ln() } else { f64::INFINITY }
     }
 
-    /// Whether moments pay within the iterations that are expected.
+    /// Returns whether moments pay off within the expected number of iterations.
     pub(super) fn at_once(&self, tolerance: f64) -> bool {
         self.paid_after() <= PAYING_PER_EXPECTED_ITERATIONS * self.expected_iterations(tolerance)
     }
@@ -77,11 +80,11 @@ impl Cost {
     }
 }
 
-/// Whether [`MatrixFreeOperator::with_moments`](crate::MatrixFreeOperator::with_moments) saves time, by a model of
-/// costs: where iterations on n = `rows` samples to a tolerance are going to use moments from the start, and the
-/// samples are so many that the larger grid, which the degrees share, costs less than sorting them twice. One channel
-/// then gains 10 to 25 %. With fewer samples the larger grid's memory takes longer than it saves, and for 6 to 48
-/// channels it took 10 to 40 % more at degrees from 50 to 400.
+/// Returns whether [`MatrixFreeOperator::with_moments`](crate::MatrixFreeOperator::with_moments) saves time, by a model
+/// of costs. It does if iterations on n = `rows` samples to a tolerance will use moments from the start, and there are
+/// so many samples that the larger grid, which both degrees share, costs less than sorting the samples twice. That
+/// saves 10 to 25 % for one channel. With fewer samples the larger grid's memory costs more time than it saves, and for
+/// 6 to 48 channels it took 10 to 40 % longer at degrees from 50 to 400.
 pub fn moments_pay(rows: usize, max_degree: usize, channels: usize, tolerance: f64) -> bool {
     let many = rows >= SAMPLES_PER_DEGREE_SQUARED_FOR_SHARED_GRID * max_degree * max_degree;
     channels == 1 && many && Cost { rows, max_degree, channels }.at_once(tolerance)

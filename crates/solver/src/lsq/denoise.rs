@@ -1,9 +1,9 @@
-//! Denoising inside the fit: a ridge for each degree, as strong as the targets' own noise asks for.
+//! Denoising within the fit: a ridge penalty on each degree, whose strength is derived from the targets' own noise.
 //!
-//! Targets are a smooth function and noise, independent from row to row and of one variance sigma^2 (by the precision
-//! of a row, where rows have different ones). An estimate of coefficients that is linear in the targets, such as the
-//! plain least squares x = N^-1 A^T W f, carries noise of a power into each degree that depends on the sampling alone.
-//! It is measured by fits of noise e of variance 1:
+//! Targets are the sum of a smooth function and noise, which is independent from row to row and of equal variance
+//! sigma^2 (divided by the precision of a row, if rows have different ones). An estimate of coefficients that is linear
+//! in the targets, such as the plain least squares x = N^-1 A^T W f, transfers noise into each degree, with a power
+//! that depends only on the sampling. It is measured by fits of noise e of variance 1:
 //!
 //! ```text
 //! B_l = E |x(e)_l|^2,   D = E |e - A x(e)|^2          of a column, from 12 columns of random signs
@@ -16,14 +16,14 @@
 //! This is empirical Bayes (C. N. Morris, "Parametric empirical Bayes inference", JASA 78, 1983): coefficients of
 //! degree l have the prior variance tau_l = h_l / (1 - h_l) sigma^2 B_l / (2l + 1), and `p_l = sigma^2 / tau_l`.
 //! Without pooling tau_l is `(P_l - N_l) / (c (2l + 1))`. On an even sampling N is `n / 4 pi I`, and the fit is the
-//! plain one times h_l, Wiener's filter; on an uneven one degrees mix, and the penalised fit takes less where the
-//! vertices tell more. The regression to a non-increasing sequence is by pooling adjacent violators (R. E. Barlow et
-//! al., "Statistical inference under order restrictions", 1972). One round: with the penalised fit's own powers in
-//! place of P_l a second gains 0.02 dB.
+//! plain one times h_l, Wiener's filter; on an uneven one degrees mix, and the penalised fit removes less where the
+//! vertices contain more information. The regression to a non-increasing sequence is by pooling adjacent violators (R.
+//! E. Barlow et al., "Statistical inference under order restrictions", 1972). There is only one round: a second one,
+//! with the penalised fit's own powers in place of P_l, would gain 0.02 dB.
 //!
-//! The degree alone separates noise from detail: what the degree leaves out of a surface counts as noise.
+//! Noise and detail are separated only by the degree: detail of a surface beyond the degree is treated as noise.
 //!
-//! Cost: the fits of 12 columns of noise, once for a sampling, and one more fit of each target, which is better
+//! Cost: the fits of 12 columns of noise, once per sampling, and a second fit of each target, which is better
 //! conditioned than the plain one.
 
 use std::ops::Range;
@@ -40,14 +40,15 @@ use super::preconditioner::Diagonal;
 use super::signs::sign;
 use crate::SolverError;
 
-/// Columns of noise that are fitted: four surfaces. The noise power of degree l has 12 (2l + 1) values then.
+/// Number of columns of noise that are fitted, that of four surfaces. The noise power of degree l is then estimated
+/// from 12 (2l + 1) values.
 pub const NOISE_COLUMNS: usize = 12;
 
-/// Least gain that a penalty is made for: below it degrees are as good as left out.
+/// Smallest gain for which a penalty is computed: below it a degree is practically left out.
 const LEAST_GAIN: f64 = 1e-6;
 
-/// Makes columns of noise of variance 1, (n, columns): random signs, the same for the same row and column. With a
-/// precision of each row, (n), the variance is its inverse, and zero where it is zero.
+/// Generates columns of noise of variance 1, (n, columns): random signs that depend only on row and column. With a
+/// precision of each row, (n), the variance is its inverse, or zero if the precision is zero.
 #[must_use]
 pub fn white_noise(rows: usize, columns: Range<usize>, precision: Option<&[f64]>) -> Array2<f64> {
     let first = columns.start;
@@ -58,20 +59,20 @@ pub fn white_noise(rows: usize, columns: Range<usize>, precision: Option<&[f64]>
             Some(precision) if precision > 0.0 => 1.0 / precision.sqrt(),
             Some(_) => 0.0,
         };
-        // 2^40 rows a column.
+        // 2^40 rows per column.
         *value = size * sign((((first + column) as u64) << 40) | row as u64);
     });
     noise
 }
 
-/// Computes the sum of the squares of a residual, (n, c), each row times its precision.
+/// Computes the sum of the squares of a residual, (n, c), with each row multiplied by its precision.
 #[must_use]
 pub fn residual_square(residual: ArrayView2<'_, f64>, precision: Option<&[f64]>) -> f64 {
     let rows = residual.rows().into_iter().enumerate();
     rows.map(|(i, row)| precision.map_or(1.0, |precision| precision[i]) * row.dot(&row)).sum()
 }
 
-/// What noise of variance 1 becomes in a fit: by degree, and in the residual.
+/// The power of noise of variance 1 after a fit, by degree and in the residual.
 #[derive(Debug, Clone)]
 pub struct NoisePower {
     /// Sums over the columns, (L + 1).
@@ -81,7 +82,7 @@ pub struct NoisePower {
 }
 
 impl NoisePower {
-    /// Starts without any fit of noise.
+    /// Creates it without any fits of noise.
     #[must_use]
     pub fn new(max_degree: usize) -> Self {
         Self { by_degree: vec![0.0; max_degree + 1], residual: 0.0, columns: 0.0 }
@@ -101,12 +102,12 @@ impl NoisePower {
 
     /// Estimates the noise power of fits from moments: rows with weight w have noise of variance 1 / w, whose power is
     /// the trace of each degree's part of `N^-1` (M. F. Hutchinson, Commun. Stat. Simul. 19, 1990: z^T N^-1 z for 12
-    /// vectors z of signs), and which leaves n - K in the residual. The trace is at least `(2l + 1) 4 pi / sum w`, its
+    /// vectors z of signs); its power in the residual is n - K. The trace is at least `(2l + 1) 4 pi / sum w`, its
     /// value on an even sampling.
     ///
     /// # Errors
     ///
-    /// [`SolverError::NoResidual`] where n isn't above K; [`SolverError::Interrupted`].
+    /// [`SolverError::NoResidual`] if n isn't above K; [`SolverError::Interrupted`].
     pub fn of_moments(problem: &MomentProblem, monitor: &dyn Monitor) -> Result<Self, SolverError> {
         const CG: CgParams = CgParams { tolerance: 1e-7, max_iterations: 1000, patience: 100 };
         let (max_degree, rows) = (problem.max_degree(), problem.rows());
@@ -134,7 +135,8 @@ impl NoisePower {
         self.by_degree.iter().map(|power| power / self.columns).collect()
     }
 
-    /// Returns D, what the fit leaves of a column of noise of variance 1: n - K for the plain least squares.
+    /// Returns D, the residual's power of a column of noise of variance 1 after the fit: n - K for the plain least
+    /// squares.
     #[must_use]
     pub fn residual(&self) -> f64 {
         self.residual / self.columns
@@ -164,22 +166,22 @@ impl NoisePower {
     }
 }
 
-/// The noise that was found in a target, and what it takes to remove it.
+/// The estimated noise of a target, and the penalties that remove it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Denoise {
     /// Standard deviation of the noise in each channel, in the target's unit.
     pub sigma: f64,
-    /// What the targets determine of each channel: `sum_l (2l + 1) h_l`, of K. On an even sampling the trace of the hat
-    /// matrix.
+    /// Effective number of coefficients per channel, `sum_l (2l + 1) h_l`, at most K. On an even sampling this is the
+    /// trace of the hat matrix.
     pub degrees_of_freedom: f64,
-    /// Gain of each degree, h_l, (L + 1): between 0 and 1, not increasing.
+    /// Gain of each degree, h_l, (L + 1): between 0 and 1, non-increasing.
     pub gain: Vec<f64>,
     /// Penalty of each degree, p_l, (L + 1), for [`LsqParams::penalty`](crate::LsqParams::penalty).
     #[serde(skip)]
     pub penalty: Vec<f64>,
 }
 
-/// Refuses a sampling that leaves no residual.
+/// Refuses a sampling without a residual.
 ///
 /// # Errors
 ///
@@ -192,14 +194,14 @@ fn degree_range(l: usize) -> Range<usize> {
     first_column(l)..first_column(l + 1)
 }
 
-/// Sum of the squares of each degree's coefficients, of all columns.
+/// Returns the sum of the squares of each degree's coefficients, over all columns.
 fn powers(coefficients: ArrayView2<'_, f64>, degrees: usize) -> Vec<f64> {
     let of = |l: usize| coefficients.slice(s![degree_range(l), ..]).iter().map(|a| a * a).sum();
     (0..degrees).map(of).collect()
 }
 
-/// The gains `1 - noise / power`, not below zero, made non-increasing by least squares with the powers as weights: of
-/// runs of degrees that violate the order, one quotient of sums.
+/// Returns the gains `1 - noise / power`, at least zero, made non-increasing by least squares with the powers as
+/// weights: runs of degrees that violate the order get a common quotient of sums.
 fn gains(power: &[f64], noise: &[f64]) -> Vec<f64> {
     struct Run {
         power: f64,

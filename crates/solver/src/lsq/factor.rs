@@ -1,4 +1,4 @@
-//! The factor of the normal equations, made when it is needed.
+//! The factor of the normal equations, computed on demand.
 
 use spharm_harmonics::index::{first_column, max_degree_of};
 use spharm_monitor::Monitor;
@@ -11,14 +11,14 @@ use crate::gram::{GramMatrix, Penalised};
 /// The factor of `N + mu I`.
 pub(super) struct MadeFactor {
     pub(super) factor: MemoryFactor,
-    /// mu relative to the largest diagonal entry of N; zero where N isn't singular.
+    /// mu relative to the largest diagonal entry of N; zero if N isn't singular.
     pub(super) shift: f64,
     /// The column and degree at which the factorisation of N itself broke down.
     pub(super) breaks_at: Option<[usize; 2]>,
 }
 
-/// Factorises `G + diag(penalty)`; where that is numerically singular, with as small a shift of its diagonal as makes
-/// it definite.
+/// Factorises `G + diag(penalty)`. If that is numerically singular, its diagonal is shifted by the smallest amount that
+/// makes it definite.
 pub(super) fn factorise_shifted(
     gram: &dyn GramMatrix,
     penalty: &[f64],
@@ -38,7 +38,7 @@ pub(super) fn factorise_shifted(
         Err(SolverError::NotPositiveDefinite { column, degree }) => breaks_at = Some([column, degree]),
         Err(error) => return Err(error),
     }
-    // As small as rounding errors of the matrix allow.
+    // The smallest shift that the matrix's rounding errors allow.
     let largest = largest_diagonal(gram, penalty)?;
     let mut shift = f64::EPSILON * gram.size() as f64;
     loop {

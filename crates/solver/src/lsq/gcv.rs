@@ -5,12 +5,12 @@
 //! tr H = K - tr(P N^-1) = K - E[ z^T P^(1/2) N^-1 P^(1/2) z ]
 //! ```
 //!
-//! with z of independent signs (M. F. Hutchinson, Commun. Stat. Simul. 19, 1990): a few fixed, seeded z, the same for
-//! every lambda, so that GCV is a smooth function that can be searched. G. H. Golub, M. Heath, G. Wahba, "Generalized
-//! cross-validation as a method for choosing a good ridge parameter", Technometrics 21 (1979). The columns of a target
-//! share a lambda: their residuals are summed.
+//! with vectors z of independent signs (M. F. Hutchinson, Commun. Stat. Simul. 19, 1990). A few fixed, seeded z are
+//! used for every lambda, so that GCV is a smooth function of it that can be searched. G. H. Golub, M. Heath, G. Wahba,
+//! "Generalized cross-validation as a method for choosing a good ridge parameter", Technometrics 21 (1979). The columns
+//! of a target share a lambda: their residuals are summed.
 //!
-//! Cost: some 25 values of lambda, for each one solve with the columns of the target and of the probes by conjugate
+//! Cost: for each of some 25 values of lambda, one solve for the columns of the target and of the probes by conjugate
 //! gradients.
 
 use ndarray::{Array2, ArrayView2, s};
@@ -29,21 +29,22 @@ use crate::SolverError;
 use crate::gram::smoothness_penalty;
 use crate::operator::Operator;
 
-/// Probes of the trace: with their number the noise of GCV falls as its root; it is some percent of `tr(P N^-1)`.
+/// Number of probes of the trace. The noise of GCV, some percent of `tr(P N^-1)`, falls with the root of this number.
 const PROBES: usize = 3;
-/// Values of lambda on the coarse grid.
+/// Number of values of lambda on the coarse grid.
 const COARSE: usize = 13;
-/// Steps of the golden section after it: a factor of 30 between neighbours on the grid comes down to 1.1.
+/// Number of steps of the subsequent golden section: they reduce the factor of 30 between neighbours on the grid to
+/// 1.1.
 const FINE: usize = 10;
 
 /// The search for a smoothness, and its result.
 #[derive(Debug, Clone, Serialize)]
 pub struct Gcv {
-    /// The lambda of the least GCV.
+    /// The lambda that minimises GCV.
     pub smoothness: f64,
     /// (lambda, GCV, tr H) in the order of the search.
     pub tried: Vec<[f64; 3]>,
-    /// Whether the least lies at the lower end of the range: then the targets ask for no penalty at all.
+    /// Whether the minimum is at the lower end of the range: the targets then need no penalty at all.
     pub at_the_end: bool,
 }
 
@@ -64,8 +65,8 @@ pub fn choose_smoothness(
     search(&Samples { operator, weights, targets }, adjoint, monitor)
 }
 
-/// Chooses lambda for a problem that is known by its moments; all of its columns share it. Some 25 values cost as much
-/// as some hundred products of [`MomentProblem::operator`].
+/// Chooses lambda for a problem given by its moments; all of its columns share it. Trying some 25 values costs about as
+/// much as a few hundred products of [`MomentProblem::operator`].
 ///
 /// The monitor gets one stage, `smoothness`, in values of lambda.
 ///
@@ -77,16 +78,16 @@ pub fn choose_smoothness_by_moments(problem: &MomentProblem, monitor: &dyn Monit
     search(problem, adjoint, monitor)
 }
 
-/// What cross-validation needs to know of a problem.
+/// A problem as required by cross-validation.
 trait Validated {
     fn max_degree(&self) -> usize;
-    /// Rows with weight.
+    /// Returns the number of rows with weight.
     fn rows(&self) -> usize;
-    /// Sum of the weights.
+    /// Returns the sum of the weights.
     fn weight(&self) -> f64;
     /// Runs conjugate gradients with a penalty.
     fn run(&self, cg: &mut Cg, penalty: &[f64], monitor: &dyn Monitor) -> Result<(), SolverError>;
-    /// `|W^(1/2) (f - A x)|^2` of all columns.
+    /// Returns `|W^(1/2) (f - A x)|^2` of all columns.
     fn square(&self, x: ArrayView2<'_, f64>) -> Result<f64, SolverError>;
 }
 
@@ -169,13 +170,14 @@ pub struct GcvTerms {
 impl GcvTerms {
     fn score(self) -> f64 {
         let Self { square, trace, rows } = self;
-        // More coefficients than data leave nothing to validate with unless the penalty is felt.
+        // With more coefficients than data there is nothing to validate with, unless the penalty is large enough to
+        // matter.
         let left = rows - trace.clamp(0.0, rows);
         if left > 1e-3 * rows { rows * square / (left * left) } else { f64::INFINITY }
     }
 }
 
-/// Chooses lambda by the terms of GCV that `terms` computes for each value: for fits whose hat matrix isn't the one
+/// Chooses lambda by the terms of GCV that `terms` computes for each value, for fits with a hat matrix other than the
 /// above. `weight` is the sum of the weights, on which the range of the search depends.
 ///
 /// The monitor gets one stage, `smoothness`, in values of lambda.
@@ -191,7 +193,7 @@ pub fn choose_smoothness_by<E>(
 ) -> Result<Gcv, E> {
     let even = weight / (4.0 * std::f64::consts::PI);
     let top = ((max_degree * (max_degree + 1)) as f64).max(2.0).powi(2);
-    // From a penalty too small to be felt, of 1e-6 of the highest degree's diagonal, to one that holds degree 2 down.
+    // From a negligible penalty, 1e-6 of the highest degree's diagonal, to one that suppresses degree 2.
     let (low, high) = ((1e-6 * even / top).ln(), (even / 36.0).ln());
     monitor.begin(Stage::counted("smoothness", "values"), (COARSE + FINE) as u64);
     let mut tried = Vec::new();
@@ -232,7 +234,7 @@ pub fn choose_smoothness_by<E>(
     Ok(Gcv { smoothness: least, tried, at_the_end })
 }
 
-/// The terms for a problem with the right-hand sides `adjoint`, (K, c).
+/// Returns the terms for a problem with the right-hand sides `adjoint`, (K, c).
 fn terms(
     problem: &dyn Validated,
     adjoint: &Array2<f64>,
@@ -255,7 +257,7 @@ fn terms(
     Ok(GcvTerms { square, trace: basis_size(max_degree) as f64 - lost, rows: problem.rows() as f64 })
 }
 
-/// Signs, (K, PROBES), from a counter.
+/// Returns signs, (K, PROBES), generated from a counter.
 fn probes(max_degree: usize) -> Array2<f64> {
     Array2::from_shape_fn((basis_size(max_degree), PROBES), |(k, c)| sign((k * PROBES + c) as u64))
 }

@@ -1,4 +1,4 @@
-//! [`LsqSolver`] on moments alone.
+//! [`LsqSolver`] on moments, without samples.
 
 use std::ops::Range;
 
@@ -14,37 +14,37 @@ use super::solver::{Given, LsqSolver, Source};
 use crate::SolverError;
 use crate::gram::GramMatrix;
 
-/// A fit from moments alone.
+/// A fit from moments.
 #[derive(Debug, Clone)]
 pub struct MomentFit {
     /// Canonical coefficients, (K, c).
     pub coefficients: Coefficients,
     /// `sum w (f - A x)^2` of each column, (c).
     pub residual_squares: Vec<f64>,
-    /// How it was solved, and how close it is. It has no residuals, which need the samples.
+    /// Report on the fit. It has no residuals, which would need the samples.
     pub report: LsqReport,
-    /// Standard errors of the coefficients, (K, c), where they were asked for.
+    /// Standard errors of the coefficients, (K, c), if requested.
     pub standard_errors: Option<Array2<f64>>,
 }
 
-/// One group's part of a fit of several from the same moments.
+/// The fit of one of several groups of columns from the same moments.
 #[derive(Debug, Clone)]
 pub struct GroupFit {
     /// Canonical coefficients, (K, c).
     pub coefficients: Coefficients,
-    /// How it was solved, and how close it is.
+    /// Report on the fit.
     pub report: LsqReport,
 }
 
-/// Solves a problem that is known by its moments, as [`LsqSolver::fit`] would with the samples. With `standard_errors`
-/// also those, which take a factor: `K^3 / 3` flops and `4 K^2` bytes.
+/// Solves a problem given by its moments, as [`LsqSolver::fit`] would with the samples. With `standard_errors` it also
+/// computes these, which requires a factor: `K^3 / 3` flops and `4 K^2` bytes.
 ///
-/// Weights of `params` don't count: the moments have the weights.
+/// The weights of `params` are ignored: the moments include the weights.
 ///
 /// # Errors
 ///
-/// [`SolverError::Smoothness`], [`SolverError::Interrupted`]; where a factor is asked for, too small a budget for it;
-/// with standard errors [`SolverError::Underdetermined`]. Not converging is none.
+/// [`SolverError::Smoothness`], [`SolverError::Interrupted`]; if a factor is requested, too small a budget for it; with
+/// standard errors [`SolverError::Underdetermined`]. Not converging isn't an error.
 ///
 /// ```
 /// use ndarray::Array2;
@@ -82,8 +82,8 @@ pub fn solve_moments(
     Ok(MomentFit { coefficients, residual_squares, report, standard_errors })
 }
 
-/// Solves for some of the columns after others, each group to its own optimality: as [`solve_moments`] of the group
-/// alone, bit for bit, unless a factor is made, which serves the groups after it, too.
+/// Solves for groups of columns one after another, each to its own optimality. The result is bit-identical to
+/// [`solve_moments`] of the group alone, unless a factor is computed, which is also used for the following groups.
 ///
 /// # Errors
 ///
@@ -102,13 +102,13 @@ pub fn solve_moments_of_groups(
         Ok(GroupFit { coefficients, report })
     };
     let mut solver = LsqSolver::of(Source::Moments(problem), Some(&make_gram), params.clone())?;
-    // Groups share it: it is made before them, by all threads.
+    // The groups share it: it is computed before them, by all threads.
     let _ = solver.inverse_density();
     if let Some(group) = groups.first() {
         solver.plan(Given::Sums(problem), group.len()).note(monitor);
     }
     solver.notes_plans = false;
-    // A product of a group takes one thread. A factor takes all of them, and the memory for one.
+    // Products of a group run on one thread. A factor uses all threads, and there is memory for only one.
     let without_factor = |group: &Range<usize>| {
         let refuse = || Err(SolverError::NoGram);
         let mut solver = LsqSolver::of(Source::Moments(problem), Some(&refuse), params.clone())?;

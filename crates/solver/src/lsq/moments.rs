@@ -1,15 +1,15 @@
-//! Least squares from sums over the samples alone: whatever their number, and wherever they were added up.
+//! Least squares only from sums over the samples, whatever their number, and wherever they were added up.
 //!
-//! `N = A^T W A + P` is known from moments ([`MomentOperator`]), `b = A^T W f` and `sum w f^2` are there; so are then
-//! the solution, the weighted sum of squares of its residual,
+//! Moments determine `N = A^T W A + P` ([`MomentOperator`]), and `b = A^T W f` and `sum w f^2` are given. These
+//! determine the solution, the weighted sum of squares of its residual,
 //!
 //! ```text
 //! |W^(1/2) (f - A x)|^2 = sum w f^2 - x^T b - x^T (b - A^T W A x),
 //! ```
 //!
 //! cross-validation, and, with the Gram matrix from the same moments, factors and standard errors. The residual at each
-//! sample isn't. Rounding errors of moments are some eps times `sum w`, and no pass over the samples corrects them:
-//! where the condition number of A nears 1e7, digits of the solution are lost.
+//! sample is unknown. Rounding errors of moments are some eps times `sum w`, and no pass over the samples corrects
+//! them: if the condition number of A approaches 1e7, digits of the solution are lost.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -22,11 +22,11 @@ use super::columns::dots;
 use super::problem::{Problem, ProductError, penalised_product};
 use crate::{MomentNormal, SolverError};
 
-/// An estimate of the rounding errors of products with a [`MomentOperator`], relative to its norm: measured 9e-15 at L
-/// = 100, 2e-14 at L = 500.
+/// Estimated rounding error of products with a [`MomentOperator`], relative to its norm; measured are 9e-15 at L = 100
+/// and 2e-14 at L = 500.
 const PRODUCT_ERROR: f64 = 1e-13;
 
-/// A least-squares problem to degree L, known by its moments.
+/// A least-squares problem up to degree L, given by its moments.
 #[derive(Debug, Clone)]
 pub struct MomentProblem {
     normal: Arc<MomentNormal>,
@@ -37,13 +37,13 @@ pub struct MomentProblem {
 }
 
 impl MomentProblem {
-    /// Makes the problem to degree L = `max_degree`, at most that of the sums.
+    /// Creates the problem up to degree L = `max_degree`, at most that of the sums.
     ///
     /// # Errors
     ///
-    /// [`SolverError::Degree`] for a higher degree; [`SolverError::SumsNotFinite`] for sums with a NaN or an infinity,
-    /// [`SolverError::Sums`] for arrays of the wrong size, and [`SolverError::NoSamples`] for sums over no samples;
-    /// those of [`MomentOperator::new`].
+    /// [`SolverError::Degree`] for a higher degree; [`SolverError::SumsNotFinite`] for sums that contain a NaN or an
+    /// infinity, [`SolverError::Sums`] for arrays of the wrong size, and [`SolverError::NoSamples`] for sums over no
+    /// samples; those of [`MomentOperator::new`].
     pub fn new(sums: &SampleSums, max_degree: usize) -> Result<Self, SolverError> {
         if max_degree > sums.max_degree {
             return Err(SolverError::Degree { found: max_degree, max_degree: sums.max_degree });
@@ -125,7 +125,7 @@ impl MomentProblem {
 
     /// Computes `sum w (f - A x)^2` of each column for coefficients x, (K, c); not below zero.
     ///
-    /// It comes as a difference of sums: its error is some eps times `sum w f^2`.
+    /// It is a difference of sums, whose error is some eps times `sum w f^2`.
     ///
     /// # Errors
     ///
@@ -138,7 +138,7 @@ impl MomentProblem {
     }
 }
 
-/// A problem known by its moments, with a penalty.
+/// A problem given by its moments, with a penalty.
 pub(crate) struct Summed<'a> {
     pub(crate) problem: &'a MomentProblem,
     /// Diagonal of P, (K).

@@ -14,14 +14,14 @@ use crate::operator::Operator;
 pub struct NormalEquations<'a> {
     /// A.
     pub operator: &'a dyn Operator,
-    /// w, (n); all one where there are none.
+    /// w, (n); all one by default.
     pub weights: Option<&'a [f64]>,
-    /// Diagonal of P, (K); zero where there is none.
+    /// Diagonal of P, (K); zero by default.
     pub penalty: Option<&'a [f64]>,
 }
 
 impl NormalEquations<'_> {
-    /// `N x`.
+    /// Computes `N x`.
     pub(crate) fn apply(&self, x: &Array2<f64>) -> Result<Array2<f64>, SolverError> {
         let mut y = self.operator.normal(x.view(), self.weights)?;
         if let Some(penalty) = self.penalty {
@@ -30,19 +30,19 @@ impl NormalEquations<'_> {
         Ok(y)
     }
 
-    /// Returns the inverse of the diagonal that N would have on an even sampling: the preconditioner of
-    /// unpreconditioned iterations.
+    /// Returns the inverse of the diagonal that N would have on an even sampling: the preconditioner of iterations that
+    /// are called unpreconditioned.
     pub fn diagonal(&self) -> Diagonal {
         let weight = self.weights.map_or(self.operator.rows() as f64, |weights| weights.iter().sum());
         Diagonal::new(self.operator.max_degree(), weight, self.penalty)
     }
 
-    /// `A^T W s`.
+    /// Computes `A^T W s`.
     pub(crate) fn adjoint(&self, samples: &Array2<f64>) -> Result<Array2<f64>, SolverError> {
         self.operator.apply_adjoint(self.weighted(samples).view())
     }
 
-    /// `W s`.
+    /// Computes `W s`.
     pub(crate) fn weighted<'s>(&self, samples: &'s Array2<f64>) -> Cow<'s, Array2<f64>> {
         let mut samples = Cow::Borrowed(samples);
         if let Some(weights) = self.weights {
@@ -51,14 +51,14 @@ impl NormalEquations<'_> {
         samples
     }
 
-    /// The residual `f - A x`.
+    /// Computes the residual `f - A x`.
     pub(crate) fn residual(&self, targets: &Array2<f64>, x: &Array2<f64>) -> Result<Array2<f64>, SolverError> {
         let mut residual = self.operator.apply(x.view())?;
         Zip::from(&mut residual).and(targets).par_for_each(|residual, target| *residual = target - *residual);
         Ok(residual)
     }
 
-    /// `A^T W (f - A x) - P x` and the residual `f - A x`.
+    /// Computes `A^T W (f - A x) - P x` and the residual `f - A x`.
     pub(crate) fn gradient(
         &self,
         targets: &Array2<f64>,

@@ -1,4 +1,4 @@
-//! What decides about the steps of a fit, and the steps: see `strategy`.
+//! The steps of a fit, and the data that decide about them; see `strategy`.
 
 use std::fmt;
 
@@ -6,7 +6,8 @@ use spharm_monitor::{Level, Monitor};
 
 use super::params::Strategy;
 
-/// Sizes of a problem: `rows_with_weight` of the rows (samples) count; `columns` are those of the targets.
+/// Sizes of a problem: `rows_with_weight` of the rows (samples) have a nonzero weight; `columns` are those of the
+/// targets.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sizes {
     pub(super) rows: usize,
@@ -15,14 +16,14 @@ pub(super) struct Sizes {
     pub(super) columns: usize,
 }
 
-/// What a solver has, or can make.
+/// Data that a solver has or can compute.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Available {
     pub(super) moments: Moments,
     pub(super) factor: Factor,
 }
 
-/// Moments of the samples. Those of problems without samples are made; `uneven` ones have a density to divide by.
+/// Moments of the samples. Problems without samples already have them; `uneven` ones have a density to divide by.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Moments {
     None,
@@ -30,7 +31,7 @@ pub(super) enum Moments {
     Made { uneven: bool },
 }
 
-/// A factor of the normal matrix: from its Gram matrix, or from a store, with its reciprocal condition number.
+/// A factor of the normal matrix, from its Gram matrix, or from a store with its reciprocal condition number.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Factor {
     None,
@@ -39,7 +40,7 @@ pub(super) enum Factor {
     Stored { reciprocal: f64 },
 }
 
-/// What is asked for.
+/// The request.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Request {
     pub(super) strategy: Strategy,
@@ -48,7 +49,7 @@ pub(super) struct Request {
     pub(super) penalised: bool,
 }
 
-/// The steps of a fit. One that meets the tolerance, or stops improving, or uses up all iterations, is the last.
+/// The steps of a fit. A step that meets the tolerance, stops improving, or uses up all iterations is the last.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Plan {
     pub(super) steps: Vec<Step>,
@@ -57,26 +58,26 @@ pub(super) struct Plan {
 /// A step of a fit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Step {
-    /// Makes moments of the samples.
+    /// Computes moments of the samples.
     MakeMoments,
-    /// Conjugate gradients until `at_most` iterations have been made in all, or until a factor seems faster.
+    /// Runs conjugate gradients up to a total of `at_most` iterations, or until a factor seems faster.
     Cg { by_moments: bool, precondition: Precondition, at_most: usize, leave_for_factor: Option<Leave> },
-    /// Takes the factor, and makes it first if need be, with a shifted diagonal if the matrix is singular. If it can't
-    /// be made: an error if it is `required`, else refinement is left out.
+    /// Provides the factor, computing it if necessary, with a shifted diagonal if the matrix is singular. If it can't
+    /// be computed, that is an error if it is `required`; otherwise refinement is left out.
     Factor { from: Factor, required: bool },
-    /// Refines with the factor. The last step if it is taken.
+    /// Refines with the factor. Always the last step.
     Refine,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Precondition {
     Diagonal,
-    /// With the inverse of the density, if the samples are uneven.
+    /// The inverse of the density, if the samples are uneven.
     Density,
 }
 
-/// When to leave iterations for a factor: after `after` of them, if more than `most` seem to be left by what the last
-/// `every` gained; `most_with_density` where the density preconditions.
+/// The rule for switching from iterations to a factor: after `after` iterations, if the predicted remaining number,
+/// from the progress of the last `every`, exceeds `most`, or `most_with_density` if the density preconditions.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Leave {
     pub(super) after: usize,
@@ -86,7 +87,7 @@ pub(super) struct Leave {
 }
 
 impl Plan {
-    /// Notes each step.
+    /// Logs each step.
     pub(super) fn note(&self, monitor: &dyn Monitor) {
         for (step, number) in self.steps.iter().zip(1..) {
             monitor.note(Level::Detail, format_args!("step {number}: {step}"));

@@ -15,12 +15,12 @@ pub trait Preconditioner: Sync {
     /// Returns its name in reports.
     fn name(&self) -> &'static str;
 
-    /// Returns a bound on its condition number; `None` where that isn't known.
+    /// Returns a bound on its condition number; `None` if unknown.
     fn condition(&self) -> Option<f64> {
         None
     }
 
-    /// Returns whether columns a few after each other cost no more than all at once.
+    /// Returns whether processing a few columns at a time costs no more than all at once.
     fn takes_columns_alone(&self) -> bool {
         false
     }
@@ -29,7 +29,7 @@ pub trait Preconditioner: Sync {
     ///
     /// # Errors
     ///
-    /// When what it needs can't be read.
+    /// If its data can't be read.
     fn apply(&self, r: &Array2<f64>) -> Result<Array2<f64>, SolverError>;
 }
 
@@ -52,7 +52,7 @@ impl<P: Preconditioner + ?Sized> Preconditioner for &P {
 }
 
 /// The inverse of the diagonal that N would have on an even sampling of the sphere, `sum w / 4 pi + P`. Without a
-/// penalty this is a number, and leaves the iterates as they are.
+/// penalty this is a number, and doesn't change the iterates.
 #[derive(Debug)]
 pub struct Diagonal {
     inverse: Vec<f64>,
@@ -71,7 +71,7 @@ impl Diagonal {
 }
 
 impl Preconditioner for Diagonal {
-    /// It changes nothing but, with a penalty, the diagonal.
+    /// It has no effect except, with a penalty, on the diagonal.
     fn name(&self) -> &'static str {
         "none"
     }
@@ -115,7 +115,7 @@ impl Preconditioner for Density<'_> {
     }
 }
 
-/// A factor of N itself, of few digits.
+/// A factor of N itself, of low precision.
 #[cfg(feature = "dense")]
 pub(crate) struct ByFactor<'a>(pub(crate) &'a dyn CholeskyFactor);
 

@@ -1,4 +1,4 @@
-//! A least-squares problem as iterations and refinements use it, from samples or from moments.
+//! A least-squares problem for iterations and refinements, from samples or from moments.
 
 use std::sync::Arc;
 
@@ -9,30 +9,31 @@ use super::columns::{add_scaled_rows, dots};
 use super::normal_equations::NormalEquations;
 use crate::{MomentNormal, SolverError};
 
-/// Products with the normal matrix, and the gradient that they are held against in the end.
+/// Products with the normal matrix, and the gradient by which their result is finally verified.
 pub(crate) trait Problem: Sync {
-    /// `A^T W f`, (K, c).
+    /// Returns `A^T W f`, (K, c).
     fn right_sides(&self) -> Result<Array2<f64>, SolverError>;
 
-    /// `N x`, for iterations.
+    /// Computes `N x`, for iterations.
     fn product(&self, x: &Array2<f64>) -> Result<Array2<f64>, SolverError>;
 
-    /// `A^T W (f - A x) - P x` as exactly as it can be had, and the residual `f - A x`, (n, c), where there are
+    /// Computes `A^T W (f - A x) - P x` as accurately as possible, and the residual `f - A x`, (n, c), if there are
     /// samples.
     fn gradient(&self, x: &Array2<f64>) -> Result<(Array2<f64>, Option<Array2<f64>>), SolverError>;
 
-    /// How far products are from the samples' own, or from exact ones where there are no samples; `None` where that
-    /// isn't known.
+    /// Returns the error of products relative to those computed from the samples, or to exact ones if there are no
+    /// samples; `None` if unknown.
     fn product_error(&self) -> Option<ProductError> {
         None
     }
 
-    /// Columns that products take together, where they take those of more after each other; `None` where they don't.
+    /// Returns the number of columns that products process together, if they process more in sequence; `None`
+    /// otherwise.
     fn columns_together(&self) -> Option<usize> {
         None
     }
 
-    /// The residual alone, at half the cost of the gradient; `None` where there are no samples.
+    /// Computes only the residual, at half the cost of the gradient; `None` if there are no samples.
     fn residual(&self, _x: &Array2<f64>) -> Result<Option<Residual>, SolverError> {
         Ok(None)
     }
@@ -41,7 +42,7 @@ pub(crate) trait Problem: Sync {
 /// A bound on the errors of products.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ProductError {
-    /// Relative to the norm of N.
+    /// Error relative to the norm of N.
     pub(crate) relative: f64,
     /// A bound on the norm of N.
     pub(crate) norm: f64,
@@ -55,7 +56,7 @@ pub(crate) struct Residual {
     pub(crate) slopes: Vec<f64>,
 }
 
-/// A problem whose samples are at hand. Products are by moments where there are some.
+/// A problem with samples. Products are computed by moments, if there are any.
 #[derive(Clone, Copy)]
 pub(crate) struct Sampled<'a> {
     pub(crate) equations: NormalEquations<'a>,
@@ -89,7 +90,7 @@ impl Problem for Sampled<'_> {
     }
 
     fn product_error(&self) -> Option<ProductError> {
-        // A penalty is no part of what the residual's slope shows.
+        // The residual's slope doesn't include a penalty.
         let moments = self.moments.filter(|_| self.equations.penalty.is_none())?;
         Some(ProductError { relative: moments.accuracy, norm: moments.normal.operator().norm() })
     }
@@ -107,7 +108,7 @@ impl Problem for Sampled<'_> {
     }
 }
 
-/// `A^T W A x + P x` by moments.
+/// Computes `A^T W A x + P x` by moments.
 pub(crate) fn penalised_product(
     moments: &MomentOperator,
     penalty: Option<&[f64]>,

@@ -1,23 +1,25 @@
-//! Whether iterations get on fast enough to go on without a factor.
+//! Decides whether iterations converge fast enough to continue without a factor.
 
 #[cfg(feature = "dense")]
 use super::plan::Leave;
 
-/// How fast an iteration gets on.
+/// Convergence rate of an iteration.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Progress {
     tolerance: f64,
-    /// Iterations after which it may be left, and those over which its gain is measured.
+    /// Number of iterations after which the iteration may be abandoned; `every` is the number over which its gain is
+    /// measured.
     after: usize,
     every: usize,
-    /// Iterations that may seem to be left then.
+    /// Largest predicted number of remaining iterations.
     most: f64,
     before: f64,
 }
 
 #[cfg(feature = "dense")]
 impl Progress {
-    /// Of iterations from an optimality of `before` on; `density` tells whether the density preconditions them.
+    /// Measures iterations that start at an optimality of `before`; `density` is whether the density preconditions
+    /// them.
     pub(super) fn new(leave: &Leave, density: bool, tolerance: f64, before: f64) -> Self {
         let &Leave { after, every, most, most_with_density } = leave;
         Self { tolerance, after, every, most: if density { most_with_density } else { most }, before }
@@ -25,7 +27,7 @@ impl Progress {
 }
 
 impl Progress {
-    /// Whether to go on after so many iterations of a run.
+    /// Returns whether to continue after this iteration of a run.
     pub(super) fn may_go_on(&mut self, iteration: usize, optimality: f64) -> bool {
         if !iteration.is_multiple_of(self.every) {
             return true;

@@ -1,5 +1,5 @@
-//! Refinement with a factor of the normal equations: `x += M g`, `M = (N + mu I)^-1`, with the gradient g formed by the
-//! operator.
+//! Refinement with a factor of the normal equations: `x += M g`, `M = (N + mu I)^-1`, with the gradient g computed by
+//! the operator.
 
 use spharm_monitor::{Level, Monitor};
 
@@ -13,7 +13,7 @@ use super::solver::{LsqSolver, Solution};
 use crate::SolverError;
 
 impl LsqSolver<'_> {
-    /// Refines x until its optimality is met or stops improving.
+    /// Refines x until its optimality meets the tolerance or stops improving.
     pub(super) fn refine(
         &self,
         cg: &mut Cg,
@@ -26,7 +26,7 @@ impl LsqSolver<'_> {
         let tolerance = self.params.tolerance;
         let shifted = self.made.as_ref().is_some_and(|made| made.shift > 0.0);
         if shifted && cg.iterations > 0 {
-            // From zero, for the sake of the minimum norm.
+            // Start from zero, to obtain the minimum norm.
             *cg = Cg::new(problem)?;
         }
         let (mut stop, mut refinements, mut residual) = (Stop::IterationLimit, 0, None);
@@ -38,7 +38,7 @@ impl LsqSolver<'_> {
             let x = &cg.x + &step;
             let (gradient, new_residual) = problem.gradient(&x)?;
             let improved = relative(&norms(&gradient), &cg.scale);
-            // A step that makes it worse isn't taken.
+            // Reject a step that makes it worse.
             if improved >= optimality && improved > tolerance {
                 stop = Stop::Stalled;
                 break;
@@ -63,7 +63,7 @@ impl LsqSolver<'_> {
         }
         let left = (stop == Stop::Stalled).then(|| "the optimality stopped improving".to_owned());
         taken.add_of("refinement", preconditioner, refinements, cg, left);
-        // A factor with fewer digits than the condition takes is a good preconditioner yet.
+        // A factor with too few digits for the condition number is still a good preconditioner.
         let rest = self.params.max_iterations.saturating_sub(cg.iterations);
         if stop != Stop::Converged && !shifted && cg.optimality() > ROUNDING_OPTIMALITY && rest > 0 {
             let before = (cg.x.clone(), cg.gradient.clone());
@@ -80,7 +80,7 @@ impl LsqSolver<'_> {
             }
             taken.add("iterations with the factor", preconditioner, cg, None);
         }
-        // As far as rounding goes is as far as it can go: the factor is that of N.
+        // The limit of rounding is the best that can be attained, since the factor is that of N.
         if stop == Stop::Stalled && cg.optimality() <= ROUNDING_OPTIMALITY {
             stop = Stop::Converged;
         }

@@ -1,4 +1,4 @@
-//! What a least-squares fit reports.
+//! Reports on least-squares fits.
 
 use serde::{Serialize, Serializer};
 
@@ -17,25 +17,23 @@ pub struct LsqReport {
     pub channels: usize,
     /// The preconditioner of the last steps: `none`, `density` (by moments), `factor`, `stored-factor`.
     pub preconditioner: &'static str,
-    /// Iterations of conjugate gradients.
+    /// Number of iterations of conjugate gradients.
     pub iterations: usize,
-    /// What the last iterations' products with the normal matrix were formed from: `samples` or `moments`.
+    /// Source of the last iterations' products with the normal matrix: `samples` or `moments`.
     pub products: &'static str,
-    /// Refinements with a factor.
+    /// Number of refinements with a factor.
     pub refinements: usize,
-    /// The steps that were taken, in order.
+    /// The steps taken, in order.
     pub steps: Vec<StepReport>,
-    /// The largest relative gradient of all columns: formed from the samples where there are some, or that of
-    /// iterations by moments, with an estimate of what these leave it off by, where that is little beside the
-    /// tolerance.
+    /// The largest relative gradient of all columns. It is computed from the samples, if there are any; or it is that
+    /// of iterations by moments plus its estimated error, if that error is small compared with the tolerance.
     pub optimality: f64,
-    /// How it ended.
+    /// Why the fit ended.
     pub stop: Stop,
-    /// Estimated condition number of the basis matrix, with its weights and penalty, or of a bound on it where the
-    /// density of moments preconditions; infinite (null in JSON) where it is numerically singular, NaN (null) where it
-    /// isn't known.
+    /// Estimated condition number of the basis matrix, with its weights and penalty, or a bound on it if the density of
+    /// moments preconditions; infinite (null in JSON) if the matrix is numerically singular, NaN (null) if unknown.
     pub condition: f64,
-    /// What was added to the diagonal of a singular normal matrix, relative to its largest entry; zero otherwise.
+    /// Shift of the diagonal of a singular normal matrix, relative to its largest entry; zero otherwise.
     pub shift: f64,
     /// The column, from 0, and its degree at which the factorisation of a singular normal matrix broke down.
     pub breaks_at: Option<[usize; 2]>,
@@ -43,9 +41,9 @@ pub struct LsqReport {
     pub norm: f64,
     /// Smoothness penalty, lambda.
     pub smoothness: f64,
-    /// What a user should know about the result.
+    /// Possible problems of the result.
     pub warnings: Vec<LsqWarning>,
-    /// The residual of each target; empty where the samples aren't at hand.
+    /// Norms of the residual of each target; empty without samples.
     pub residuals: Vec<ResidualNorms>,
     /// Wall times.
     pub seconds: LsqSeconds,
@@ -56,26 +54,26 @@ pub struct LsqReport {
 #[non_exhaustive]
 pub struct StepReport {
     /// `moments`, `iterations by samples`, `iterations by moments`, `factor`, `refinement`, `iterations with the
-    /// factor`; `confirmation` of the gradient, with the iterations that it shows to be lacking; `iterations from zero`
-    /// if rounding errors had taken over.
+    /// factor`; `confirmation` of the gradient, including further iterations that it shows to be necessary; `iterations
+    /// from zero` if rounding errors had dominated.
     pub name: &'static str,
     /// Its preconditioner, as in [`LsqReport::preconditioner`].
     pub preconditioner: &'static str,
-    /// Number of fits that took it, in a report of several.
+    /// Number of fits with this step, in a report on several fits.
     pub fits: usize,
-    /// Iterations of conjugate gradients, or refinements.
+    /// Number of iterations of conjugate gradients, or of refinements.
     pub iterations: usize,
     /// Wall time.
     pub seconds: f64,
-    /// The largest relative gradient of all columns after it.
+    /// The largest relative gradient of all columns after the step.
     pub optimality: f64,
-    /// Why it was left before its end.
+    /// Why it ended early.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub left: Option<String>,
 }
 
 impl LsqReport {
-    /// Adds the steps of another fit: to the same ones, else at the end.
+    /// Adds the steps of another fit: to equal steps, or else at the end.
     pub fn add_steps(&mut self, others: Vec<StepReport>) {
         for other in others {
             let same = |step: &&mut StepReport| {
@@ -94,44 +92,44 @@ impl LsqReport {
     }
 }
 
-/// Seconds by kind of work.
+/// Wall time by kind of work, in seconds.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 pub struct LsqSeconds {
     /// Gram matrix and its factorisation.
     pub factor: f64,
     /// Moments of the sampling, the operator from them and its approximate inverse.
     pub moments: f64,
-    /// Iterations of conjugate gradients.
+    /// Number of iterations of conjugate gradients.
     pub iterations: f64,
-    /// All of it.
+    /// Total.
     pub total: f64,
 }
 
-/// What a user should know about a result, in plain words.
+/// A possible problem of a result, in plain words.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum LsqWarning {
-    /// A factor would have helped, and there is no memory for one.
+    /// A factor would have helped, but there is no memory for one.
     #[error("no factor was made: {reason}")]
     NoFactor {
-        /// What stood in the way.
+        /// The reason.
         reason: String,
     },
-    /// Iterations were to be preconditioned with the density of the samples, and went without.
+    /// Iterations should have been preconditioned with the density of the samples, but weren't.
     #[error("iterations weren't preconditioned with the density of the samples: {reason}")]
     NoDensity {
-        /// What stood in the way.
+        /// The reason.
         reason: String,
     },
-    /// Moments didn't have the digits that the optimality asks for.
+    /// Moments weren't accurate enough for the requested optimality.
     #[error(
         "moments of the sampling lose digits: iterations with them ended at an optimality of {optimality:.1e}; went on with the samples"
     )]
     MomentsLoseDigits {
-        /// Where they ended.
+        /// Optimality at which they ended.
         optimality: f64,
     },
-    /// Fewer vertices with weight than coefficients, without a penalty.
+    /// There are fewer vertices with weight than coefficients, without a penalty.
     #[error("{rows} vertices don't determine {columns} coefficients; took the solution of least norm, {norm:.3e}")]
     Underdetermined {
         /// Vertices with weight.

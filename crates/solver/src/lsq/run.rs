@@ -1,4 +1,4 @@
-//! The steps of a plan, one after the other, and their report.
+//! Executes the steps of a plan, and reports on them.
 
 use std::time::Instant;
 
@@ -16,7 +16,7 @@ use super::report::{LsqWarning, StepReport};
 use super::solver::{Given, LsqSolver, Solution};
 use crate::SolverError;
 
-/// The steps that were taken, and the state in which the last one ended.
+/// The steps taken, and the state after the last one.
 pub(super) struct Taken {
     steps: Vec<StepReport>,
     iterations: usize,
@@ -28,13 +28,13 @@ impl Taken {
         Self { steps: Vec::new(), iterations: 0, since: Instant::now() }
     }
 
-    /// Adds a step that has ended, and why if that was before its end.
+    /// Adds a finished step, with the reason if it ended early.
     pub(super) fn add(&mut self, name: &'static str, preconditioner: &'static str, cg: &Cg, left: Option<String>) {
         let iterations = cg.iterations.saturating_sub(self.iterations);
         self.add_of(name, preconditioner, iterations, cg, left);
     }
 
-    /// The same for a step whose iterations aren't those of conjugate gradients.
+    /// Adds a finished step whose iterations aren't those of conjugate gradients.
     pub(super) fn add_of(
         &mut self,
         name: &'static str,
@@ -50,7 +50,7 @@ impl Taken {
 }
 
 impl LsqSolver<'_> {
-    /// Takes the steps of a plan.
+    /// Executes the steps of a plan.
     pub(super) fn run(
         &mut self,
         plan: &Plan,
@@ -59,7 +59,7 @@ impl LsqSolver<'_> {
     ) -> Result<(Cg, Solution, Vec<StepReport>), SolverError> {
         let mut taken = Taken::new();
         let (mut cg, steps) = match (&plan.steps[..], given) {
-            // With right-hand sides, which may come with them.
+            // Right-hand sides may be computed together with the moments.
             ([Step::MakeMoments, steps @ ..], Given::Targets(_, targets)) => {
                 let right_sides = self.take_moments(Some(targets), monitor)?;
                 let cg = right_sides.map_or_else(|| Cg::new(&*self.problem(given)), |b| Ok(Cg::from_right_sides(b)))?;
@@ -79,7 +79,7 @@ impl LsqSolver<'_> {
                 &Step::Cg { precondition, at_most, leave_for_factor, .. } => {
                     let stop = self.iterate(&mut cg, precondition, at_most, leave_for_factor, given, monitor)?;
                     ended = (stop, precondition);
-                    // The user's limit is a limit on all the work: no factor then.
+                    // The user's limit of iterations applies to the entire fit: no factor follows.
                     let over = stop != Stop::IterationLimit || cg.iterations >= self.params.max_iterations;
                     let left = match (stop, over) {
                         (Stop::Converged, _) => None,
@@ -126,7 +126,7 @@ impl LsqSolver<'_> {
         cg.run_while(&*self.problem(given), &*self.preconditioner(precondition), &params, progress, monitor)
     }
 
-    /// Forms the gradient of what iterations ended with, and mends what it shows to be wrong.
+    /// Computes the gradient of the iterations' result, and corrects the errors that it reveals.
     fn confirm(
         &mut self,
         cg: &mut Cg,
@@ -149,7 +149,7 @@ impl LsqSolver<'_> {
         };
         taken.add("confirmation", name, cg, wrong.map(str::to_owned));
         if too_far {
-            // Rounding has carried it there: up to where it was best, it hadn't.
+            // Rounding errors have dominated; repeat the iterations only up to the best one.
             let before = cg.iterations;
             let first = CgParams { max_iterations: cg.best_at, ..params };
             *cg = Cg::new(&*self.problem(given))?;
@@ -188,7 +188,7 @@ impl LsqSolver<'_> {
         CgParams { tolerance, max_iterations, patience: ITERATIONS_WITHOUT_GAIN }
     }
 
-    /// Makes moments; returns right-hand sides, (K, c), of targets if they came with them.
+    /// Computes moments; returns right-hand sides, (K, c), of targets if they were computed together.
     fn take_moments(
         &mut self,
         targets: Option<&Array2<f64>>,
@@ -201,16 +201,15 @@ impl LsqSolver<'_> {
         let started = Instant::now();
         let (normal, right_sides) = make(accuracy, targets)?;
         self.moments = Some(Moments { normal, accuracy });
-        // Made now if it is to be.
+        // Computed now if needed.
         let _ = self.inverse_density();
         self.moment_seconds = started.elapsed().as_secs_f64();
         Ok(right_sides)
     }
 }
 
-/// Whether a column of x is further from its target than zero is, penalty included:
-/// `|W^(1/2) (f - A x)|^2 + x^T P x - |W^(1/2) f|^2 = -x^T (b + r)`, with b the right-hand side and r = b - N x the
-/// gradient.
+/// Returns whether a column of x is further from its target than zero is, including the penalty: `|W^(1/2) (f - A x)|^2
+/// + x^T P x - |W^(1/2) f|^2 = -x^T (b + r)`, with b the right-hand side and r = b - N x the gradient.
 fn further_than_zero(cg: &Cg, problem: &dyn Problem) -> Result<bool, SolverError> {
     let sum = problem.right_sides()? + &cg.gradient;
     Ok(dots(&cg.x, &sum).iter().any(|gain| *gain < 0.0))

@@ -1,4 +1,4 @@
-//! The solver: what it has, and how a fit goes from plan to report. The steps themselves are in `run`.
+//! The solver: its data, and the course of a fit from plan to report. The steps themselves are in `run`.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -22,7 +22,7 @@ use crate::gram::{GramMatrix, degree_penalty, smoothness_penalty};
 use crate::operator::Operator;
 use crate::{MomentNormal, SolverError, check};
 
-/// The stage of a fit but for the making of a factor; how many steps it will take isn't known.
+/// The stage of a fit, except for computing a factor; its number of steps is unknown.
 pub(super) const FIT: Stage = Stage::counted("fit", "steps");
 
 /// The result of a least-squares fit.
@@ -32,24 +32,24 @@ pub struct LsqFit {
     pub coefficients: Coefficients,
     /// Targets minus synthesis, (n, c).
     pub residual: Array2<f64>,
-    /// How it was solved, and how close it is.
+    /// Report on the fit.
     pub report: LsqReport,
 }
 
-/// Makes the Gram matrix `A^T W A`, when a factor is needed.
+/// Computes the Gram matrix `A^T W A`, when a factor is needed.
 pub type MakeGram<'a> = dyn Fn() -> Result<Box<dyn GramMatrix>, SolverError> + Sync + 'a;
 
-/// Checks that the process's limits allow for so many bytes of anonymous memory beyond what it has.
+/// Checks that the process's limits allow this number of further bytes of anonymous memory.
 pub type CheckLimits<'a> = dyn Fn(usize) -> Result<(), SolverError> + Sync + 'a;
 
-/// Makes the normal matrix from moments of a relative accuracy, or a better one, when iterations are faster with it;
-/// and the right-hand sides `A^T W f` of targets that it is given, (n, c), where these come with it.
+/// Computes the normal matrix from moments of at least the given relative accuracy, when iterations are faster with it;
+/// also the right-hand sides `A^T W f` of given targets, (n, c), if they are obtained at the same time.
 pub type MakeMoments<'a> = dyn Fn(f64, Option<&Array2<f64>>) -> Result<MomentsAndRightSides, SolverError> + Sync + 'a;
 
-/// The normal matrix from moments, and right-hand sides, (K, c), where they came with it.
+/// The normal matrix from moments, and right-hand sides, (K, c), if they were computed with it.
 pub type MomentsAndRightSides = (Arc<MomentNormal>, Option<Array2<f64>>);
 
-/// What a solver is for.
+/// The data source of a solver.
 #[derive(Clone, Copy)]
 pub(super) enum Source<'a> {
     Samples(&'a dyn Operator),
@@ -72,14 +72,14 @@ impl Source<'_> {
     }
 }
 
-/// What is to be solved.
+/// The problem to solve.
 #[derive(Clone, Copy)]
 pub(super) enum Given<'a> {
     Targets(&'a dyn Operator, &'a Array2<f64>),
     Sums(&'a MomentProblem),
 }
 
-/// Solves batch after batch on one sampling, and keeps moments and factor from one to the next.
+/// Solves batch after batch on one sampling, and keeps moments and factor between batches.
 pub struct LsqSolver<'a> {
     pub(super) source: Source<'a>,
     pub(super) make_gram: Option<&'a MakeGram<'a>>,
@@ -87,31 +87,31 @@ pub struct LsqSolver<'a> {
     check_limits: Option<&'a CheckLimits<'a>>,
     pub(super) stored: Option<&'a dyn CholeskyFactor>,
     pub(super) params: LsqParams,
-    /// Diagonal of P, (K), where there is a penalty.
+    /// Diagonal of P, (K), if there is a penalty.
     pub(super) penalty: Option<Vec<f64>>,
     pub(super) made: Option<MadeFactor>,
     pub(super) moments: Option<Moments>,
     pub(super) warnings: Vec<LsqWarning>,
-    /// Whether each fit notes its plan.
+    /// Whether each fit logs its plan.
     pub(super) notes_plans: bool,
     pub(super) factor_seconds: f64,
     pub(super) moment_seconds: f64,
 }
 
-/// How a batch was solved.
+/// The solution of a batch.
 pub(super) struct Solution {
     pub(super) stop: Stop,
     /// The preconditioner of the last steps.
     pub(super) preconditioner: &'static str,
-    /// Refinements with a factor; `None` where there was none.
+    /// Number of refinements with a factor; `None` without a factor.
     pub(super) refinements: Option<usize>,
-    /// Targets minus synthesis, (n, c), where there are samples.
+    /// Targets minus synthesis, (n, c), if there are samples.
     pub(super) residual: Option<Array2<f64>>,
 }
 
 impl<'a> LsqSolver<'a> {
-    /// Makes a solver for an operator. With `make_gram` it can make factors; the Gram matrix has to have the weights of
-    /// `params`, but not the penalty.
+    /// Creates a solver for an operator. With `make_gram` it can compute factors; the Gram matrix must include the
+    /// weights of `params`, but not the penalty.
     ///
     /// # Errors
     ///
@@ -130,7 +130,7 @@ impl<'a> LsqSolver<'a> {
         Self::of(Source::Samples(operator), make_gram, params)
     }
 
-    /// Makes a solver for what is known by the source.
+    /// Creates a solver for a data source.
     pub(super) fn of(
         source: Source<'a>,
         make_gram: Option<&'a MakeGram<'a>>,
@@ -157,24 +157,24 @@ impl<'a> LsqSolver<'a> {
         })
     }
 
-    /// Uses a factor that exists already: of the operator's directions and degree, and of the weights and penalty of
-    /// the parameters.
+    /// Uses an existing factor, which must be that of the operator's directions and degree, and of the weights and
+    /// penalty of the parameters.
     #[must_use]
     pub fn with_factor(mut self, factor: &'a dyn CholeskyFactor) -> Self {
         self.stored = Some(factor);
         self
     }
 
-    /// Lets iterations use the normal matrix from moments, of the operator's directions and degree and of the weights
-    /// of the parameters, where they are faster with it.
+    /// Lets iterations use the normal matrix from moments, if they are faster with it. It must be that of the
+    /// operator's directions and degree, and of the weights of the parameters.
     #[must_use]
     pub fn with_moments(mut self, make: &'a MakeMoments<'a>) -> Self {
         self.make_moments = Some(make);
         self
     }
 
-    /// Asks before a factor is made whether the process's limits allow for it. OpenBLAS waits for ever for buffers that
-    /// it can't have.
+    /// Sets a check of the process's limits that is called before a factor is computed. OpenBLAS waits forever for
+    /// buffers that it can't allocate.
     #[must_use]
     pub fn with_limits(mut self, check: &'a CheckLimits<'a>) -> Self {
         self.check_limits = Some(check);
@@ -184,28 +184,29 @@ impl<'a> LsqSolver<'a> {
     /// Solves for targets, (n, c), of which `groups` gives the columns of each target: three for a surface, one for a
     /// signal.
     ///
-    /// The monitor gets the stage `fit`, in steps whose number isn't known, with a status for each; and the stage
-    /// `factor`, in flops, where one is made.
+    /// The monitor gets the stage `fit`, in steps whose number is unknown, with a status for each; and the stage
+    /// `factor`, in flops, if a factor is computed.
     ///
     /// # Errors
     ///
     /// [`SolverError::Rows`], [`SolverError::NotFinite`], [`SolverError::Interrupted`]; [`SolverError::NoGram`],
     /// [`SolverError::Limit`] and too small a budget for a strategy that needs a Gram matrix; those of operator, Gram
-    /// matrix and stored factor. Not converging is none.
+    /// matrix and stored factor. Not converging isn't an error.
     pub fn fit(
         &mut self,
         targets: &Array2<f64>,
         groups: &[Range<usize>],
         monitor: &dyn Monitor,
     ) -> Result<LsqFit, SolverError> {
-        // Solvers of moments are no one's but `solve_moments`'s, which doesn't come here.
+        // Solvers of moments are only used by `solve_moments`, which doesn't call this.
         let Source::Samples(operator) = self.source else { return Err(SolverError::NoGram) };
         check::targets(targets, operator.rows())?;
         let (coefficients, residual, report) = self.solve(Given::Targets(operator, targets), groups, monitor)?;
         Ok(LsqFit { coefficients, residual: residual.unwrap_or_default(), report })
     }
 
-    /// Solves what is given; returns coefficients, (K, c), the residual, (n, c), where there are samples, and a report.
+    /// Solves the given problem; returns coefficients, (K, c), the residual, (n, c), if there are samples, and a
+    /// report.
     pub(super) fn solve(
         &mut self,
         given: Given<'_>,
@@ -230,7 +231,7 @@ impl<'a> LsqSolver<'a> {
         Ok((Coefficients::new(cg.x)?, solution.residual, report))
     }
 
-    /// Decides how to solve what is given, with so many columns.
+    /// Returns the plan for solving the given problem with this number of columns.
     pub(super) fn plan(&mut self, given: Given<'_>, columns: usize) -> Plan {
         let available = self.available(given);
         if self.params.strategy == Strategy::DensityCg && available.moments == plan::Moments::None {
@@ -239,7 +240,7 @@ impl<'a> LsqSolver<'a> {
         choose(&self.sizes(columns), &available, &self.request())
     }
 
-    /// The factor to solve with: the stored one, else the one that was made.
+    /// Returns the factor to solve with: the stored one, or else the computed one.
     pub(super) fn factor(&self) -> Result<&dyn CholeskyFactor, SolverError> {
         match (self.stored, &self.made) {
             (Some(factor), _) => Ok(factor),
@@ -248,8 +249,8 @@ impl<'a> LsqSolver<'a> {
         }
     }
 
-    /// Makes a factor unless there is one. False if memory or the process's limits don't allow for one; an error then
-    /// if it is `required`.
+    /// Computes a factor unless there is one. Returns false if memory or the process's limits don't suffice; that is an
+    /// error if it is `required`.
     pub(super) fn make_factor(&mut self, required: bool, monitor: &dyn Monitor) -> Result<bool, SolverError> {
         if self.stored.is_some() || self.made.is_some() {
             return Ok(true);
@@ -283,10 +284,10 @@ impl<'a> LsqSolver<'a> {
         }
     }
 
-    /// Checks that the budget and the process's limits allow for a factorisation.
+    /// Checks that the budget and the process's limits allow a factorisation.
     fn plan_factor(&self, size: usize, params: &FactorParams) -> Result<(), SolverError> {
         let (plan, _) = plan_factor(size, params, false)?;
-        // What is held is there already.
+        // The memory in `held` is already in use.
         self.check_limits.map_or(Ok(()), |check| check(plan.memory - self.params.held + plan.reserved))
     }
 
@@ -302,14 +303,14 @@ impl<'a> LsqSolver<'a> {
         }
     }
 
-    /// Rows with weight.
+    /// Returns the number of rows with weight.
     pub(super) fn rows_with_weight(&self) -> usize {
         let count = |weights: &Vec<f64>| weights.iter().filter(|weight| **weight > 0.0).count();
         self.params.weights.as_ref().map_or(self.source.rows(), count)
     }
 }
 
-/// The diagonal of P, (K), where there is a penalty: of the smoothness, and of each degree.
+/// Returns the diagonal of P, (K), if there is a penalty: that of the smoothness, and that of each degree.
 fn penalty(max_degree: usize, params: &LsqParams) -> Result<Option<Vec<f64>>, SolverError> {
     let smoothness = (params.smoothness > 0.0).then(|| smoothness_penalty(max_degree, params.smoothness));
     let Some(by_degree) = &params.penalty else { return Ok(smoothness) };
@@ -330,7 +331,7 @@ fn penalty(max_degree: usize, params: &LsqParams) -> Result<Option<Vec<f64>>, So
 ///
 /// # Errors
 ///
-/// Those of the two.
+/// Those of these functions.
 pub fn solve(
     operator: &dyn Operator,
     targets: &Array2<f64>,

@@ -9,13 +9,13 @@ use crate::SolverError;
 
 impl LsqSolver<'_> {
     /// Computes the standard errors of the coefficients, (K, c): `sigma sqrt(diag N^-1)`, with `sigma^2` the weighted
-    /// sum of squares of the residual, (n, c), over the rows with weight less the trace of the hat matrix `A N^-1 A^T
-    /// W`, which is K without a penalty. `diag N^-1` needs the whole factor, and `K^3 / 3` flops.
+    /// sum of squares of the residual, (n, c), divided by the number of rows with weight minus the trace of the hat
+    /// matrix `A N^-1 A^T W`, which is K without a penalty. `diag N^-1` needs the entire factor, and `K^3 / 3` flops.
     ///
     /// # Errors
     ///
-    /// [`SolverError::Underdetermined`], [`SolverError::NoGram`], [`SolverError::Interrupted`], and what keeps a factor
-    /// from being made.
+    /// [`SolverError::Underdetermined`], [`SolverError::NoGram`], [`SolverError::Interrupted`], and errors of computing
+    /// a factor.
     pub fn standard_errors(
         &mut self,
         residual: &Array2<f64>,

@@ -1,20 +1,21 @@
 //! The strategy of a least-squares fit, as data: [`choose`] decides which steps to take, and computes nothing else. The
-//! solver takes one step after the other (`run`) and reports them.
+//! solver executes one step after another (`run`) and reports on them.
 //!
 //! | request | available | steps |
 //! |---|---|---|
 //! | factor | | factor, refinement |
-//! | auto | factor, but for the exception below | factor, refinement |
+//! | auto | factor, except as below | factor, refinement |
 //! | any | moments, or no samples | iterations by moments |
-//! | any | moments that pay at once (`cost`) or that the density is asked of | moments, iterations by them |
-//! | any | moments that pay later | iterations by samples until then, moments, iterations by them |
-//! | any | no moments that pay | iterations by samples |
+//! | any | moments that pay off immediately (`cost`), or that are needed for a requested density | moments, iterations by them |
+//! | any | moments that pay off later | iterations by samples until then, moments, iterations by them |
+//! | any | no moments that pay off | iterations by samples |
 //!
-//! The exception: a stored factor of a well-conditioned matrix is left alone for few columns, and where moments and a
-//! few iterations cost less than its use. The density preconditions iterations by moments if it is asked for or the
-//! choice is left to the solver, without a penalty, with enough rows. With auto, at most as many columns as rows, and
-//! a factor or a Gram matrix, iterations are left where a factor seems faster; factor and refinement follow them, and,
-//! if it can't be made, more iterations. The numbers are in `limits`.
+//! The exception: a stored factor of a well-conditioned matrix isn't used for few columns, or if moments and a few
+//! iterations cost less than its use. The density preconditions iterations by moments if it is requested, or if the
+//! choice is left to the solver, provided that there is no penalty and there are enough rows. With auto, at most as
+//! many columns as rows, and a factor or a Gram matrix, iterations end early if a factor seems faster. They are
+//! followed by factor and refinement, or by further iterations if the factor can't be computed. The numbers are in
+//! `limits`.
 
 #[cfg(test)]
 mod tests;
@@ -69,14 +70,14 @@ pub(super) fn choose(sizes: &Sizes, available: &Available, request: &Request) ->
     Plan { steps }
 }
 
-/// Whether the density may precondition iterations by moments.
+/// Returns whether the density may precondition iterations by moments.
 pub(super) fn density_may_precondition(sizes: &Sizes, request: &Request) -> bool {
     let enough = sizes.rows_with_weight >= ROWS_PER_COLUMN_FOR_DENSITY * basis_size(sizes.max_degree);
     matches!(request.strategy, Strategy::Auto | Strategy::DensityCg) && enough && !request.penalised
 }
 
-/// Iterations by the samples before moments are made: none if these pay within the expected ones, else as many as take
-/// as long as moments would have; `None` where moments aren't to be made.
+/// Returns the number of iterations by samples before moments are computed: zero if moments pay off within the expected
+/// iterations, else the number that takes as long as moments would have; `None` if moments aren't to be computed.
 fn iterations_before_moments(cost: &Cost, moments: Moments, request: &Request) -> Option<usize> {
     let paid_after = cost.paid_after();
     match moments {
@@ -88,7 +89,8 @@ fn iterations_before_moments(cost: &Cost, moments: Moments, request: &Request) -
     }
 }
 
-/// Whether iterations by moments are worth beginning beside a factor of a matrix of moderate condition.
+/// Returns whether it pays off to begin with iterations by moments although there is a factor of a matrix of moderate
+/// condition.
 fn pays_beside_factor(cost: &Cost, moments: Moments, before_moments: Option<usize>) -> bool {
     let (making, each) = match (moments, before_moments) {
         (Moments::Made { uneven: true }, _) => (0.0, cost.preconditioned()),
@@ -99,7 +101,7 @@ fn pays_beside_factor(cost: &Cost, moments: Moments, before_moments: Option<usiz
     making + ITERATIONS_BESIDE_FACTOR as f64 * each < BEGUN_PER_SOLVE_COST * cost.with_factor()
 }
 
-/// When to leave iterations for a factor.
+/// Returns the rule for switching from iterations to a factor.
 fn leave(cost: &Cost, by_moments: bool, factor: Factor) -> Leave {
     let (after, every) = (ITERATIONS_BEFORE_FACTOR, ITERATIONS_OF_PROGRESS);
     let most_by = |all: f64| (all / cost.by_moments(), all / cost.preconditioned());

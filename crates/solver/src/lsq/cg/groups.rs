@@ -1,8 +1,8 @@
-//! Columns in groups of a few at a time.
+//! Conjugate gradients on groups of a few columns at a time.
 //!
-//! Where products take a few columns at a time anyhow, each group is iterated to its own end. Its arrays stay in a
-//! thread's cache from one step to the next, threads wait for each other once, and a group that has converged takes no
-//! more products. In a run from x = 0 a group's iterates are those that it has without the others, bit for bit.
+//! If products process a few columns at a time anyway, each group is iterated to its own end. Its arrays stay in a
+//! thread's cache from one step to the next, threads wait for each other only once, and a converged group needs no
+//! further products. In a run from x = 0 a group's iterates are bit-identical to those without the other groups.
 
 use ndarray::{ArrayViewMut2, Axis};
 use rayon::prelude::*;
@@ -15,10 +15,10 @@ use crate::lsq::problem::Problem;
 use crate::lsq::progress::Progress;
 
 impl Cg {
-    /// Iterates `width` columns at a time, otherwise as [`steps`](Self::steps). Where the first of them make too little
-    /// progress the others are left as they are.
+    /// Iterates `width` columns at a time, otherwise as [`steps`](Self::steps). If the first group makes too little
+    /// progress the others are left unchanged.
     ///
-    /// The monitor gets the steps of a group when it has ended.
+    /// The monitor receives the steps of a group when it has ended.
     pub(super) fn steps_of_groups(
         &mut self,
         width: usize,
@@ -46,7 +46,7 @@ impl Cg {
         let mut groups: Vec<Group<'_>> = groups.map(|((x, gradient), scale)| Group { x, gradient, scale }).collect();
         let mut ended = Vec::with_capacity(groups.len());
         if progress.is_some() {
-            // Groups have the same matrix: one shows whether a factor is to serve them all.
+            // Groups have the same matrix: the first shows whether to use a factor for all of them.
             ended.push(run(groups.remove(0))?);
         }
         let given_up = |first: &Ended| first.stop == Stop::IterationLimit && first.iterations < params.max_iterations;
@@ -54,7 +54,7 @@ impl Cg {
             let others = groups.into_par_iter().with_max_len(1).map(run);
             ended.extend(others.collect::<Result<Vec<_>, SolverError>>()?);
         }
-        // Of the groups that haven't converged: what they are to go back to.
+        // The earliest best iteration of the groups that haven't converged, to which the iteration may have to return.
         let before = self.iterations;
         let left = ended.iter().filter(|group| group.stop != Stop::Converged && group.best_at > 0);
         if let Some(best_at) = left.map(|group| before + group.best_at).min() {
@@ -78,7 +78,7 @@ struct Group<'a> {
     scale: &'a [f64],
 }
 
-/// How a group ended.
+/// The result of a group.
 struct Ended {
     stop: Stop,
     iterations: usize,
