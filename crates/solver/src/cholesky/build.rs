@@ -1,4 +1,4 @@
-//! Computes factors in memory or into a store, and plans their memory and disk.
+//! Computes factors in memory or into a store, and plans their memory and disk space.
 
 use std::path::Path;
 
@@ -16,31 +16,31 @@ use crate::cholesky::{CholeskyFactor, inverse, triangular};
 use crate::condition;
 use crate::gram::GramMatrix;
 
-/// Rows and columns of a tile unless asked otherwise: 128 KiB of f64, which the L2 cache of any core holds.
+/// Default number of rows and columns of a tile: 128 KiB of f64, which fit the L2 cache of any core.
 pub const DEFAULT_TILE: usize = 128;
-/// Columns of a panel where memory doesn't matter: wider ones gain nothing when the rest of the factor is in memory.
+/// Number of columns of a panel if memory suffices: wider ones gain nothing if the rest of the factor is in memory.
 const PANEL: usize = 1024;
-/// Columns of the widest panel out of core, where wider ones spare reading.
+/// Largest number of columns of a panel out of core, where wider panels save reading.
 const WIDEST: usize = 4096;
-/// The program itself, its stacks and allocator.
+/// Bytes of the program itself, its stacks and its allocator.
 const BASE: usize = 16 << 20;
 
 /// Parameters of a factorisation.
 #[derive(Debug, Clone)]
 pub struct FactorParams {
     /// Scalar type of the finished factor; default f64. It is computed in double precision either way: rounding the
-    /// finished factor costs a relative 6e-8 of each entry and never its existence, as a factorisation in single
-    /// precision would from condition numbers of 1e7 on.
+    /// finished factor causes a relative error of 6e-8 in each entry, while a factorisation in single precision could
+    /// fail from condition numbers of 1e7 on.
     pub scalar: Scalar,
-    /// Rows and columns of a tile, a multiple of 8; default [`DEFAULT_TILE`].
+    /// Number of rows and columns of a tile, a multiple of 8; default [`DEFAULT_TILE`].
     pub tile: usize,
-    /// Most bytes of memory to take; default 2 GiB.
+    /// Memory budget in bytes; default 2 GiB.
     pub memory: usize,
-    /// Bytes of these that the Gram matrix and the caller take; default 0.
+    /// Bytes of these that are held by the Gram matrix and the caller; default 0.
     pub held: usize,
-    /// Threads; 0, the default, for those of the rayon pool that the call is in.
+    /// Number of threads; 0, the default, for that of the caller's rayon pool.
     pub threads: usize,
-    /// Whether to build even what is large or doesn't seem to fit the disk; default false.
+    /// Whether to build a factor even if it is large or doesn't seem to fit the disk; default false.
     pub allow_large: bool,
 }
 
@@ -50,19 +50,19 @@ impl Default for FactorParams {
     }
 }
 
-/// Memory and disk that a factor needs while it is computed.
+/// Memory and disk space for computing a factor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct FactorPlan {
-    /// Whether all of it is held in memory; else finished columns are read back from the unfinished file.
+    /// Whether the entire factor is held in memory; otherwise finished columns are read back from the unfinished file.
     pub in_memory: bool,
-    /// Columns of a panel.
+    /// Number of columns of a panel.
     pub panel: usize,
     /// Bytes of memory.
     pub memory: usize,
-    /// Bytes of address space that OpenBLAS reserves and hardly touches; they count against a limit on data.
+    /// Bytes of address space that OpenBLAS reserves and hardly uses; they count against a limit on data.
     pub reserved: usize,
-    /// Bytes of disk while it is made; 0 for one that stays in memory.
+    /// Bytes of disk space during the computation; 0 for a factor that stays in memory.
     pub disk: u64,
 }
 
@@ -71,20 +71,20 @@ pub struct FactorPlan {
 pub struct FactorReport {
     /// The factor in the store.
     pub file: FactorFile,
-    /// Whether it was there already, or another builder published it meanwhile.
+    /// Whether it already existed, or another builder published it meanwhile.
     pub present: bool,
     /// Bytes of memory planned.
     pub memory: usize,
-    /// A damaged file that was replaced.
+    /// Warnings about a damaged file that was replaced.
     pub warnings: Vec<StoreWarning>,
 }
 
-/// Plans the factorisation of a matrix of `size` columns; in memory, or where `disk` is set and memory is short, out of
-/// core.
+/// Plans the factorisation of a matrix of `size` columns, in memory, or out of core if `disk` is set and memory is
+/// short.
 ///
 /// # Errors
 ///
-/// [`StoreError::Budget`] with the least that works; [`StoreError::FactorLayout`].
+/// [`StoreError::Budget`] with the smallest sufficient budget; [`StoreError::FactorLayout`].
 pub fn plan_factor(size: usize, params: &FactorParams, disk: bool) -> Result<(FactorPlan, TileGrid), SolverError> {
     let grid = TileGrid::new(size, params.tile)?;
     let threads = crate::threads(params.threads);
@@ -94,13 +94,13 @@ pub fn plan_factor(size: usize, params: &FactorParams, disk: bool) -> Result<(Fa
     let plan = |width: usize, in_memory: bool| FactorPlan {
         in_memory,
         panel: (width * grid.tile()).min(size),
-        // Right-hand sides of the condition estimate are no more than a panel.
+        // Right-hand sides of the condition estimate need no more memory than a panel.
         memory: fixed + panels(width).bytes() + if in_memory { all } else { 0 },
         reserved: threads * RESERVED_PER_THREAD,
         disk: 0,
     };
     let widths = |most: usize| (1..=(most / grid.tile()).clamp(1, grid.columns())).rev();
-    // A narrow panel in memory still beats reading back from disk.
+    // Even a narrow panel in memory is faster than reading back from disk.
     let inside = widths(PANEL).map(|width| plan(width, true)).find(|plan| plan.memory <= params.memory);
     let outside = || widths(WIDEST).map(|width| plan(width, false)).find(|plan| plan.memory <= params.memory);
     let found = if disk { inside.or_else(outside) } else { inside };
@@ -113,7 +113,7 @@ pub fn plan_factor(size: usize, params: &FactorParams, disk: bool) -> Result<(Fa
     }
 }
 
-/// Plans building a factor into a store, and checks memory and disk before any work; nothing is written.
+/// Plans building a factor into a store, and checks memory and disk space before any work; nothing is written.
 ///
 /// # Errors
 ///
@@ -159,19 +159,19 @@ pub fn factorise(
     Ok(MemoryFactor { tiles, scalar: params.scalar, condition, threads: panels.threads })
 }
 
-/// Builds the factor of `spec` into `store`, unless it is there.
+/// Builds the factor of `spec` into `store`, unless it exists.
 ///
-/// G's weights and penalty have to be those of `spec`: the file states these. The monitor gets one stage,
-/// `factor`, in flops, unless the factor is there.
+/// G's weights and penalty must be those of `spec`, which are recorded in the file. The monitor gets one stage,
+/// `factor`, in flops, unless the factor exists.
 ///
 /// # Errors
 ///
 /// [`SolverError::NotPositiveDefinite`], [`StoreError::Budget`] and [`StoreError::Space`] before any work,
-/// [`SolverError::Interrupted`], [`StoreError::Io`], those of the source. Nothing is left behind.
+/// [`SolverError::Interrupted`], [`StoreError::Io`], those of the source. No files are left behind.
 ///
 /// # Panics
 ///
-/// If the Gram matrix isn't of the size that `spec` has.
+/// If the size of the Gram matrix isn't that of `spec`.
 pub fn build_factor(
     store: &Path,
     spec: &FactorSpec,
@@ -180,7 +180,7 @@ pub fn build_factor(
     monitor: &dyn Monitor,
 ) -> Result<FactorReport, SolverError> {
     assert_eq!(source.size(), spec.size(), "the Gram matrix is that of the degree");
-    // A finished one is left alone, whatever the budget.
+    // An existing factor is used, whatever the budget.
     if let Ok(file) = open_factor(store, spec, Some(params.scalar)) {
         return Ok(FactorReport { file, present: true, memory: 0, warnings: Vec::new() });
     }
@@ -205,7 +205,7 @@ pub fn build_factor(
     Ok(FactorReport { file, present: published.is_none(), memory: plan.memory, warnings })
 }
 
-/// Factorises into tiles, then estimates the condition with them.
+/// Factorises into tiles, then estimates the condition number with them.
 fn compute<T: Tiles + Finished>(
     source: &dyn GramMatrix,
     tiles: &T,
@@ -221,7 +221,7 @@ fn compute<T: Tiles + Finished>(
     })?;
     monitor.end();
     let reciprocal = 1.0 / (norm * inverse);
-    // An estimate that overflowed stands for a matrix as bad as can be.
+    // An estimate that overflowed is treated as an infinite condition number.
     let reciprocal = if reciprocal.is_finite() { reciprocal.min(1.0) } else { 0.0 };
     Ok(Condition { norm, reciprocal })
 }

@@ -1,6 +1,6 @@
 //! The factorisation: left-looking, a panel of tile columns at a time.
 //!
-//! For columns J = [a, b) the panel G[a.., J] is asked for, what the columns before contribute is subtracted,
+//! For columns J = [a, b) the panel G[a.., J] is computed, the contributions of the previous columns are subtracted,
 //!
 //! ```text
 //! P = G[a.., J] - sum_k C[a.., k] C[J, k]^T        (gemm, runs of k of some 512 columns)
@@ -8,10 +8,10 @@
 //! C[b.., J] = P[b..] C[J, J]^-T                     (trsm)
 //! ```
 //!
-//! by OpenBLAS, and the finished tiles are put away. Earlier columns are read
-//! again for each panel, so a panel of w columns costs 4 K^3 / (3 w) bytes of reading in all beside K^3 / 3 flops; the
-//! wider the budget allows it to be, the less. In memory "reading" is a copy between tiles and panels. Each entry is
-//! computed in an order that depends on the panels' width alone.
+//! by OpenBLAS, and the finished tiles are stored. Earlier columns are read again for each panel, so with panels of w
+//! columns a total of 4 K^3 / (3 w) bytes is read, in addition to K^3 / 3 flops; the wider the panels that fit the
+//! budget, the less. In memory "reading" is a copy between tiles and panels. The order of summation of each entry
+//! depends only on the panels' width.
 
 use std::ops::Range;
 
@@ -26,39 +26,40 @@ use crate::blas::Blas;
 use crate::cholesky::tiles::Finished;
 use crate::gram::GramMatrix;
 
-/// Columns that are subtracted at a time: enough for `dgemm`'s traffic on the panel not to matter.
+/// Number of columns that are subtracted at a time: enough that `dgemm`'s memory traffic on the panel is negligible.
 const RUN: usize = 512;
-/// Rows that are gathered at a time.
+/// Number of rows that are gathered at a time.
 const ROWS: usize = 4096;
 
 /// The layout of a factorisation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Panels {
     pub(crate) grid: TileGrid,
-    /// Tile columns of a panel.
+    /// Number of tile columns of a panel.
     pub(crate) width: usize,
     pub(crate) threads: usize,
 }
 
 impl Panels {
-    /// Bytes of workspace.
+    /// Returns the bytes of workspace.
     pub(crate) fn bytes(&self) -> usize {
         let (size, tile) = (self.grid.size(), self.grid.tile());
         let width = (self.width * tile).min(size);
         let run = RUN.max(tile).min(size);
         let rows = ROWS.max(tile).min(size);
-        // The panel; its triangle apart; the gathered run of the panel's rows and of others; a tile for each thread.
+        // The panel; a copy of its triangle; the gathered run of the panel's rows and of others; two tiles for each
+        // thread.
         let values = size * width + width * width + width * run + rows * run + 2 * self.threads * tile * tile;
         8 * values
     }
 
-    /// Flops of all of it.
+    /// Returns the flops of the entire factorisation.
     pub(crate) fn flops(&self) -> f64 {
         (self.grid.size() as f64).powi(3) / 3.0
     }
 }
 
-/// Factorises `source` into `finished`; gives the 1-norm of G. Steps of the monitor are flops.
+/// Factorises `source` into `finished`; returns the 1-norm of G. Steps of the monitor are flops.
 pub(crate) fn factorise(
     source: &dyn GramMatrix,
     finished: &dyn Finished,
@@ -99,7 +100,7 @@ pub(crate) fn factorise(
         }
         monitor.check()?;
         Blas::with_threads(threads).cholesky(&mut panel, wide, rows).map_err(|column| not_positive(a + column))?;
-        // LAPACK's comparison with zero lets a NaN through.
+        // LAPACK's comparison with zero doesn't detect a NaN.
         if let Some(column) = (0..wide).find(|j| !panel[j * rows + j].is_finite()) {
             return Err(not_positive(a + column));
         }
@@ -112,7 +113,7 @@ pub(crate) fn factorise(
         monitor.step(wide * wide * (wide / 3 + rows as u64 - wide));
         put(finished, grid, columns, &panel, rows)?;
     }
-    // Not f64::max, which would pass over a NaN.
+    // Not f64::max, which would ignore a NaN.
     Ok(sums.into_iter().fold(0.0, |m, s| if s > m || s.is_nan() { s } else { m }))
 }
 
@@ -120,7 +121,7 @@ fn not_positive(column: usize) -> SolverError {
     SolverError::NotPositiveDefinite { column, degree: degree_order(column).0 }
 }
 
-/// Adds up columns of |G| from the panels of its lower triangle. `sums` begins at the panel's first row.
+/// Adds a panel of G's lower triangle to the column sums of |G|. `sums` begins at the panel's first row.
 fn add_norms(panel: &[f64], rows: usize, sums: &mut [f64]) {
     for (j, column) in panel.chunks_exact(rows).enumerate() {
         sums[j] += column[j..].iter().map(|value| value.abs()).sum::<f64>();
@@ -130,7 +131,8 @@ fn add_norms(panel: &[f64], rows: usize, sums: &mut [f64]) {
     }
 }
 
-/// Finished tiles of some tile rows and columns, side by side: column-major without gaps. The columns are full ones.
+/// Gathers finished tiles of some tile rows and columns side by side: column-major without gaps. The columns are
+/// complete.
 fn gather(
     finished: &dyn Finished,
     grid: TileGrid,
@@ -154,7 +156,7 @@ fn gather(
     })
 }
 
-/// Puts a panel's tiles away.
+/// Stores a panel's tiles.
 fn put(
     finished: &dyn Finished,
     grid: TileGrid,

@@ -1,7 +1,7 @@
-//! The diagonal of G^-1, which standard errors need: (G^-1)_kk = ||C^-1 e_k||^2.
+//! The diagonal of G^-1, for standard errors: (G^-1)_kk = ||C^-1 e_k||^2.
 //!
-//! Unit columns are solved for forward, a few tile columns of them at a time; a column that begins with zeros skips
-//! their share of the work. K^3 / 3 flops, as many as the factorisation, and 8 K bytes a column of workspace.
+//! The forward solve is applied to unit vectors, a few tile columns at a time; the leading zeros of a vector are
+//! skipped. This takes K^3 / 3 flops, as many as the factorisation, and 8 K bytes of workspace per vector.
 
 use spharm_monitor::{Monitor, Stage};
 
@@ -9,10 +9,10 @@ use crate::SolverError;
 use crate::cholesky::tiles::Tiles;
 use crate::cholesky::triangular::{Direction, run};
 
-/// Columns solved for at once: enough for products of matrices to run at their rate.
+/// Number of columns solved for together: enough for matrix products to run at full speed.
 const TOGETHER: usize = 512;
 
-/// The diagonal of `(C C^T)^-1`, (K).
+/// Computes the diagonal of `(C C^T)^-1`, (K).
 pub(crate) fn diagonal(tiles: &dyn Tiles, threads: usize, monitor: &dyn Monitor) -> Result<Vec<f64>, SolverError> {
     let grid = tiles.grid();
     monitor.begin(Stage::counted("standard errors", "columns"), grid.size() as u64);

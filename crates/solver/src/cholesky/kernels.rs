@@ -1,19 +1,19 @@
-//! A tile times a few columns, and its transpose; and the triangles on the diagonal.
+//! Kernels for a tile or its transpose times a few columns, and for the triangles on the diagonal.
 //!
-//! With few columns a solve is bound by how fast the factor comes from memory, so every kernel reads its tile once, in
-//! the order in which it lies there, and asks for the next one meanwhile: left to itself the processor waits for one
-//! page after another (28 ms a pass over 208 MB on one thread instead of 10). Values of f32 are widened in registers:
-//! sums and right-hand sides are f64 always. From `MANY` columns on products of matrices are faster (`triangular.rs`).
+//! With few columns a solve is bound by the bandwidth of memory. So every kernel reads its tile once, in storage order,
+//! and prefetches the next one meanwhile: otherwise the processor waits for one page after another (28 ms for a pass
+//! over 208 MB on one thread instead of 10). Values of f32 are widened in registers; sums and right-hand sides are
+//! always f64. From `MANY` columns on matrix products are faster (`triangular.rs`).
 //!
 //! Tiles are column-major without gaps, right-hand sides (rows, c) column-major.
 
 use multiversion::{multiversion, target::target_cfg_f};
 use spharm_store::prefetch;
 
-/// Lanes of an accumulator.
+/// Number of lanes of an accumulator.
 const LANES: usize = 8;
 
-/// Values that a tile may have.
+/// Types of a tile's values.
 pub(crate) trait Real: Copy + Send + Sync + 'static {
     fn widen(self) -> f64;
 }
@@ -34,17 +34,17 @@ impl Real for f32 {
 
 /// Kernels for one type of tile.
 pub(crate) trait Kernels: Real {
-    /// `out -= tile y`: tile (rows, k), y (k, c), out (rows, c). The next tile lies `ahead` bytes from this one.
+    /// Computes `out -= tile y`: tile (rows, k), y (k, c), out (rows, c). The next tile is `ahead` bytes from this one.
     fn subtract(tile: &[Self], rows: usize, y: &[f64], out: &mut [f64], channels: usize, ahead: isize);
-    /// `out -= tile^T x`: tile (rows, k), x (rows, c), out (k, c).
+    /// Computes `out -= tile^T x`: tile (rows, k), x (rows, c), out (k, c).
     fn subtract_transposed(tile: &[Self], rows: usize, x: &[f64], out: &mut [f64], channels: usize, ahead: isize);
-    /// `x = tile^-1 x`: tile (k, k) lower triangular, x (k, c).
+    /// Computes `x = tile^-1 x`: tile (k, k) lower triangular, x (k, c).
     fn solve(tile: &[Self], x: &mut [f64], channels: usize);
-    /// `x = tile^-T x`.
+    /// Computes `x = tile^-T x`.
     fn solve_transposed(tile: &[Self], x: &mut [f64], channels: usize);
 }
 
-/// Calls a kernel for three columns at a time and for those that are left over.
+/// Calls a kernel for three columns at a time and for the remaining ones.
 macro_rules! by_channels {
     ($channels:expr, $first:ident, $one:expr, $two:expr, $three:expr) => {{
         let mut $first = 0;
@@ -86,7 +86,7 @@ macro_rules! kernels {
                 by_channels!(
                     channels, at,
                     $module::transposed_1(tile, rows, &x[at * rows..], &mut out[at * k..], ahead),
-                    // One after the other: what the compiler makes of two at once takes longer.
+                    // One after another: the compiler's code for two at once is slower.
                     for c in at..at + 2 {
                         $module::transposed_1(tile, rows, &x[c * rows..], &mut out[c * k..], ahead);
                     },
@@ -157,7 +157,7 @@ macro_rules! kernels {
 kernels!(f64, double);
 kernels!(f32, single);
 
-/// f32 to f64, value by value.
+/// Converts values from f32 to f64.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
 pub(crate) fn widen(values: &[f32], wide: &mut [f64]) {
     for (wide, value) in wide.iter_mut().zip(values) {
@@ -248,7 +248,7 @@ fn solve_transposed<S: Real, const C: usize, const FMA: bool>(tile: &[S], k: usi
     }
 }
 
-/// `out_c += sum_j columns_j factors_jc`.
+/// Computes `out_c += sum_j columns_j factors_jc`.
 #[inline(always)]
 fn axpys<S: Real, const J: usize, const C: usize, const FMA: bool>(
     columns: [&[S]; J],
@@ -280,7 +280,7 @@ fn axpys<S: Real, const J: usize, const C: usize, const FMA: bool>(
     }
 }
 
-/// Inner products of J columns with C others, summed in lanes and then across them.
+/// Returns the inner products of J columns with C others, summed in lanes and then across them.
 #[inline(always)]
 fn dots<S: Real, const J: usize, const C: usize, const FMA: bool>(columns: [&[S]; J], x: [&[f64]; C]) -> [[f64; C]; J] {
     let rows = x[0].len();
@@ -319,7 +319,7 @@ fn load<S: Real>(values: &[S], start: usize) -> [f64; LANES] {
     std::array::from_fn(|lane| values[lane].widen())
 }
 
-/// `a b + sum`; fused where that is one instruction.
+/// Computes `a b + sum`; fused if that is one instruction.
 #[inline(always)]
 fn fused<const FMA: bool>(a: f64, b: f64, sum: f64) -> f64 {
     if FMA { a.mul_add(b, sum) } else { a * b + sum }

@@ -11,10 +11,10 @@ use crate::SolverError;
 use crate::cholesky::tiles::{Cursor, Tiles};
 use crate::cholesky::{CholeskyFactor, inverse, triangular};
 
-/// A factor that is read from a store through windows on its tile columns.
+/// A factor read from a store through windows on its tile columns.
 ///
-/// Where the file fits the budget, windows stay from solve to solve; else each is dropped when its column is done, and
-/// memory and address space hold a few columns at a time.
+/// If the file fits the budget, windows are kept between solves. Otherwise each is dropped when its column is done, so
+/// that only a few columns occupy memory and address space at a time.
 #[derive(Debug)]
 pub struct StoredFactor {
     file: FactorFile,
@@ -23,7 +23,7 @@ pub struct StoredFactor {
     threads: usize,
 }
 
-/// A window on a tile column: kept, or shared by the threads that use it.
+/// A window on a tile column: kept, or shared only by the threads that are using it.
 #[derive(Debug)]
 enum Held {
     None,
@@ -32,7 +32,7 @@ enum Held {
 }
 
 impl StoredFactor {
-    /// Uses an open factor, with windows of up to `memory` bytes that stay, and `threads` threads.
+    /// Uses an open factor, with up to `memory` bytes of kept windows, and `threads` threads.
     pub fn new(file: FactorFile, memory: usize, threads: usize) -> Self {
         let kept = file.file_len() <= memory as u64;
         let windows = (0..file.header().grid.columns()).map(|_| Mutex::new(Held::None)).collect();
@@ -44,7 +44,7 @@ impl StoredFactor {
         &self.file
     }
 
-    /// The window on a column: the one in use, or a new one.
+    /// Returns the window on a column: the one in use, or a new one.
     fn window(&self, column: usize) -> Result<Arc<TileWindow>, SolverError> {
         let mut held = self.windows[column].lock().unwrap_or_else(PoisonError::into_inner);
         let there = match &*held {
@@ -67,8 +67,8 @@ impl Tiles for StoredFactor {
         self.file.header().grid
     }
 
-    /// The threads divide among them the faults of a first use: for each of them a page at a time, they would cost as
-    /// much as reading the factor.
+    /// The threads divide the page faults of the first use among them. If each thread faulted in every page, that would
+    /// cost as much as reading the factor.
     fn prepare(&self, thread: usize, threads: usize) -> Result<(), SolverError> {
         if !self.kept {
             return Ok(());

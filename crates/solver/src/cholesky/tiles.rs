@@ -7,38 +7,38 @@ use spharm_store::factor::{FactorWriter, TileValues, TileWindow};
 
 use crate::SolverError;
 
-/// The tile and window that one thread uses at the moment.
+/// The tile and window that a thread is currently using.
 #[derive(Debug, Default)]
 pub(crate) struct Cursor {
-    /// A tile that had to be copied.
+    /// Buffer for a tile that must be copied.
     pub(crate) buffer: Vec<f64>,
-    /// The tile column that it is in.
+    /// Window on the current tile column.
     pub(crate) window: Option<Arc<TileWindow>>,
 }
 
-/// A lower triangular factor, readable by tiles from several threads.
+/// A lower triangular factor that can be read by tiles from several threads.
 pub(crate) trait Tiles: Sync {
     fn grid(&self) -> TileGrid;
 
-    /// The values of a tile, column-major without gaps.
+    /// Returns the values of a tile, column-major without gaps.
     fn tile<'c>(&'c self, row: usize, column: usize, cursor: &'c mut Cursor) -> Result<TileValues<'c>, SolverError>;
 
-    /// Called by each of `threads` threads before it starts.
+    /// Prepares a thread; called by each of `threads` threads before it starts.
     fn prepare(&self, _thread: usize, _threads: usize) -> Result<(), SolverError> {
         Ok(())
     }
 
-    /// Called by each thread at its end. Results count only when this succeeds.
+    /// Finishes a thread; called by each thread at its end. Results are only valid if this succeeds.
     fn finish(&self, _cursor: &mut Cursor) -> Result<(), SolverError> {
         Ok(())
     }
 }
 
-/// Finished tiles, which a factorisation reads again. Tiles on the diagonal have zeros above it.
+/// Finished tiles, which a factorisation reads again. Tiles on the diagonal are zero above it.
 pub(crate) trait Finished: Sync {
     fn put(&self, row: usize, column: usize, values: &[f64]) -> Result<(), SolverError>;
     fn get(&self, row: usize, column: usize, values: &mut [f64]) -> Result<(), SolverError>;
-    /// The tiles of a column from a row on are going to be read.
+    /// Announces that the tiles of a column from a row on will be read.
     fn will_need(&self, _row: usize, _column: usize) {}
 }
 
@@ -60,7 +60,7 @@ impl MemoryTiles {
         Self { grid, tiles: (0..grid.count()).map(|_| OnceLock::new()).collect() }
     }
 
-    /// Rounds every tile to single precision, giving the memory of each back before the next.
+    /// Rounds every tile to single precision, freeing the memory of each before the next.
     pub(crate) fn narrow(&mut self) {
         for tile in &mut self.tiles {
             if let Some(Values::F64(values)) = tile.take() {
@@ -122,7 +122,7 @@ impl Finished for FactorWriter {
     }
 }
 
-/// A factor that isn't published yet, read back for the condition estimate.
+/// An unpublished factor, read back for the condition estimate.
 impl Tiles for FactorWriter {
     fn grid(&self) -> TileGrid {
         self.grid()

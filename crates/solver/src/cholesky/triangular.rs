@@ -1,16 +1,16 @@
 //! The triangular solves, C y = b and C^T x = y, over tiles.
 //!
-//! Both read every tile of C once, 2 K^2 flops a column in all: with few columns they run at the rate at which tiles
-//! come from memory, with many at that of faer's products of matrices.
+//! Both together read every tile of C once each, at 2 K^2 flops per column. With few columns they are bound by the
+//! bandwidth of memory, with many by the speed of faer's matrix products.
 //!
-//! Forward, a thread owns tile rows and goes through the tile columns in the order in which they lie in a file,
-//! subtracting `C_ij y_j` from its own rows as soon as y_j is there. The owner of row j + 1 takes that row first and
-//! publishes y_(j + 1) before it goes on, so that the others need not wait for the rest of its column. Backward, a
-//! thread owns tile columns and goes up each of them: `x_j = C_jj^-T (y_j - sum_i C_ij^T x_i)`; its neighbour is half a
-//! column behind, and by the time that it needs x_j as the last of its sum, x_j is there. No other waiting, no
-//! barriers.
+//! Forward, a thread owns tile rows and processes the tile columns in file order, subtracting `C_ij y_j` from its own
+//! rows as soon as y_j is available. The owner of row j + 1 processes that row first and publishes y_(j + 1) before it
+//! continues, so that the others needn't wait for the rest of its column. Backward, a thread owns tile columns and
+//! processes each of them upwards: `x_j = C_jj^-T (y_j - sum_i C_ij^T x_i)`. Its neighbour is half a column behind, and
+//! by the time that it needs x_j as the last term of its sum, x_j is available. There is no other waiting, and there
+//! are no barriers.
 //!
-//! Sums are formed in an order that depends on the tiles alone, so any number of threads gives the same bits.
+//! The order of summation depends only on the tiles, so results are bit-identical for any number of threads.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, OnceLock, PoisonError};
@@ -25,10 +25,11 @@ use crate::cholesky::kernels::{Kernels, widen};
 use crate::cholesky::tiles::{Cursor, Tiles};
 use crate::dense;
 
-/// From this many columns on faer's products of matrices beat the kernels for few columns, which take three at a time.
+/// Number of columns from which faer's matrix products are faster than the kernels for few columns, which process three
+/// at a time.
 const MANY: usize = 16;
 
-/// Solves `C C^T x = b`: `x`, (K, c), is b on the way in.
+/// Solves `C C^T x = b`: `x`, (K, c), is b on entry.
 pub(crate) fn solve(tiles: &dyn Tiles, mut x: ArrayViewMut2<'_, f64>, threads: usize) -> Result<(), SolverError> {
     let grid = tiles.grid();
     assert_eq!(x.nrows(), grid.size(), "rows of the right-hand sides");
@@ -54,7 +55,7 @@ pub(crate) fn solve(tiles: &dyn Tiles, mut x: ArrayViewMut2<'_, f64>, threads: u
     Ok(())
 }
 
-/// How far to go.
+/// The solves to perform.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Direction {
     /// `C^-1 b` only.
@@ -64,7 +65,7 @@ pub(crate) enum Direction {
 }
 
 /// Solves for right-hand sides in blocks of tile rows, each (rows, c) column-major. Those before `first` are zero,
-/// which spares their share of the work forward; they come back as they are when there is no way back.
+/// which saves their share of the forward solve; without a backward solve they are returned unchanged.
 pub(crate) fn run(
     tiles: &dyn Tiles,
     blocks: Vec<Vec<f64>>,
@@ -97,7 +98,7 @@ pub(crate) fn run(
         }
     }
     std::thread::scope(|scope| {
-        // Threads of its own, not of a pool: each may wait for what another one computes, so all have to run.
+        // These are dedicated threads, not those of a pool: each may wait for results of another, so all must run.
         let mut owned = owned.into_iter().enumerate();
         let mine = owned.next();
         for (thread, rows) in owned {
@@ -121,17 +122,17 @@ struct Job<'a> {
     threads: usize,
     first: usize,
     direction: Direction,
-    /// Asked before each tile: with many columns one takes milliseconds.
+    /// Checked for interruption before each tile: with many columns a tile takes milliseconds.
     monitor: &'a dyn Monitor,
-    /// y and x by tile rows, once they are known.
+    /// y and x by tile rows, once they are computed.
     forward: Vec<OnceLock<Vec<f64>>>,
     backward: Vec<OnceLock<Vec<f64>>>,
-    /// Set when a thread fails, so that the others don't wait for its results.
+    /// Set if a thread fails, so that the others don't wait for its results.
     stopped: AtomicBool,
     error: Mutex<Option<SolverError>>,
 }
 
-/// Another thread has failed, and says why itself.
+/// Another thread has failed, and reports its own error.
 enum Stop {
     Failed(SolverError),
     Others,
@@ -145,7 +146,7 @@ impl<E: Into<SolverError>> From<E> for Stop {
 
 impl Job<'_> {
     fn guarded(&self, thread: usize, rows: Vec<Option<Vec<f64>>>) {
-        /// A panic must not leave the others waiting.
+        /// Stops the other threads on a panic, so that they don't wait forever.
         struct StopOthers<'a>(&'a AtomicBool);
         impl Drop for StopOthers<'_> {
             fn drop(&mut self) {
@@ -188,7 +189,7 @@ impl Job<'_> {
                 self.monitor.check()?;
                 let height = block.len() / self.channels;
                 let tile = self.tiles.tile(row, column, cursor)?;
-                // Its next row but for those of the other threads.
+                // The next tile of this thread, after those of the other threads.
                 let ahead = (self.threads * bytes(tile)) as isize;
                 match tile {
                     TileValues::F64(tile) if self.channels < MANY => {
@@ -209,7 +210,7 @@ impl Job<'_> {
         Ok(())
     }
 
-    /// `y_j = C_jj^-1 b_j`, for everybody.
+    /// Computes and publishes `y_j = C_jj^-1 b_j`.
     fn publish(&self, row: usize, mut block: Vec<f64>, cursor: &mut Cursor, wide: &mut Vec<f64>) -> Result<(), Stop> {
         let height = block.len() / self.channels;
         match self.tiles.tile(row, row, cursor)? {
@@ -252,8 +253,8 @@ impl Job<'_> {
         Ok(())
     }
 
-    /// Waits for a block that another thread computes. Usually it is there already; giving way after a while costs
-    /// little then, and much less than a wasted processor when there are more threads than those.
+    /// Waits for a block that another thread computes. Usually it is already available. Yielding after a while then
+    /// costs little, and much less than a wasted processor if there are more threads than processors.
     fn wait<'b>(&self, block: &'b OnceLock<Vec<f64>>) -> Result<&'b [f64], Stop> {
         const SPINS: usize = 2000;
         let mut spins = 0;
@@ -277,7 +278,7 @@ fn bytes(tile: TileValues<'_>) -> usize {
     }
 }
 
-/// A tile for products of matrices: as it is, or widened into `wide`.
+/// Returns a tile for matrix products: unchanged, or widened into `wide`.
 fn matrix<'m>(tile: TileValues<'m>, rows: usize, wide: &'m mut Vec<f64>) -> Matrix<'m> {
     let values: &[f64] = match tile {
         TileValues::F64(values) => values,

@@ -1,8 +1,8 @@
-//! Accelerated residual fitting: conjugate gradients, preconditioned by one pass forward and one backward.
+//! Accelerated residual fitting: conjugate gradients, preconditioned by a forward and a backward pass.
 //!
-//! A pass is one step of block Gauss-Seidel on the normal equations `N x = A^T W f`, `N = A^T W A`. Where blocks are
-//! far from orthogonal its error falls slowly; but a pass forward and one backward together apply a symmetric positive
-//! definite `M`, close to `N^-1`, and conjugate gradients make the most of those.
+//! A pass is one step of block Gauss-Seidel on the normal equations `N x = A^T W f`, `N = A^T W A`. If blocks are far
+//! from orthogonal its error decreases slowly. But a forward and a backward pass together apply a symmetric positive
+//! definite `M` close to `N^-1`, which conjugate gradients use as a preconditioner.
 //!
 //! # In sample space
 //!
@@ -13,10 +13,10 @@
 //! ```
 //!
 //! Then `z = M A^T W r` with the preconditioner M of symmetric block Gauss-Seidel (Saad, section 10.2), and `A z = r -
-//! s` comes for free: no product with A beyond those of the passes, no gradient. In `W^(1/2) A` a step is an orthogonal
-//! projection `I - P_j`. The last block's comes twice in a row and is applied once: `(I - P)^2 = I - P`, which spares
-//! one block's reading. A block of deficient rank has its minimum-norm solve for `G_j^-1`, which is symmetric and gives
-//! the same projection; all iterates then stay in the span of such solutions.
+//! s` is obtained for free: no product with A beyond those of the passes, and no gradient. In `W^(1/2) A` a step is an
+//! orthogonal projection `I - P_j`. That of the last block would be applied twice in a row, but once suffices: `(I -
+//! P)^2 = I - P`, which saves reading one block. For a rank-deficient block `G_j^-1` is its minimum-norm solve, which
+//! is symmetric and gives the same projection; all iterates then stay in the span of such solutions.
 //!
 //! # The iteration
 //!
@@ -30,12 +30,13 @@
 //! 0`. So gamma keeps its digits down to rounding, where `r^T W (r - s)` would lose them to `|r|^2`, which doesn't go
 //! to zero.
 //!
-//! A column is finished when `gamma^(1/2) <= 1e-13 |W^(1/2) f|`, and left alone from there on.
+//! A column is finished when `gamma^(1/2) <= 1e-13 |W^(1/2) f|`, and isn't changed from then on.
 //!
 //! # Cost
 //!
-//! An iteration is two passes, less one block: `8 n K c` flops and two readings of the basis. Beside what plain passes
-//! hold: s and q, (n, c), z and p, (K, c). An odd number of passes begins with a plain one.
+//! An iteration is two passes, minus one block: `8 n K c` flops and two readings of the basis. In addition to the
+//! arrays of plain passes it needs s and q, (n, c), and z and p, (K, c). An odd number of passes begins with a plain
+//! one.
 //!
 //! Y. Saad, "Iterative methods for sparse linear systems", second edition, SIAM 2003, sections 9.2 and 10.2; M. R.
 //! Hestenes and E. Stiefel, "Methods of conjugate gradients for solving linear systems", 1952.
@@ -50,11 +51,11 @@ use super::stream::Order;
 use crate::SolverError;
 use crate::chunked_rows::ChunkedRows;
 
-/// Of gamma's square root, in relation to the targets: rounding errors of `A^T W s` are not far below.
+/// Tolerance of the square root of gamma, relative to the targets: rounding errors of `A^T W s` are not far below.
 const CONVERGED: f64 = 1e-13;
 
 impl IrfSolver<'_> {
-    /// Fits the residual r, (n, c), which holds the targets on entry, by x, (K, c), zero on entry.
+    /// Fits the residual r, (n, c), which contains the targets on entry, by x, (K, c), zero on entry.
     pub(super) fn accelerated(
         &mut self,
         r: &mut ChunkedRows,
@@ -78,7 +79,7 @@ impl IrfSolver<'_> {
             s.copy_from(r);
             z.fill(0.0);
             let forward = self.pass(Order::Forward, &mut s, &mut z, log)?;
-            // The last block is left out backward.
+            // The backward pass skips the last block.
             log.end_block(self.blocks.last().map_or(0, columns));
             let backward = self.pass(Order::Backward, &mut s, &mut z, log)?;
             let gamma = forward.energy;
@@ -106,7 +107,7 @@ impl IrfSolver<'_> {
         Ok(())
     }
 
-    /// `a^T W b` column by column, (c).
+    /// Computes `a^T W b` column by column, (c).
     fn inner(&self, a: &ChunkedRows, b: &ChunkedRows) -> Vec<f64> {
         let of_chunk = |chunk: usize| -> Vec<f64> {
             let range = self.operator.chunk_range(chunk);
@@ -120,7 +121,7 @@ impl IrfSolver<'_> {
             columns.map(sum).collect()
         };
         let parts: Vec<Vec<f64>> = (0..self.operator.chunk_count()).into_par_iter().map(of_chunk).collect();
-        // In the order of the chunks, whatever the threads did.
+        // In the order of the chunks, whatever the number of threads.
         let mut sums = vec![0.0; a.channels()];
         for part in parts {
             sums.iter_mut().zip(part).for_each(|(sum, part)| *sum += part);

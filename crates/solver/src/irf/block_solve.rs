@@ -1,5 +1,5 @@
-//! One block's least squares: the Gram matrix and Cholesky where that is safe, a rank-revealing factorisation
-//! otherwise.
+//! The least squares of one block: by the Gram matrix and Cholesky if that is safe, else by a rank-revealing
+//! factorisation.
 
 use spharm_harmonics::product::Matrix;
 use spharm_monitor::Monitor;
@@ -15,28 +15,28 @@ use crate::dense::{self, MinimumNorm};
 use crate::gram::GramMatrix;
 use crate::operator::{BlockOperator, Scratch};
 
-/// Below this reciprocal condition number of a Gram matrix (1e6 for the block itself) the normal equations are not
-/// used: a Cholesky solve of them then loses more than four digits of a pass.
+/// Reciprocal condition number of a Gram matrix (1e6 for the block itself) below which the normal equations are not
+/// used: a Cholesky solve would lose more than four digits of a pass.
 const SAFE_RECIPROCAL: f64 = 1e-12;
 
 /// The solution for one block.
 pub(super) struct Step {
     /// The change of the block's coefficients, (k, c) row-major.
     pub(super) x: Vec<f64>,
-    /// Decrease of each column of the residual, `|W^(1/2) A x|^2 = x^T A^T W r`, (c). Formed from the right-hand side,
-    /// for the difference of the squared norms has lost these digits near the optimum.
+    /// Decrease of each column of the residual, `|W^(1/2) A x|^2 = x^T A^T W r`, (c). It is computed from the
+    /// right-hand side, since the difference of the squared norms loses its digits near the optimum.
     pub(super) energy: Vec<f64>,
 }
 
-/// What is known of a block's matrix once it has been solved.
+/// A block's factor, as known once the block has been solved.
 #[derive(Debug, Clone)]
 enum BlockFactor {
-    /// Lower Cholesky factor of the Gram matrix, (k, k), and the reciprocal condition number of that matrix: serves any
-    /// right-hand side.
+    /// Lower Cholesky factor of the Gram matrix, (k, k), for any right-hand side, and the reciprocal condition number
+    /// of that matrix.
     Cholesky(Vec<f64>, f64),
-    /// The Gram matrix is of no use; the block is to be factorised anew each time.
+    /// The Gram matrix is too ill-conditioned; the block is factorised anew each time.
     RankRevealing {
-        /// Condition number of the block; infinite when its rank is less than its columns.
+        /// Condition number of the block; infinite if its rank is below its number of columns.
         condition: f64,
         /// Numerical rank.
         rank: usize,
@@ -46,15 +46,15 @@ enum BlockFactor {
 /// Solves blocks, and keeps their factors from pass to pass.
 pub(super) struct BlockSolver<'o> {
     operator: &'o dyn BlockOperator,
-    /// Where Gram matrices come from, when it isn't the basis.
+    /// The source of Gram matrices, if they aren't computed from the basis.
     gram: Option<&'o dyn GramMatrix>,
     threads: usize,
-    /// Whether factors are kept.
+    /// Whether to keep factors.
     keep: bool,
-    /// By block.
+    /// Kept factors, by block.
     factors: Vec<Option<BlockFactor>>,
     reports: Vec<BlockReport>,
-    /// Bytes of the budget that the plan has left over, for a rank-revealing solve that it couldn't foresee.
+    /// Unused bytes of the budget, for a rank-revealing solve that the plan couldn't foresee.
     spare: usize,
     budget: usize,
 }
@@ -84,19 +84,19 @@ impl<'o> BlockSolver<'o> {
         &self.reports
     }
 
-    /// Whether a block was too ill-conditioned for its Gram matrix.
+    /// Returns whether a block was too ill-conditioned for its Gram matrix.
     pub(super) fn has_rank_revealing(&self) -> bool {
         self.reports.iter().any(|block| block.solver != "cholesky")
     }
 
-    /// `argmin | W^(1/2) (A_d..e x - r) |` for the residual that the workers hold.
+    /// Computes `argmin | W^(1/2) (A_d..e x - r) |` for the workers' residual r.
     pub(super) fn solve(
         &mut self,
         block: &OpenBlock<'_>,
         residual: &mut Workers<'_>,
         monitor: &dyn Monitor,
     ) -> Result<Step, SolverError> {
-        // A basis that was cut off under the solver looks singular; the check says what happened.
+        // A basis that was truncated meanwhile appears singular; the check reports the actual error.
         self.step(block, residual, monitor).or_else(|error| block.data.check().and(Err(error)))
     }
 
@@ -111,8 +111,8 @@ impl<'o> BlockSolver<'o> {
         if let Some(BlockFactor::Cholesky(factor, _)) = known {
             return Ok(by_cholesky(factor, k, residual.right_hand_sides(block, k)?, residual.channels()));
         }
-        // A block that was singular once is so again; its spectrum is not reused, since that would square its
-        // condition.
+        // A block that was singular once is singular again. Its spectrum is not reused, since that would square its
+        // condition number.
         if k <= self.operator.rows() && known.is_none() {
             let (right_hand_sides, mut gram) = self.normal_equations(block, residual, k, monitor)?;
             if let Some(reciprocal) = self.factorise(&mut gram, k) {
@@ -127,7 +127,7 @@ impl<'o> BlockSolver<'o> {
         Ok(step)
     }
 
-    /// `A^T W r`, (k, c) row-major, and the lower triangle of `A^T W A`, (k, k).
+    /// Computes `A^T W r`, (k, c) row-major, and the lower triangle of `A^T W A`, (k, k).
     fn normal_equations(
         &self,
         block: &OpenBlock<'_>,
@@ -148,7 +148,7 @@ impl<'o> BlockSolver<'o> {
         }
     }
 
-    /// The Gram matrix of a wide block: a few chunks at a time side by side, one threaded `dsyrk` for each.
+    /// Computes the Gram matrix of a wide block: a few chunks at a time are stacked for one threaded `dsyrk`.
     fn shared_gram(
         &self,
         block: &OpenBlock<'_>,
@@ -186,8 +186,8 @@ impl<'o> BlockSolver<'o> {
         Ok(gram)
     }
 
-    /// The lower Cholesky factor of a Gram matrix (k, k), in place; `None` when it is too ill-conditioned to be of use,
-    /// else an estimate of its reciprocal condition number.
+    /// Computes the lower Cholesky factor of a Gram matrix (k, k), in place; returns `None` if it is too
+    /// ill-conditioned, else an estimate of its reciprocal condition number.
     fn factorise(&self, gram: &mut [f64], k: usize) -> Option<f64> {
         let norm = dense::symmetric_norm(gram, k);
         let positive = if k >= SHARED_FROM {
@@ -214,7 +214,7 @@ impl<'o> BlockSolver<'o> {
         Ok(())
     }
 
-    /// The minimum-norm solution, by a QR factorisation and the singular values of its triangle.
+    /// Computes the minimum-norm solution by a QR factorisation and the singular values of its triangle.
     fn rank_revealing(
         &self,
         block: &OpenBlock<'_>,
@@ -231,7 +231,7 @@ impl<'o> BlockSolver<'o> {
         Ok((Step { x, energy }, BlockFactor::RankRevealing { condition, rank }))
     }
 
-    /// Reports a block when it is solved for the first time, and keeps its factor where the plan has memory for it.
+    /// Reports a block when it is solved for the first time, and keeps its factor if the plan has memory for it.
     fn remember(&mut self, block: &OpenBlock<'_>, factor: BlockFactor) {
         if self.reports.len() == block.index {
             let columns = columns(&block.degrees);
@@ -255,7 +255,7 @@ fn by_cholesky(factor: &[f64], k: usize, right_hand_sides: Vec<f64>, channels: u
     Step { x, energy }
 }
 
-/// Inner products of the columns of two (k, c) row-major.
+/// Returns the inner products of the columns of two arrays, (k, c) row-major.
 fn inner_products(a: &[f64], b: &[f64], channels: usize) -> Vec<f64> {
     let mut sums = vec![0.0; channels];
     for (a, b) in a.chunks_exact(channels.max(1)).zip(b.chunks_exact(channels.max(1))) {
@@ -264,7 +264,8 @@ fn inner_products(a: &[f64], b: &[f64], channels: usize) -> Vec<f64> {
     sums
 }
 
-/// `R^T z`, (k, c) row-major, for R (m, k) and z (m, c) column-major: the right-hand sides of the normal equations.
+/// Computes `R^T z`, (k, c) row-major, for R (m, k) and z (m, c) column-major: the right-hand sides of the normal
+/// equations.
 fn transposed_product(r: &[f64], z: &[f64], m: usize) -> Vec<f64> {
     let rows = r.chunks_exact(m).flat_map(|r| z.chunks_exact(m).map(move |z| (r, z)));
     rows.map(|(r, z)| r.iter().zip(z).map(|(r, z)| r * z).sum()).collect()

@@ -1,8 +1,8 @@
-//! The paper's methods: which degrees are solved together, and in how many passes.
+//! The paper's methods: the degrees that are solved together, and the number of passes.
 //!
-//! Shen and Chung (3DPVT 2006), section 3: NLSF is one block of all degrees; SIRF a first block of degrees 0 to s and
-//! then one degree a block; MIRF the same, several times over; IRF takes, from degree d, degrees while the block has at
-//! most g columns, and at least one.
+//! Shen and Chung (3DPVT 2006), section 3: NLSF is one block of all degrees; SIRF has a first block of degrees 0 to s
+//! and then one block per degree; MIRF repeats this several times; a block of IRF has as many degrees as fit into g
+//! columns, but at least one.
 
 use std::ops::RangeInclusive;
 
@@ -17,10 +17,10 @@ pub enum Method {
     Irf {
         /// Number of passes, p.
         passes: usize,
-        /// Most columns of a block, g; at least one degree is taken.
+        /// Largest number of columns of a block, g; a block has at least one degree.
         granularity: usize,
     },
-    /// Stepwise: degrees 0 to `start_degree` at once, then a degree at a time; one pass.
+    /// Stepwise: degrees 0 to `start_degree` together, then one degree at a time, in one pass.
     Sirf {
         /// Last degree of the first block, s.
         start_degree: usize,
@@ -32,7 +32,7 @@ pub enum Method {
         /// Last degree of the first block, s.
         start_degree: usize,
     },
-    /// The full least squares: all degrees at once.
+    /// The full least squares: all degrees together.
     Nlsf,
 }
 

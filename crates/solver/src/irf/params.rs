@@ -1,4 +1,4 @@
-//! How to fit by iterative residual fitting.
+//! Settings of iterative residual fitting.
 
 use super::blocks::Method;
 
@@ -9,27 +9,27 @@ pub struct IrfParams {
     pub max_degree: usize,
     /// Blocks and passes; default IRF in one pass with a granularity of 100.
     pub method: Method,
-    /// Most passes after the last one that remove what rounding left over; they end early when they change nothing.
-    /// Of use for [`Method::Nlsf`], whose one block may be ill-conditioned. Default 0.
+    /// Maximum number of additional passes that remove rounding errors; they end early when they change nothing. Useful
+    /// for [`Method::Nlsf`], whose single block may be ill-conditioned. Default 0.
     pub refinements: usize,
-    /// Weight of each row (vertex) in the least squares, (n), finite and not negative; `None` weighs all alike.
+    /// Weight of each row (vertex) in the least squares, (n), finite and not negative; `None` for equal weights.
     pub weights: Option<Vec<f64>>,
-    /// Rows that the norms of residuals leave out, (n); none by default.
+    /// Marks rows that are left out of the norms of residuals, (n); none by default.
     pub unread: Option<Vec<bool>>,
-    /// Most bytes of memory to take, mapped windows included; default 256 MiB.
+    /// Memory budget in bytes, mapped windows included; default 256 MiB.
     pub memory: usize,
-    /// Bytes that the caller holds already, which count against `memory`; default 0.
+    /// Bytes already held by the caller, which count against `memory`; default 0.
     pub held: usize,
-    /// Threads, on the rayon pool that the fit is called in; 0, the default, for all of that pool.
+    /// Number of threads of the caller's rayon pool; 0, the default, for all of them.
     pub threads: usize,
-    /// Whether more fits will follow on the same [`IrfSolver`](super::IrfSolver), so that factors are worth keeping;
+    /// Whether more fits will follow on the same [`IrfSolver`](super::IrfSolver), so that keeping factors pays off;
     /// default false.
     pub reuse: bool,
-    /// Whether to run conjugate gradients over pairs of passes, which converge in far fewer of them; default false.
+    /// Whether to run conjugate gradients over pairs of passes, which converge in far fewer passes; default false.
     pub accelerate: bool,
-    /// Bytes held by the blocks' Gram matrix, for [`plan`](super::plan()) of a fit that is to have one.
-    /// [`IrfSolver::new`](super::IrfSolver::new) and [`IrfSolver::with_gram`](super::IrfSolver::with_gram) set it to
-    /// what they are given.
+    /// Bytes held by the source of the blocks' Gram matrices, for [`plan`](super::plan()) of a fit with such a source.
+    /// [`IrfSolver::new`](super::IrfSolver::new) and [`IrfSolver::with_gram`](super::IrfSolver::with_gram) set it
+    /// according to their arguments.
     pub gram_bytes: Option<usize>,
 }
 

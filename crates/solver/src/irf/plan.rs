@@ -1,4 +1,4 @@
-//! The memory that a fit takes, planned before it starts.
+//! The memory plan of a fit, made before it starts.
 
 use std::ops::RangeInclusive;
 
@@ -11,42 +11,42 @@ use crate::SolverError;
 use crate::blas::{RESERVED_PER_THREAD, TOUCHED_PER_THREAD};
 use crate::operator::{BlockOperator, Residency};
 
-/// From this many columns on, threads share one Gram matrix and a threaded `dsyrk` instead of summing one each.
+/// Number of columns from which threads share one Gram matrix and a threaded `dsyrk` instead of summing one each.
 pub(super) const SHARED_FROM: usize = 1024;
-/// Rows of a shared `dsyrk`: enough for its traffic on the Gram matrix not to matter.
+/// Number of rows of a shared `dsyrk`: enough that its memory traffic on the Gram matrix is negligible.
 pub(super) const SHARED_ROWS: usize = 2048;
 
-/// What a thread packs matrices into for a product of narrow blocks.
+/// Bytes into which a thread packs matrices for a product of narrow blocks.
 const PACKED: usize = 4 << 20;
-/// What a thread takes while it writes a Gram matrix from moments.
+/// Bytes of workspace of a thread that writes a Gram matrix from moments.
 const GRAM_WORK: usize = 1 << 20;
 
 /// The memory plan of a fit. All figures are bytes.
 #[derive(Debug, Clone, Serialize)]
 pub struct IrfPlan {
-    /// What the caller already holds: program, surfaces, directions.
+    /// Memory already held by the caller: program, surfaces, directions.
     pub held: usize,
-    /// Residual, coefficients.
+    /// Residual and coefficients.
     pub arrays: usize,
     /// Sums, packed chunks and buffers of matrix products of all threads.
     pub work: usize,
-    /// The source of the blocks' Gram matrices; zero where they are summed from the basis.
+    /// The source of the blocks' Gram matrices; zero if they are summed from the basis.
     pub grams: usize,
-    /// Factors kept from pass to pass, or the one in use.
+    /// Factors kept between passes, or the one in use.
     pub factors: usize,
-    /// Basis in memory at one time: mapped windows, or decoded chunks.
+    /// Part of the basis in memory at a time: mapped windows, or decoded chunks.
     pub basis: usize,
     /// The sum of the above.
     pub total: usize,
     /// The budget.
     pub budget: usize,
-    /// Address space that OpenBLAS reserves beside all this and hardly touches; it counts against a limit on data.
+    /// Address space that OpenBLAS reserves in addition and hardly uses; it counts against a limit on data.
     pub reserved: usize,
-    /// Whether factors are kept from the first pass on.
+    /// Whether to keep factors from the first pass on.
     pub keep_factors: bool,
-    /// Whether the next block is read while one is solved.
+    /// Whether to read the next block while one is being solved.
     pub read_ahead: bool,
-    /// For each block: whether it is read once a pass (whole in memory) rather than twice.
+    /// For each block, whether it is read once per pass (entirely in memory) rather than twice.
     #[serde(skip)]
     pub whole: Vec<bool>,
 }
@@ -56,17 +56,17 @@ impl IrfPlan {
         if self.whole[block] { Residency::Whole } else { Residency::Chunks }
     }
 
-    /// Bytes that the budget has left over.
+    /// Returns the unused bytes of the budget.
     pub(super) fn spare(&self) -> usize {
         self.budget - self.total
     }
 }
 
-/// Plans a fit of `channels` columns: the fastest one that keeps to the budget.
+/// Plans a fit of `channels` columns: the fastest plan that fits the budget.
 ///
 /// # Errors
 ///
-/// [`SolverError::Budget`] when there is none, and those of [`Method::blocks`].
+/// [`SolverError::Budget`] if there is none, and those of [`Method::blocks`].
 pub fn plan(operator: &dyn BlockOperator, channels: usize, params: &IrfParams) -> Result<IrfPlan, SolverError> {
     let blocks = params.method.blocks(params.max_degree)?;
     let needs = Needs::of(operator, channels, params, &blocks);
@@ -110,13 +110,13 @@ pub fn plan(operator: &dyn BlockOperator, channels: usize, params: &IrfParams) -
 struct Needs {
     arrays: usize,
     grams: usize,
-    /// Everything but factors and basis.
+    /// All memory except factors and basis.
     fixed: usize,
-    /// Reserved by OpenBLAS, which serves wide blocks alone.
+    /// Bytes reserved by OpenBLAS, which is only used for wide blocks.
     reserved: usize,
     one_factor: usize,
     all_factors: usize,
-    /// By block: bytes when it is whole in memory, and when it is taken chunk by chunk.
+    /// For each block, bytes if it is entirely in memory, and if it is read chunk by chunk.
     resident: Vec<usize>,
     chunkwise: Vec<usize>,
 }
@@ -126,23 +126,24 @@ impl Needs {
         let (n, threads, chunk_rows) = (operator.rows(), crate::threads(params.threads), operator.chunk_rows());
         let widest = blocks.iter().map(columns).max().unwrap_or(0);
         let shared = widest >= SHARED_FROM;
-        // Each thread has sums of its own for the blocks that aren't wide enough to be shared.
+        // Each thread has sums of its own for blocks that are too narrow to be shared.
         let narrow = blocks.iter().map(columns).filter(|&k| k < SHARED_FROM).max().unwrap_or(0);
         let weighted = params.weights.is_some();
-        // Residual; coefficients; a block's right-hand sides, solution and both transposed; the roots of the weights.
+        // Residual; coefficients; a block's right-hand sides and solution, and the transposes of both; the roots of the
+        // weights.
         let size = basis_size(params.max_degree);
         // Accelerated: s and q, (n, c); z and p, (K, c).
         let more = if params.accelerate { 2 * (n + size) * channels } else { 0 };
         let arrays = 8 * (n * channels + (size + 4 * widest) * channels + if weighted { n } else { 0 } + more);
-        // With Gram matrices from elsewhere no thread sums one of its own, or packs chunks for it; making one takes a
-        // thread some work space.
+        // If Gram matrices aren't summed from the basis, no thread sums one of its own or packs chunks for it, but
+        // computing one needs some workspace per thread.
         let from_basis = params.gram_bytes.is_none();
         let grams = params.gram_bytes.map_or(0, |bytes| bytes + threads * GRAM_WORK);
         let per_thread = 8
             * (if from_basis { narrow * narrow + chunk_rows * narrow } else { 0 }
                 + widest * channels
                 + if weighted { chunk_rows * channels } else { 0 });
-        // The stacked chunks of a shared Gram matrix, and the one being packed.
+        // The stacked chunks of a shared Gram matrix, and the chunk being packed.
         let stacked = if shared && from_basis { 8 * widest * (SHARED_ROWS.max(chunk_rows) + chunk_rows) } else { 0 };
         let blas = threads * if shared { TOUCHED_PER_THREAD } else { PACKED };
         let singular = if widest > n { rank_revealing_bytes(widest, channels, chunk_rows, threads, n) } else { 0 };
@@ -155,7 +156,7 @@ impl Needs {
             fixed: params.held + arrays + grams + threads * per_thread + stacked + blas + singular,
             reserved: if shared { threads * RESERVED_PER_THREAD } else { 0 },
             one_factor: 8 * widest * widest.min(n),
-            // While one is made the others are there; a single block's is kept where it was made.
+            // While one factor is computed the others are in memory; that of a single block is kept in place.
             all_factors: blocks.iter().map(factor).sum::<usize>()
                 + if blocks.len() > 1 { 8 * widest * widest.min(n) } else { 0 },
             resident: blocks.iter().map(resident).collect(),
@@ -169,7 +170,7 @@ impl Needs {
     }
 }
 
-/// The largest granularity, to a factor of two, whose plan keeps to the budget.
+/// Returns the largest granularity, to a factor of two, whose plan fits the budget.
 fn fitting_granularity(operator: &dyn BlockOperator, channels: usize, params: &IrfParams) -> Option<usize> {
     let passes = params.method.passes();
     let largest = basis_size(params.max_degree).next_power_of_two();
@@ -180,12 +181,12 @@ fn fitting_granularity(operator: &dyn BlockOperator, channels: usize, params: &I
     })
 }
 
-/// Bytes that a rank-revealing solve takes beside the rest: each thread's triangle twice while it is folded, a chunk,
+/// Returns the additional bytes of a rank-revealing solve: each thread's triangle twice while it is folded, a chunk,
 /// and the singular value decomposition.
 pub(super) fn rank_revealing_bytes(k: usize, channels: usize, chunk_rows: usize, threads: usize, rows: usize) -> usize {
     let width = k + channels;
     let height = width.min(rows);
-    // R, the rows that wait, both stacked, and R again as it comes out.
+    // R, the waiting rows, both stacked, and the resulting R.
     let fold = width * (5 * height + 4 * chunk_rows) * 8;
     let decomposition = 8 * height * (6 * k + 2 * height);
     (threads * fold).max(decomposition + width * height * 8)

@@ -1,4 +1,4 @@
-//! What a fit reports, and how it is recorded.
+//! Reports on fits, and their recording.
 
 use std::ops::{Range, RangeInclusive};
 use std::time::Instant;
@@ -18,22 +18,22 @@ pub struct IrfReport {
     pub method: &'static str,
     /// Whether the passes were accelerated by conjugate gradients.
     pub accelerated: bool,
-    /// Number of passes asked for, p, without refinements.
+    /// Requested number of passes, p, without refinements.
     pub passes: usize,
     /// Highest degree, L.
     pub max_degree: usize,
-    /// Rows, n.
+    /// Number of rows, n.
     pub rows: usize,
-    /// Columns of the targets fitted together, c.
+    /// Number of columns of targets fitted together, c.
     pub channels: usize,
-    /// Threads.
+    /// Number of threads.
     pub threads: usize,
     /// The blocks of a pass.
     pub blocks: Vec<BlockReport>,
-    /// The passes made, refinements among them, in order.
+    /// The passes in order, including refinements.
     #[serde(rename = "sweeps")]
     pub history: Vec<PassReport>,
-    /// Where the time went.
+    /// Wall time by kind of work.
     pub seconds: IrfSeconds,
     /// The memory plan.
     pub memory: IrfPlan,
@@ -52,17 +52,17 @@ pub struct BlockReport {
     pub solver: &'static str,
     /// Numerical rank.
     pub rank: usize,
-    /// Estimated condition number of the block; infinite (null in JSON) when it is singular.
+    /// Estimated condition number of the block; infinite (null in JSON) if it is singular.
     pub condition: f64,
 }
 
-/// One pass over all blocks; of an accelerated fit one iteration, which is two passes.
+/// One pass over all blocks; for an accelerated fit one iteration, which is two passes.
 #[derive(Debug, Clone, Serialize)]
 #[non_exhaustive]
 pub struct PassReport {
-    /// Number of the pass, from 1; of an iteration, that of its second pass.
+    /// Number of the pass, from 1; for an iteration, that of its second pass.
     pub pass: usize,
-    /// Whether this is a pass beyond those asked for, which removes what rounding left of the full least squares.
+    /// Whether this is an additional pass, which removes rounding errors of the full least squares.
     pub refinement: bool,
     /// Wall time, seconds.
     pub seconds: f64,
@@ -72,18 +72,18 @@ pub struct PassReport {
     pub residuals: Vec<ResidualNorms>,
 }
 
-/// Seconds by kind of work, summed over the blocks.
+/// Wall time by kind of work in seconds, summed over the blocks.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 pub struct IrfSeconds {
-    /// Opening blocks and waiting for read-ahead to be set off.
+    /// Opening blocks and waiting for read-ahead to start.
     pub open: f64,
-    /// Gram matrices, adjoints, factorisations and solves, with the reading of what they need.
+    /// Gram matrices, adjoints, factorisations and solves, including the reading of their data.
     pub solve: f64,
     /// Updates of the residual.
     pub update: f64,
 }
 
-/// Runs `work` and adds the seconds that it took to `seconds`.
+/// Runs `work` and adds its wall time to `seconds`.
 pub(super) fn timed<T>(seconds: &mut f64, work: impl FnOnce() -> T) -> T {
     let started = Instant::now();
     let result = work();
@@ -95,7 +95,7 @@ pub(super) fn timed<T>(seconds: &mut f64, work: impl FnOnce() -> T) -> T {
 pub(super) struct Recorder<'a> {
     /// Columns of each target.
     groups: &'a [Range<usize>],
-    /// Rows that residual norms leave out, (n).
+    /// Marks rows that are left out of residual norms, (n).
     unread: Option<Vec<bool>>,
     pub(super) monitor: &'a dyn Monitor,
     pub(super) seconds: IrfSeconds,
@@ -130,8 +130,8 @@ impl<'a> Recorder<'a> {
         self.monitor.check()
     }
 
-    /// So many columns of the basis are done. Those of refinements aren't counted: it isn't known how many will be
-    /// needed.
+    /// Reports progress by a block's columns of the basis. Those of refinements aren't counted, since the number of
+    /// refinements isn't known beforehand.
     pub(super) fn end_block(&self, columns: usize) {
         if !self.refinement {
             self.monitor.step(columns as u64);

@@ -1,4 +1,4 @@
-//! Fits of batch after batch of targets by iterative residual fitting.
+//! Fits batch after batch of targets by iterative residual fitting.
 
 use std::ops::{Range, RangeInclusive};
 
@@ -24,10 +24,10 @@ pub struct IrfFit {
     pub report: IrfReport,
 }
 
-/// Fits batch after batch of targets on one operator, and keeps the blocks' factors from one to the next.
+/// Fits batch after batch of targets on one operator, and keeps the blocks' factors between batches.
 pub struct IrfSolver<'o> {
     pub(super) operator: &'o dyn BlockOperator,
-    /// With a number of threads that isn't zero.
+    /// The parameters, with the actual number of threads.
     pub(super) params: IrfParams,
     channels: usize,
     pub(super) blocks: Vec<RangeInclusive<usize>>,
@@ -50,11 +50,11 @@ impl<'o> IrfSolver<'o> {
     }
 
     /// Plans the same with the blocks' Gram matrices from `gram`, which must be that of the operator's basis, in f64,
-    /// with the weights of `params`. Every pass then costs its right-hand sides and updates only, the first one too.
+    /// with the weights of `params`. Every pass, including the first, then costs only its right-hand sides and updates.
     ///
     /// # Errors
     ///
-    /// Those of [`IrfSolver::new`]; [`SolverError::Degree`] for a matrix that ends below the fit's highest degree.
+    /// Those of [`IrfSolver::new`]; [`SolverError::Degree`] for a matrix whose highest degree is below that of the fit.
     pub fn with_gram(
         operator: &'o dyn BlockOperator,
         channels: usize,
@@ -90,7 +90,7 @@ impl<'o> IrfSolver<'o> {
         Ok(Self { operator, params, channels, blocks, plan, root_weights, block_solver })
     }
 
-    /// Returns the most columns that a batch may have.
+    /// Returns the largest number of columns of a batch.
     pub fn channels(&self) -> usize {
         self.channels
     }
@@ -107,14 +107,14 @@ impl<'o> IrfSolver<'o> {
 
     /// Fits targets, (n, c), of which `groups` gives the columns of each target: three for a surface, one for a signal.
     ///
-    /// The monitor gets one stage, `fit`, in columns of the basis, all passes together; a status for each block and a
+    /// The monitor gets one stage, `fit`, in columns of the basis over all passes, with a status for each block and a
     /// detail for each pass.
     ///
     /// # Errors
     ///
-    /// [`SolverError::Store`] when the basis is damaged or changes, [`SolverError::Interrupted`] when the monitor asks
-    /// to stop, [`SolverError::Rows`], [`SolverError::Channels`] and [`SolverError::NotFinite`] for targets that can't
-    /// be fitted; [`SolverError::Singular`] and [`SolverError::NoConvergence`] for a block that can't be solved.
+    /// [`SolverError::Store`] if the basis is damaged or changes, [`SolverError::Interrupted`] if the monitor asks to
+    /// stop, [`SolverError::Rows`], [`SolverError::Channels`] and [`SolverError::NotFinite`] for targets that can't be
+    /// fitted; [`SolverError::Singular`] and [`SolverError::NoConvergence`] for a block that can't be solved.
     pub fn fit(
         &mut self,
         targets: ChunkedRows,
@@ -164,7 +164,7 @@ impl<'o> IrfSolver<'o> {
 ///
 /// # Errors
 ///
-/// Those of the two.
+/// Those of these functions.
 pub fn solve(
     operator: &dyn BlockOperator,
     targets: ArrayView2<'_, f64>,

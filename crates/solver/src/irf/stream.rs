@@ -1,4 +1,4 @@
-//! The blocks of a pass, opened one after the other while the next one is being read from disk.
+//! The blocks of a pass, opened one after another while the next one is being read from disk.
 
 use std::ops::{Range, RangeInclusive};
 
@@ -9,22 +9,22 @@ use super::plan::IrfPlan;
 use crate::SolverError;
 use crate::operator::{Block, BlockOperator};
 
-/// The order in which a pass takes the blocks.
+/// The order of the blocks in a pass.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Order {
     /// From the first to the last.
     Forward,
-    /// From the last but one to the first, after a pass forward: the last block has just been solved, and solving it
+    /// From the last but one to the first, after a forward pass: the last block has just been solved, and solving it
     /// again would give zero.
     Backward,
 }
 
-/// Opens the blocks of a pass, with one block read ahead where the plan has memory for it.
+/// Opens the blocks of a pass, with one block read ahead if the plan has memory for it.
 pub(super) struct Stream<'s, 'o> {
     operator: &'o dyn BlockOperator,
     blocks: &'s [RangeInclusive<usize>],
     plan: &'s IrfPlan,
-    /// Indices of the blocks to come.
+    /// Indices of the remaining blocks.
     rest: std::vec::IntoIter<usize>,
     ahead: Option<OpenBlock<'o>>,
 }
@@ -43,7 +43,7 @@ impl<'s, 'o> Stream<'s, 'o> {
         Self { operator, blocks, plan, rest: indices.into_iter(), ahead: None }
     }
 
-    /// The next block, or `None` after the last.
+    /// Opens the next block; `None` after the last.
     pub(super) fn next(&mut self) -> Result<Option<OpenBlock<'o>>, SolverError> {
         let block = match self.ahead.take() {
             Some(block) => Some(block),
@@ -64,25 +64,25 @@ impl<'s, 'o> Stream<'s, 'o> {
     }
 }
 
-/// A block that can be read: the columns of a run of degrees.
+/// An open block: the columns of a run of degrees.
 pub(super) struct OpenBlock<'o> {
-    /// Its number within a pass forward, from 0.
+    /// Its index within a forward pass, from 0.
     pub(super) index: usize,
     pub(super) degrees: RangeInclusive<usize>,
     pub(super) data: Box<dyn Block + 'o>,
 }
 
 impl OpenBlock<'_> {
-    /// Its columns within the basis.
+    /// Returns its columns within the basis.
     pub(super) fn columns(&self) -> Range<usize> {
         first_column(*self.degrees.start())..basis_size(*self.degrees.end())
     }
 
-    /// Ends its use: gives the bytes read from the store.
+    /// Closes the block; returns the bytes read from the store.
     ///
     /// # Errors
     ///
-    /// When the basis changed while it was read, so that nothing computed from the block counts.
+    /// If the basis changed while it was read, so that all results computed from the block are invalid.
     pub(super) fn close(self) -> Result<u64, SolverError> {
         self.data.check()?;
         Ok(self.data.bytes_read())

@@ -1,20 +1,20 @@
 //! The triangular factor R of a tall matrix that arrives in chunks of rows.
 //!
-//! Each chunk is put below the R of those before it and the two are factorised again: the sequential tall-skinny QR of
-//! Demmel, Grigori, Hoemmen and Langou (SIAM J. Sci. Comput. 34, 2012, section 3). It holds a few times k x k numbers,
-//! costs 2 n k^2 flops and, unlike a Gram matrix, keeps singular values down to eps times the largest.
+//! Each chunk is stacked below the R of the previous ones and the two are factorised again: the sequential tall-skinny
+//! QR of Demmel, Grigori, Hoemmen and Langou (SIAM J. Sci. Comput. 34, 2012, section 3). It holds a few times k x k
+//! numbers, costs 2 n k^2 flops and, unlike a Gram matrix, keeps singular values down to eps times the largest.
 
 use spharm_harmonics::product::Matrix;
 
 use crate::dense::triangularise;
 
-/// R of the rows pushed so far, (height, columns) with height at most columns, and rows that wait to be folded into it.
+/// R of the rows pushed so far, (height, columns) with height at most columns, and rows waiting to be folded into it.
 #[derive(Debug, Clone)]
 pub(super) struct Triangle {
     values: Vec<f64>,
     height: usize,
     columns: usize,
-    /// Column-major runs of rows: folding is worth its price only for about as many rows as there are columns.
+    /// Column-major runs of rows: folding only pays off once there are about as many rows as columns.
     waiting: Vec<(usize, Vec<f64>)>,
 }
 
@@ -32,7 +32,7 @@ impl Triangle {
         }
     }
 
-    /// Takes the rows of another factor.
+    /// Adds the rows of another factor.
     pub(super) fn push_triangle(&mut self, other: Self) {
         let other = other.folded();
         if other.height > 0 {
@@ -64,8 +64,8 @@ impl Triangle {
         self.height = height;
     }
 
-    /// Of `[A | r]` with k columns of A: the rows that matter to A, as R, (m, k), and the transformed right-hand sides
-    /// z, (m, c), with m = min(height, k); both column-major. `min |A x - r|` is `min |R x - z|`.
+    /// Splits the factor of `[A | r]`, with k columns of A, into R, (m, k), and the transformed right-hand sides z, (m,
+    /// c), with m = min(height, k); both column-major. `min |A x - r|` has the solution of `min |R x - z|`.
     pub(super) fn split(self, k: usize) -> (Vec<f64>, Vec<f64>, usize) {
         let this = self.folded();
         let m = this.height.min(k);

@@ -1,7 +1,7 @@
-//! The residual, shared out among threads: each owns a fixed run of chunks and its own sums.
+//! The residual, divided among threads: each owns a fixed run of chunks and its own sums.
 //!
-//! Runs and the order in which sums are added up depend on the number of threads alone, so that the same number gives
-//! the same bits.
+//! Runs and the order of summation depend only on the number of threads, so results are bit-identical for the same
+//! number.
 
 use std::ops::Range;
 
@@ -15,14 +15,14 @@ use crate::chunked_rows::ChunkedRows;
 use crate::dense;
 use crate::operator::{BlockOperator, Scratch};
 
-/// From this many columns of the targets on, a matrix product beats the kernels for few columns.
+/// Number of columns of targets from which a matrix product is faster than the kernels for few columns.
 const MANY_CHANNELS: usize = 8;
 
 /// The residual of a fit and the threads that work on it.
 pub(super) struct Workers<'r> {
     workers: Vec<Worker<'r>>,
     channels: usize,
-    /// Square roots of the weights, (n), when there are weights.
+    /// Square roots of the weights, (n), if there are weights.
     root_weights: Option<&'r [f64]>,
 }
 
@@ -30,7 +30,7 @@ pub(super) struct Workers<'r> {
 struct Worker<'r> {
     chunks: Range<usize>,
     residual: Vec<&'r mut [f64]>,
-    /// Square roots of the weights of its rows, by chunk, when there are weights.
+    /// Square roots of the weights of its rows, by chunk, if there are weights.
     root_weights: Vec<&'r [f64]>,
     channels: usize,
     gram: Vec<f64>,
@@ -70,7 +70,7 @@ impl<'r> Workers<'r> {
         Self { workers: (0..threads).map(worker).collect(), channels, root_weights }
     }
 
-    /// Columns of the residual, c.
+    /// Returns the number of columns of the residual, c.
     pub(super) fn channels(&self) -> usize {
         self.channels
     }
@@ -79,12 +79,12 @@ impl<'r> Workers<'r> {
         self.root_weights
     }
 
-    /// `A^T W r`, (k, c) row-major.
+    /// Computes `A^T W r`, (k, c) row-major.
     pub(super) fn right_hand_sides(&mut self, block: &OpenBlock<'_>, k: usize) -> Result<Vec<f64>, SolverError> {
         Ok(self.sums(block, k, false)?.0)
     }
 
-    /// `A^T W r`, (k, c) row-major, and the lower triangle of `A^T W A`, (k, k).
+    /// Computes `A^T W r`, (k, c) row-major, and the lower triangle of `A^T W A`, (k, k).
     pub(super) fn normal_equations(
         &mut self,
         block: &OpenBlock<'_>,
@@ -104,12 +104,12 @@ impl<'r> Workers<'r> {
         Ok((std::mem::take(&mut first.adjoint), std::mem::take(&mut first.gram)))
     }
 
-    /// `r -= A x` for x (k, c) row-major.
+    /// Computes `r -= A x` for x (k, c) row-major.
     pub(super) fn subtract(&mut self, block: &OpenBlock<'_>, x: &[f64]) -> Result<(), SolverError> {
         self.workers.par_iter_mut().try_for_each(|worker| worker.subtract(block, x))
     }
 
-    /// Triangular factor of `W^(1/2) [A | r]`, folded chunk by chunk.
+    /// Computes the triangular factor of `W^(1/2) [A | r]`, folded chunk by chunk.
     pub(super) fn triangle(&mut self, block: &OpenBlock<'_>, k: usize) -> Result<Triangle, SolverError> {
         let parts: Vec<Triangle> =
             self.workers.par_iter_mut().map(|worker| worker.triangle(block, k)).collect::<Result<_, _>>()?;
@@ -200,7 +200,7 @@ impl Worker<'_> {
     }
 }
 
-/// The parts side by side, rows scaled by `root_weights` where there are some.
+/// Packs the parts side by side, with rows scaled by `root_weights`, if any.
 pub(super) fn pack<'p>(parts: &[Matrix<'_>], root_weights: Option<&[f64]>, packed: &'p mut Vec<f64>) -> Matrix<'p> {
     let rows = parts[0].rows();
     packed.clear();

@@ -7,12 +7,12 @@ use spharm_harmonics::product::Matrix;
 use super::Operator;
 use crate::SolverError;
 
-/// How much of an open block is held.
+/// The part of an open block that is held in memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Residency {
-    /// All of it, so that a second look costs no reading.
+    /// All of it, so that the block is read only once.
     Whole,
-    /// The chunks in use: the block is read again for each look.
+    /// Only the chunks in use: the block is read anew for each use.
     Chunks,
 }
 
@@ -24,17 +24,17 @@ pub struct Scratch {
 
 /// A basis matrix that can be read by blocks of degrees and chunks of rows.
 pub trait BlockOperator: Operator {
-    /// Returns the number of rows of every chunk but the last.
+    /// Returns the number of rows of every chunk except the last.
     fn chunk_rows(&self) -> usize;
 
-    /// Returns the bytes that a block takes while it is open, beside the scratch space.
+    /// Returns the bytes of an open block, in addition to the scratch space.
     fn resident_bytes(&self, degrees: &RangeInclusive<usize>, residency: Residency, threads: usize) -> usize;
 
     /// Opens the block of a run of degrees.
     ///
     /// # Errors
     ///
-    /// When the basis can't be read.
+    /// If the basis can't be read.
     fn open<'a>(
         &'a self,
         degrees: RangeInclusive<usize>,
@@ -58,7 +58,7 @@ pub trait Block: Sync {
     ///
     /// # Errors
     ///
-    /// When the chunk can't be read or is damaged.
+    /// If the chunk can't be read or is damaged.
     fn chunk(
         &self,
         chunk: usize,
@@ -72,10 +72,10 @@ pub trait Block: Sync {
     /// Returns the bytes read from the store since the block was opened.
     fn bytes_read(&self) -> u64;
 
-    /// Confirms that what was read was sound. What was computed from the block counts only after this.
+    /// Confirms that the data read were sound. Results computed from the block are only valid after this.
     ///
     /// # Errors
     ///
-    /// When the basis changed while it was read.
+    /// If the basis changed while it was read.
     fn check(&self) -> Result<(), SolverError>;
 }

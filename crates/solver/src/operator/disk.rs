@@ -19,12 +19,12 @@ pub struct DiskOperator {
 }
 
 impl DiskOperator {
-    /// Makes the operator over all degrees of an open scheme.
+    /// Creates the operator over all degrees of an open scheme.
     pub fn new(scheme: Scheme) -> Self {
         Self { scheme }
     }
 
-    /// Returns whether all of the basis is used in place, without decoding.
+    /// Returns whether the entire basis is used in place, without decoding.
     pub fn is_direct(&self) -> bool {
         self.scheme.files().iter().all(DegreeFile::is_direct)
     }
@@ -68,7 +68,7 @@ impl BlockOperator for DiskOperator {
                 Residency::Whole => self.rows(),
                 Residency::Chunks => threads * self.chunk_rows(),
             };
-            // Decoding passes through a buffer of the raw bytes and one before unshuffling.
+            // Decoding needs a buffer of the raw bytes and one before unshuffling.
             let decoded = if file.is_direct() { 0 } else { rows * file.header().columns() * 8 };
             let passing = if file.is_direct() { 0 } else { threads * self.chunk_rows() * file.header().columns() * 16 };
             mapped + decoded + passing
@@ -103,7 +103,7 @@ impl BlockOperator for DiskOperator {
 
 struct DiskBlock<'a> {
     files: &'a [DegreeFile],
-    /// Windows on whole files; none when chunks are mapped as they are used.
+    /// Windows on entire files; none if chunks are mapped when they are used.
     windows: Vec<ChunkWindow<'a>>,
     /// Chunks that had to be decoded, by degree and chunk, kept while the block is open.
     decoded: Vec<Vec<OnceLock<Vec<f64>>>>,
@@ -118,7 +118,7 @@ impl DiskBlock<'_> {
         Matrix::new(values, rows, file.header().columns(), rows)
     }
 
-    /// From the windows on whole files.
+    /// Reads a chunk from the windows on entire files.
     fn read_windows(&self, chunk: usize, read: &mut dyn FnMut(&[Matrix<'_>])) -> Result<(), SolverError> {
         let mut matrices = Vec::with_capacity(self.files.len());
         for ((file, window), decoded) in self.files.iter().zip(&self.windows).zip(&self.decoded) {
@@ -142,7 +142,7 @@ impl DiskBlock<'_> {
         Ok(())
     }
 
-    /// Mapped for this look only.
+    /// Reads a chunk by mapping it only for this use.
     fn read_files(
         &self,
         chunk: usize,

@@ -10,11 +10,11 @@ use super::Operator;
 use crate::gram::{check_count, moment_normal};
 use crate::{MomentNormal, SolverError};
 
-/// A basis at scattered directions by [`Transform`]; to the accuracy that it was made for.
+/// A basis at scattered directions by [`Transform`], to the accuracy of its plan.
 #[derive(Debug)]
 pub struct MatrixFreeOperator {
     transform: Transform,
-    /// To twice the degree at the same directions, for moments.
+    /// Transform of twice the degree at the same directions, for moments.
     twice: Option<Transform>,
     accuracy: f64,
 }
@@ -29,11 +29,11 @@ impl MatrixFreeOperator {
         Ok(Self { transform: Transform::new(directions, params)?, twice: None, accuracy: params.accuracy })
     }
 
-    /// Plans transforms for `directions` that share their sorting with those which [`moments`](Self::moments) take.
+    /// Plans transforms for `directions` that share their sorting with those of [`moments`](Self::moments).
     ///
     /// # Errors
     ///
-    /// Those of [`Transform::new`] to twice the degree.
+    /// Those of [`Transform::new`] for twice the degree.
     pub fn with_moments(directions: &Directions, params: &TransformParams) -> Result<Self, SolverError> {
         let TransformParams { max_degree, accuracy, channels } = *params;
         let twice = TransformParams { max_degree: 2 * max_degree, accuracy, channels: channels + 1 };
@@ -41,8 +41,8 @@ impl MatrixFreeOperator {
         Ok(Self { transform: twice.to_degree(max_degree, channels)?, twice: Some(twice), accuracy })
     }
 
-    /// Returns the bytes that [`with_moments`](Self::with_moments) takes beyond [`new`](Self::new), with a call of so
-    /// many channels, and the normal operator from moments on `threads` threads.
+    /// Returns the bytes that [`with_moments`](Self::with_moments) needs in addition to [`new`](Self::new), for calls
+    /// of `channels` channels, including the normal operator from moments on `threads` threads.
     ///
     /// # Errors
     ///
@@ -55,18 +55,18 @@ impl MatrixFreeOperator {
     ) -> Result<usize, SolverError> {
         let TransformParams { max_degree, accuracy, channels: group } = *params;
         let twice = TransformParams { max_degree: 2 * max_degree, accuracy, channels: group };
-        // Grids of twice the size for the channels of a group, and those of the weights.
+        // Grids of twice the size for the channels of a group, and that of the weights.
         let grids = Transform::bytes(&twice, directions, channels.min(group) + 1)?;
         Ok(grids + MomentNormal::bytes(max_degree, channels, threads))
     }
 
-    /// Computes the normal matrix by moments at `directions`, those of this operator, with weights (n), all one where
-    /// there are none; to a relative accuracy at least. By shared transforms, where the operator has them, the
-    /// right-hand sides of targets, (n, c), come with it, for the price of their products.
+    /// Computes the normal matrix from moments at `directions`, which must be those of this operator, with weights (n),
+    /// all one by default, to at least the given relative accuracy. If the operator has shared transforms, it also
+    /// computes the right-hand sides of targets, (n, c), at the cost of their products.
     ///
     /// # Errors
     ///
-    /// [`SolverError::Rows`] for other numbers of weights; those of [`MomentNormal::new`].
+    /// [`SolverError::Rows`] for the wrong number of weights; those of [`MomentNormal::new`].
     pub fn moments(
         &self,
         directions: &Directions,
@@ -104,7 +104,7 @@ impl Operator for MatrixFreeOperator {
     fn apply(&self, x: ArrayView2<'_, f64>) -> Result<Array2<f64>, SolverError> {
         let columns = basis_size(self.max_degree());
         if x.nrows() < columns {
-            // Of lower degree: the degrees above it are zero.
+            // If x is of lower degree, the degrees above are zero.
             let mut padded = Array2::zeros((columns, x.ncols()));
             padded.slice_mut(ndarray::s![..x.nrows(), ..]).assign(&x);
             return Ok(self.transform.synthesis(padded.view())?);
@@ -122,8 +122,8 @@ impl Operator for MatrixFreeOperator {
     }
 }
 
-/// A [`MatrixFreeOperator`] whose transforms are planned when they are first needed. What is done before, as making
-/// moments, has the memory of the plan for itself.
+/// A [`MatrixFreeOperator`] whose transforms are planned when they are first needed. Until then the plan's memory is
+/// available to other work, such as computing moments.
 #[derive(Debug)]
 pub struct DeferredOperator<'a> {
     directions: &'a Directions,
@@ -132,7 +132,7 @@ pub struct DeferredOperator<'a> {
 }
 
 impl<'a> DeferredOperator<'a> {
-    /// Plans nothing yet: what is wrong with the parameters is an error of the first product.
+    /// Creates the operator without planning: invalid parameters cause an error of the first product.
     pub fn new(directions: &'a Directions, params: &TransformParams) -> Self {
         Self { directions, params: *params, planned: OnceLock::new() }
     }
@@ -141,7 +141,7 @@ impl<'a> DeferredOperator<'a> {
         if let Some(planned) = self.planned.get() {
             return Ok(planned);
         }
-        // Not within the cell, for which a thread that has taken up other work could wait.
+        // Not planned within the cell's initialisation, for which a thread that has taken up other work could wait.
         let planned = MatrixFreeOperator::new(self.directions, &self.params)?;
         Ok(self.planned.get_or_init(|| planned))
     }

@@ -1,4 +1,4 @@
-//! The basis held in memory: for small problems, and as the reference for the one that is streamed.
+//! The basis held in memory, for small problems, and as the reference for the streamed one.
 
 use std::ops::RangeInclusive;
 
@@ -12,10 +12,10 @@ use super::products::{apply_adjoint_by_blocks, apply_by_blocks};
 use super::{Block, BlockOperator, Operator, Residency, Scratch};
 use crate::SolverError;
 
-/// The whole basis, `8 n (L + 1)^2` bytes, in chunks of rows.
+/// The entire basis, `8 n (L + 1)^2` bytes, in chunks of rows.
 #[derive(Debug, Clone)]
 pub struct MemoryOperator {
-    /// For each chunk its blocks A_0, A_1, .. one after the other, each column-major.
+    /// For each chunk its blocks A_0, A_1, .. one after another, each column-major.
     chunks: Vec<Vec<f64>>,
     rows: usize,
     max_degree: usize,
@@ -23,7 +23,7 @@ pub struct MemoryOperator {
 }
 
 impl MemoryOperator {
-    /// Evaluates the harmonics to `max_degree` at `directions`.
+    /// Evaluates the harmonics up to `max_degree` at `directions`.
     ///
     /// # Errors
     ///

@@ -1,4 +1,4 @@
-//! Products with a basis that is read by blocks: a degree after the other, in bounded memory.
+//! Products with a basis that is read by blocks: one degree after another, in bounded memory.
 
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
@@ -12,7 +12,7 @@ use super::{BlockOperator, Residency, Scratch};
 use crate::SolverError;
 use crate::chunked_rows::ChunkedRows;
 
-/// [`Operator::apply`](super::Operator::apply).
+/// Implements [`Operator::apply`](super::Operator::apply).
 pub(super) fn apply_by_blocks(
     operator: &dyn BlockOperator,
     x: ArrayView2<'_, f64>,
@@ -35,7 +35,7 @@ pub(super) fn apply_by_blocks(
     Ok(samples.to_array())
 }
 
-/// [`Operator::apply_adjoint`](super::Operator::apply_adjoint).
+/// Implements [`Operator::apply_adjoint`](super::Operator::apply_adjoint).
 pub(super) fn apply_adjoint_by_blocks(
     operator: &dyn BlockOperator,
     r: ArrayView2<'_, f64>,
@@ -58,7 +58,7 @@ pub(super) fn apply_adjoint_by_blocks(
             Ok::<(), SolverError>(())
         })?;
         block.check()?;
-        // In the order of the chunks, whatever the threads did.
+        // In the order of the chunks, whatever the number of threads.
         for sum in sums {
             let sum = sum.into_inner().unwrap_or_else(PoisonError::into_inner);
             let mut rows = result.slice_mut(ndarray::s![first_column(l)..first_column(l + 1), ..]);
