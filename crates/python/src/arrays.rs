@@ -1,7 +1,7 @@
-//! NumPy arrays to the library's types and back.
+//! Conversion between NumPy arrays and the library's types.
 //!
-//! Arrays come with any strides and are never written to. Shapes are checked here, since a binding that trusts its
-//! callers panics; values are checked by the library.
+//! Arrays may have any strides and are never written to. Shapes are checked here, since a binding that trusts its
+//! callers would panic; values are checked by the library.
 
 use ndarray::{Array2, ArrayView2};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray2};
@@ -16,9 +16,9 @@ use crate::errors::{Failure, exception};
 pub(crate) type Positions<'py> = PyReadonlyArray2<'py, f64>;
 /// Triangles, (f, 3), counted from 0.
 pub(crate) type Faces<'py> = PyReadonlyArray2<'py, u32>;
-/// Triangles that go back to Python.
+/// Triangles returned to Python.
 pub(crate) type FacesOut<'py> = Bound<'py, PyArray2<u32>>;
-/// Positions that go back to Python.
+/// Positions returned to Python.
 pub(crate) type PositionsOut<'py> = Bound<'py, PyArray2<f64>>;
 
 /// Returns the rows of an array of shape (n, 3).
@@ -40,7 +40,7 @@ pub(crate) fn rows<T: Copy>(what: &str, array: ArrayView2<'_, T>) -> PyResult<Ve
     })
 }
 
-/// Returns a mesh whose triangles name vertices that exist.
+/// Returns a mesh, after checking that its triangles refer to existing vertices.
 ///
 /// # Errors
 ///
@@ -54,20 +54,20 @@ pub(crate) fn mesh(what: &str, vertices: &Positions<'_>, faces: &Faces<'_>) -> P
     Ok(mesh)
 }
 
-/// A sphere as it comes from Python: directions of any length, and triangles where there are any.
+/// A sphere as passed from Python: directions of any length, and triangles if there are any.
 pub(crate) struct SphereArrays {
     mesh: Mesh,
     parametrized: bool,
     seam: Option<Seam>,
 }
 
-/// How a cut surface belongs to the one that it was cut from, as it comes from Python: vertices, triangles, copied
-/// vertices.
+/// The relation of a cut surface to the original one, as passed from Python: number of vertices, number of triangles,
+/// copied vertices.
 pub(crate) type SeamIn = (usize, usize, Vec<u32>);
-/// As it goes back to Python.
+/// A seam as returned to Python.
 pub(crate) type SeamOut<'py> = (usize, usize, Bound<'py, PyArray1<u32>>);
 
-/// Returns a seam as it goes to Python.
+/// Converts a seam for Python.
 pub(crate) fn seam_out(py: Python<'_>, seam: Seam) -> SeamOut<'_> {
     (seam.vertices, seam.faces, seam.copies.into_pyarray(py))
 }
@@ -82,12 +82,12 @@ impl SphereArrays {
         Ok(Self { mesh: Mesh::new(vertices, faces), parametrized, seam: None })
     }
 
-    /// The sphere of a surface that was cut where it had handles.
+    /// Adds the seam of a surface whose handles were cut.
     pub(crate) fn with_seam(self, seam: Option<SeamIn>) -> Self {
         Self { seam: seam.map(|(vertices, faces, copies)| Seam { vertices, faces, copies }), ..self }
     }
 
-    /// Checks the sphere, which takes time.
+    /// Checks the sphere, which takes a while.
     pub(crate) fn check(self) -> Result<Sphere, Failure> {
         let Self { mesh, parametrized, seam } = self;
         let fits = |seam: Seam| seam.checked(mesh.vertices.len(), mesh.faces.len());
@@ -103,7 +103,7 @@ impl SphereArrays {
     }
 }
 
-/// Returns a mesh's arrays: vertices (n, 3) and triangles (f, 3), which own the library's memory.
+/// Returns a mesh's arrays: vertices (n, 3) and triangles (f, 3), which take over the library's memory.
 pub(crate) fn mesh_arrays<'py>(py: Python<'py>, mesh: Mesh) -> (PositionsOut<'py>, FacesOut<'py>) {
     (positions(py, mesh.vertices), triangles(py, mesh.faces))
 }

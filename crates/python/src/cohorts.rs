@@ -1,4 +1,4 @@
-//! Fits of cohorts, whose results are handed over as they come.
+//! Fits of cohorts, whose results are passed on as they become available.
 
 use std::path::PathBuf;
 use std::sync::Mutex;
@@ -16,7 +16,7 @@ use crate::errors::{Failure, exception};
 use crate::fitting::Settings;
 use crate::run::{Started, lock};
 
-/// A finished row as it goes to Python: number, id, state, the model's file, error, report as JSON, seconds.
+/// A finished row as returned to Python: index, id, state, the model's file, error, report as JSON, seconds.
 type Finished = (usize, String, &'static str, String, Option<String>, Option<String>, Option<f64>);
 
 /// A message of the run's thread.
@@ -29,7 +29,7 @@ enum Message {
 /// Rows of a cohort given as arrays: id, surface, sphere, weights, output, label.
 type RowGiven = (String, PathBuf, Option<PathBuf>, Option<PathBuf>, Option<PathBuf>, Option<i64>);
 
-/// A run under way. Dropping it stops the run.
+/// A run in progress. Dropping it stops the run.
 #[pyclass(frozen)]
 pub(crate) struct CohortRun {
     receive: Mutex<Receiver<Message>>,
@@ -50,7 +50,7 @@ impl Observer for Sending {
             }
             _ => return,
         };
-        // Nobody may be left to receive.
+        // The receiver may be gone.
         drop(lock(&self.0).send(message));
     }
 }
@@ -72,7 +72,7 @@ fn finished(number: usize, entry: &Entry, outcome: &Outcome<'_>) -> Finished {
     (number, entry.id.clone(), entry.state.name(), entry.output.clone(), error, report, entry.seconds)
 }
 
-/// The exception of a run's error.
+/// Returns the exception of a run's error.
 fn failure(error: RunError) -> Failure {
     match error {
         RunError::Fit(error) => Failure::from(error),
@@ -89,7 +89,7 @@ fn failure(error: RunError) -> Failure {
 
 #[pymethods]
 impl CohortRun {
-    /// Starts fitting the rows of a table, or those that are given.
+    /// Starts fitting the rows of a table, or given rows.
     #[new]
     #[pyo3(signature = (
         table, rows, *, output, sphere, mask, shard, status, exists, keep_going, fix, cut_handles, voxel_size, settings

@@ -1,4 +1,4 @@
-//! Groups made to correspond; of one surface its pose, and a template registered to it.
+//! Correspondence of groups; poses of single surfaces, and registration of a template to them.
 
 use std::sync::Arc;
 
@@ -25,7 +25,7 @@ pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     Ok(())
 }
 
-/// How a group is made to correspond: the keyword arguments of `spharm_rs.shape.correspond`.
+/// Settings of a correspondence: the keyword arguments of `spharm_rs.shape.correspond`.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 struct Settings {
@@ -36,11 +36,11 @@ struct Settings {
     mirror: bool,
     subdivisions: Option<u32>,
     memory: Option<usize>,
-    /// Landmarks that guide, of each member.
+    /// Guiding landmarks of each member.
     guide: Option<Vec<Vec<[f64; 3]>>>,
-    /// The member that is the template.
+    /// Index of the member that is the template.
     template_member: Option<usize>,
-    /// Of the signals.
+    /// Weights of the signals.
     weights: Vec<f64>,
 }
 
@@ -67,7 +67,7 @@ impl Settings {
     }
 }
 
-/// Surfaces made to correspond.
+/// Makes surfaces correspond.
 #[pyfunction]
 #[pyo3(signature = (surfaces, names, template, *, settings, signals, threads = None, progress = None))]
 #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
@@ -93,11 +93,11 @@ fn shape_correspond(
     })
 }
 
-/// A registered template, its vertices in the surface's own frame, its triangles, whether each vertex is reached, and
-/// the transform that brings the surface to the template and how well it is covered, as JSON.
+/// A registered template: its vertices in the surface's own frame, its triangles, whether each vertex is reached, and,
+/// as JSON, the transform of the surface to the template and the coverage.
 type Registration<'py> = (PositionsOut<'py>, FacesOut<'py>, Bound<'py, PyArray1<bool>>, String, String);
 
-/// A template moved onto a surface.
+/// Moves a template onto a surface.
 #[pyfunction]
 #[pyo3(signature = (template, surface, masked, *, pose, scale, mirror, threads = None, progress = None))]
 #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
@@ -145,7 +145,7 @@ fn no_area(name: &str) -> Failure {
     Failure::Member { name: name.to_owned(), error: Box::new(Error::NoArea) }
 }
 
-/// The transform that brings a surface to another, as JSON, and their distances after it and after the best other one.
+/// Returns the transform of a surface to another, as JSON, and their distances after it and after the best alternative.
 #[pyfunction]
 #[pyo3(signature = (surface, target, *, scale, mirror, threads = None, progress = None))]
 fn shape_pose(

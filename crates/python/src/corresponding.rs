@@ -28,23 +28,22 @@ pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     Ok(())
 }
 
-/// What a similarity does, as JSON; the parameters of one that mirrors are mirrored with it, so that outsides stay
-/// outside.
+/// Returns a similarity as JSON. For a reflection the parameters are mirrored, too, so that the outside stays outside.
 pub(crate) fn transform(similarity: &Similarity) -> Value {
     Transform { rotation: Rotation::IDENTITY, antipodal: similarity.mirrors(), similarity: *similarity }.to_json()
 }
 
-/// A group whose members correspond. It doesn't change.
+/// A group whose members correspond. It is immutable.
 #[pyclass(frozen, module = "spharm_rs._core")]
 pub(crate) struct Group {
     inner: Arc<Inner>,
     names: Vec<String>,
     pose: PoseParams,
-    /// Warnings, each with its member's number.
+    /// Warnings, each with its member's index.
     warnings: Vec<(usize, String)>,
 }
 
-/// Carried points, their distances from the source, and whether both members have them.
+/// Carried points, their distances from the source, and whether both members have counterparts.
 type Carried<'py> = (PositionsOut<'py>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<bool>>);
 /// A new member: its model, transform, places, whether each is reached, and the report.
 type Member<'py> = (Model, String, PositionsOut<'py>, Bound<'py, PyArray1<bool>>, String);
@@ -63,13 +62,13 @@ impl Group {
         Model { inner: InnerModel { sphere: Some(template.sphere.clone()), ..mean } }
     }
 
-    /// Each member's transform, as JSON.
+    /// Returns each member's transform, as JSON.
     #[getter]
     fn transforms(&self) -> String {
         json!(self.inner.similarities.iter().map(transform).collect::<Vec<_>>()).to_string()
     }
 
-    /// Places, (N, n, 3).
+    /// Returns the places, (N, n, 3).
     #[getter]
     fn places<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray3<f64>> {
         let (members, n) = self.size();
@@ -77,14 +76,14 @@ impl Group {
         Array3::from_shape_vec((members, n, 3), values).expect("n places a member").into_pyarray(py)
     }
 
-    /// Whether each place has a counterpart, (N, n).
+    /// Returns whether each place has a counterpart, (N, n).
     #[getter]
     fn reached<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<bool>> {
         let values: Vec<bool> = self.inner.reached.iter().flatten().copied().collect();
         Array2::from_shape_vec(self.size(), values).expect("n places a member").into_pyarray(py)
     }
 
-    /// Directions without counterparts, (n).
+    /// Returns a mask of directions without counterparts, (n).
     #[getter]
     fn masked<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
         self.inner.template.masked.clone().into_pyarray(py)
@@ -100,12 +99,12 @@ impl Group {
         self.warnings.iter().map(|(member, text)| format!("{}: {text}", self.names[*member])).collect()
     }
 
-    /// Whether places at directions have counterparts.
+    /// Returns whether places at directions have counterparts.
     fn kept_at(&self, directions: Positions<'_>) -> PyResult<Vec<bool>> {
         Ok(self.inner.template.kept_at(&rows("directions", directions.as_array())?))
     }
 
-    /// Writes the group's folder, with names of the members' files.
+    /// Writes the group's folder; members' files are named by `names`.
     fn write(&self, py: Python<'_>, folder: PathBuf, names: Vec<String>, overwrite: bool) -> PyResult<()> {
         let of = |(member, name): (usize, &String)| MemberOrigin {
             name: name.clone(),
@@ -116,7 +115,7 @@ impl Group {
         run(py, Some(1), None, |_| Ok(self.inner.write(&folder, &origins, overwrite)?))
     }
 
-    /// Reads a group's folder, and the names of its members, or gives them others.
+    /// Reads a group's folder; also returns the names of its members, which are replaced by `names` if given.
     #[staticmethod]
     fn read(py: Python<'_>, folder: PathBuf, names: Option<Vec<String>>) -> PyResult<(Self, Vec<String>)> {
         let (inner, own, warnings) = run(py, Some(1), None, |_| {
@@ -135,7 +134,7 @@ impl Group {
         Ok((Self { inner: Arc::new(inner), names: names.clone(), pose, warnings }, names))
     }
 
-    /// How it was found, as JSON.
+    /// Returns the report on the correspondence, as JSON.
     #[getter]
     fn report(&self) -> String {
         let report = &self.inner.report;
@@ -153,7 +152,8 @@ impl Group {
         report.to_string()
     }
 
-    /// Points on one member at the same places of another, their distances from the first, and whether both have them.
+    /// Carries points on one member to the same places of another; also returns their distances from the first, and
+    /// whether both have counterparts.
     fn carry<'py>(
         &self,
         py: Python<'py>,
@@ -170,7 +170,7 @@ impl Group {
         Ok((positions(py, places), off.into_pyarray(py), reached.into_pyarray(py)))
     }
 
-    /// New members, of surfaces that are prepared for together.
+    /// Adds new members from surfaces, with a common preparation.
     #[pyo3(signature = (surfaces, names, *, threads = None, progress = None))]
     fn add<'py>(
         &self,
@@ -191,7 +191,7 @@ impl Group {
                 monitor.step(1);
                 found.map_err(|error| Error::Member { index, source: Box::new(error) })
             };
-            // All of them before the first error is looked for, so that it is always the same one.
+            // All are computed before the first error is returned, so that it is always the same one.
             let found: Vec<Result<NewMember, Error>> = surfaces.par_iter().enumerate().map(one).collect();
             monitor.end();
             found.into_iter().collect::<Result<Vec<_>, _>>().map_err(|error| named(&names, error))
@@ -212,7 +212,7 @@ impl Group {
         Self { inner: Arc::new(inner), names, pose, warnings }
     }
 
-    /// Members and places.
+    /// Returns the numbers of members and places.
     fn size(&self) -> (usize, usize) {
         (self.inner.places.len(), self.inner.template.masked.len())
     }

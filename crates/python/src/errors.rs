@@ -1,4 +1,4 @@
-//! The library's errors as exceptions of `spharm_rs.errors`.
+//! Conversion of the library's errors to exceptions of `spharm_rs.errors`.
 
 use std::io;
 use std::path::Path;
@@ -11,33 +11,33 @@ use spharm::store::StoreError;
 use spharm::{Error, ModelError, MomentsError};
 use spharm::{SolverError, SurfaceError};
 
-/// Why work failed.
+/// The reason of a failure.
 pub(crate) enum Failure {
-    /// The library's error.
+    /// An error of the library.
     Library(Error),
-    /// What is wrong with one surface of several.
+    /// An error of one surface of several.
     Member {
         /// Its name.
         name: String,
-        /// What is wrong.
+        /// Its error.
         error: Box<Error>,
     },
     /// An error of the sums over samples.
     Moments(MomentsError),
-    /// Less memory than a function takes.
+    /// Too little memory for a function.
     Memory {
-        /// What it would do.
+        /// Description of the work.
         what: String,
-        /// Bytes it may have.
+        /// Bytes available.
         budget: u64,
-        /// Bytes it takes.
+        /// Bytes needed.
         needed: u64,
-        /// Whether the budget was given, and isn't what is free.
+        /// Whether the budget was given, rather than being the free memory.
         given: bool,
     },
-    /// An argument that the library wasn't given.
+    /// An invalid argument that wasn't passed to the library.
     Argument(String),
-    /// A defect of the library.
+    /// A bug in the library.
     Panic,
 }
 
@@ -47,7 +47,7 @@ impl<E: Into<Error>> From<E> for Failure {
     }
 }
 
-/// The exception of a kind of error.
+/// The exception class of an error, with its data.
 enum Kind<'a> {
     Spharm,
     Mesh,
@@ -95,7 +95,7 @@ fn raised(py: Python<'_>, text: &str, kind: Kind<'_>) -> PyErr {
         Kind::Value => PyValueError::new_err(text.to_owned()),
         Kind::Runtime => PyRuntimeError::new_err(text.to_owned()),
         Kind::Interrupted => PyKeyboardInterrupt::new_err(()),
-        // With these three arguments it becomes FileNotFoundError and the like.
+        // With these three arguments Python creates FileNotFoundError and the like.
         Kind::Os { path, cause } => match cause.raw_os_error() {
             Some(code) => {
                 let text = cause.to_string();

@@ -1,4 +1,4 @@
-//! Fits, one and many.
+//! Fits of one target or of many.
 
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -21,7 +21,7 @@ use crate::models::Model;
 use crate::run::run;
 use crate::stores::scalar;
 
-/// How to fit: the keyword arguments of `spharm_rs.fit`, checked for their types there.
+/// Settings of a fit: the keyword arguments of `spharm_rs.fit`, whose types are checked there.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Settings<'py> {
@@ -59,11 +59,11 @@ fn parsed<T: FromStr<Err = String>>(what: &str, text: &str) -> PyResult<T> {
 }
 
 impl Settings<'_> {
-    /// The library's settings.
+    /// Converts them to the library's settings.
     ///
     /// # Errors
     ///
-    /// `ValueError` for a name that isn't one of a setting's.
+    /// `ValueError` for an unknown name of a setting's value.
     pub(crate) fn params(&self) -> PyResult<FitParams> {
         let &Self { passes, granularity, start_degree, accelerate, .. } = self;
         let method = match self.method.as_str() {
@@ -115,10 +115,10 @@ impl Settings<'_> {
     }
 }
 
-/// A fit as it goes to Python: model, standard errors, report as JSON, warnings as (kind, text).
+/// A fit as returned to Python: model, standard errors, report as JSON, warnings as (kind, text).
 pub(crate) type Fitted<'py> = (Model, Option<Bound<'py, PyArray2<f64>>>, String, Vec<(&'static str, String)>);
 
-/// Fits one surface or signal. Without a sphere a surface is mapped to one first.
+/// Fits one surface or signal. A surface without a sphere is mapped to one first.
 #[pyfunction]
 #[pyo3(signature = (
     values, faces, sphere, sphere_faces, *, surface, parametrized, seam, cut_handles, settings, progress = None
@@ -214,7 +214,7 @@ pub(crate) fn fit_many<'py>(
     Ok(fits.into_iter().map(|fit| fitted(py, sphere.clone(), fit, &report, None, surface)).collect())
 }
 
-/// With strict settings, refuses a sphere that may not be one.
+/// With strict settings, refuses a doubtful sphere.
 fn refuse_doubtful(sphere: &Sphere, params: &FitParams) -> Result<(), Failure> {
     match sphere.warnings.first().filter(|_| params.strict) {
         Some(warning) => Err(Failure::Argument(format!("the sphere: {warning}"))),
@@ -222,7 +222,7 @@ fn refuse_doubtful(sphere: &Sphere, params: &FitParams) -> Result<(), Failure> {
     }
 }
 
-/// Returns what is to be fitted. A surface has the sphere's triangles unless it has its own.
+/// Returns the target of the fit. A surface has the sphere's triangles unless it has its own.
 fn target(
     values: ArrayView2<'_, f64>,
     triangles: Option<&[[u32; 3]]>,
@@ -270,7 +270,7 @@ fn fitted<'py>(
     (Model { inner: Inner::new(sphere, fit, kind) }, errors, report.to_string(), warnings)
 }
 
-/// The class of a warning in `spharm_rs.errors`.
+/// Returns the class of a warning in `spharm_rs.errors`.
 pub(crate) fn category(warning: &FitWarning) -> &'static str {
     match warning {
         FitWarning::Oscillation { .. } => "Oscillation",

@@ -1,4 +1,4 @@
-//! Groups of models: to one degree, and their mean.
+//! Groups of models, truncated or padded to a common degree, and their mean.
 
 use pyo3::prelude::*;
 use serde_json::json;
@@ -12,7 +12,7 @@ use crate::errors::Failure;
 use crate::models::Model;
 use crate::run::run_owned;
 
-/// A group's coefficients, to one degree.
+/// A group's coefficients, of a common degree.
 pub(crate) struct Group {
     pub(crate) members: Vec<Coefficients>,
     pub(crate) degree: usize,
@@ -22,13 +22,13 @@ pub(crate) struct Group {
 /// A model's kind, its coefficients, and the key of its sphere's sampling scheme.
 pub(crate) type Given = (Kind, Coefficients, Option<String>);
 
-/// The coefficients of models, each to its own degree.
+/// Returns the coefficients of models, each with its own degree.
 pub(crate) fn coefficients(models: &[Py<Model>]) -> Vec<Given> {
     let given = |model: &spharm::Model| (model.kind(), model.coefficients.clone(), model.scheme_key.clone());
     models.iter().map(|model| given(&model.get().inner)).collect()
 }
 
-/// Takes surfaces, or signals of one channel, to `degree`, else to the lowest degree of them.
+/// Brings surfaces, or signals of one channel, to `degree`, by default the lowest of their degrees.
 pub(crate) fn group(
     models: &[Given],
     kind: Kind,
@@ -52,7 +52,7 @@ pub(crate) fn group(
         to_common_degree(&members, degree).map_err(|error| Failure::Argument(format!("degree: {error}")))?;
     let mut warnings: Vec<String> = warning.iter().map(ToString::to_string).collect();
     let poses = if kind == Kind::Surface { PosesDiffer::of(&members) } else { None };
-    // Where poses differ places do too.
+    // If poses differ, so do places.
     if kind == Kind::Surface && poses.is_none() && !one_key(models.iter().map(|(_, _, key)| key.as_deref())) {
         warnings.extend(places_differ(&members, monitor)?.map(|places| places.to_string()));
     }
@@ -64,7 +64,7 @@ pub(crate) fn group(
     Ok(Group { members, degree, warnings })
 }
 
-/// The mean of surfaces, their distances from it, and warnings.
+/// Returns the mean of surfaces, their distances from it, and warnings.
 #[pyfunction]
 #[pyo3(signature = (models, degree, *, names, threads = None))]
 pub(crate) fn shape_mean(

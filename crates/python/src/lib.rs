@@ -1,27 +1,28 @@
 //! `spharm_rs._core`: the library as functions on NumPy arrays.
 //!
-//! The package's Python code (`python/spharm_rs`) takes whatever users have, makes it arrays of one type, and calls
-//! this. Here stand types, the thread pools of a process, progress and interruption, and exceptions; nothing computes.
+//! The package's Python code (`python/spharm_rs`) converts users' arguments to arrays of one type, and calls this
+//! crate. It only contains types, the thread pools of a process, progress and interruption, and exceptions; it doesn't
+//! compute anything.
 //!
 //! # Modules
 //!
 //! | module | contents |
 //! |---|---|
-//! | `run` | work on a pool of this process, while the calling thread looks for signals and reports progress |
+//! | `run` | work on a pool of this process, while the calling thread checks for signals and reports progress |
 //! | `errors` | the library's errors as exceptions |
-//! | `arrays` | NumPy arrays to the library's types and back |
+//! | `arrays` | conversion between NumPy arrays and the library's types |
 //! | `surfaces` | reading, writing, mapping, resampling, comparing |
-//! | `fitting` | fits, one and many |
+//! | `fitting` | fits of one target or of many |
 //! | `models` | models: evaluation and files |
 //! | `shapes` | shape analysis on models |
-//! | `correspondences` | groups made to correspond; poses of, and a template registered to, one surface |
-//! | `corresponding` | such a group: its members, files, points carried, new members |
-//! | `sources` | surfaces as they come from Python |
-//! | `cohorts` | fits of many surfaces from files, as they are finished |
-//! | `groups` | groups of models to one degree, and their mean |
-//! | `poses` | rotations, and surfaces brought together |
+//! | `correspondences` | correspondence of groups; poses of single surfaces, and registration of a template to them |
+//! | `corresponding` | corresponding groups: members, files, carried points, new members |
+//! | `sources` | surfaces as passed from Python |
+//! | `cohorts` | fits of many surfaces from files, with results as they are finished |
+//! | `groups` | groups of models of a common degree, and their mean |
+//! | `poses` | rotations, and alignment of surfaces |
 //! | `modes` | modes of variation |
-//! | `qualities` | landmarks, and how well groups correspond |
+//! | `qualities` | landmarks, and quality of correspondences |
 //! | `morphs` | shapes between two models |
 //! | `studies` | tests at every vertex |
 //! | `transforms` | synthesis, its adjoint, and the least squares over them |
@@ -62,7 +63,7 @@ fn main(py: Python<'_>, arguments: Vec<OsString>) -> u8 {
 
 #[pymodule]
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
-    // Files that don't fit in memory are refused before they are read.
+    // Files that don't fit into memory are refused before they are read.
     spharm::io::ask_for_free_memory(spharm::machine::available_memory);
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add_class::<models::Model>()?;

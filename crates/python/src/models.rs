@@ -15,7 +15,7 @@ use crate::arrays::{
 use crate::errors::Failure;
 use crate::run::run;
 
-/// A model. It doesn't change.
+/// A model. It is immutable.
 #[pyclass(frozen, module = "spharm_rs._core")]
 pub(crate) struct Model {
     pub(crate) inner: Inner,
@@ -27,7 +27,7 @@ fn kind(surface: bool) -> Kind {
 
 #[pymethods]
 impl Model {
-    /// A model of coefficients (K, c), over a sphere where there is one.
+    /// Creates a model of coefficients, (K, c), over a sphere if there is one.
     #[new]
     #[pyo3(signature = (coefficients, *, surface, sphere = None, faces = None, parametrized = false, seam = None))]
     fn new(
@@ -62,13 +62,13 @@ impl Model {
         run(py, Some(1), None, |_| Ok(self.inner.write_with(path, overwrite).map_err(Error::from)?))
     }
 
-    /// The model of a file's bytes.
+    /// Parses the bytes of a model's file.
     #[staticmethod]
     fn from_bytes(py: Python<'_>, bytes: &[u8]) -> PyResult<Self> {
         Ok(Self { inner: run(py, Some(1), None, |_| Ok(Inner::from_bytes(bytes).map_err(Error::from)?))? })
     }
 
-    /// The bytes of the model's file.
+    /// Returns the bytes of the model's file.
     fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         let bytes = run(py, Some(1), None, |_| {
             let mut bytes = Vec::new();
@@ -99,26 +99,27 @@ impl Model {
         self.inner.sphere.as_ref().map_or(self.inner.provenance.parametrized, |sphere| sphere.parametrized)
     }
 
-    /// Unit vectors (n, 3) and triangles (f, 3) of the model's sphere.
+    /// Returns unit vectors, (n, 3), and triangles, (f, 3), of the model's sphere.
     #[getter]
     fn sphere<'py>(&self, py: Python<'py>) -> Option<(PositionsOut<'py>, FacesOut<'py>)> {
         let sphere = self.inner.sphere.as_ref()?;
         Some((positions(py, sphere.directions.as_slice().to_vec()), triangles(py, sphere.faces.clone())))
     }
 
-    /// Of a surface that was cut where it had handles: its vertices and triangles, and the vertices that were copied.
+    /// Returns the seam of a surface whose handles were cut: the numbers of its vertices and triangles, and the copied
+    /// vertices.
     #[getter]
     fn seam<'py>(&self, py: Python<'py>) -> Option<SeamOut<'py>> {
         self.inner.sphere.as_ref()?.seam.clone().map(|seam| seam_out(py, seam))
     }
 
-    /// How it was made, as JSON.
+    /// Returns its provenance, as JSON.
     #[getter]
     fn provenance(&self) -> String {
         serde_json::to_string(&self.inner.provenance).unwrap_or_default()
     }
 
-    /// The model of the degrees up to one.
+    /// Returns the model truncated to a degree.
     fn truncate(&self, py: Python<'_>, degree: usize) -> PyResult<Self> {
         run(py, Some(1), None, |_| {
             let (mut inner, max_degree) = (self.inner.clone(), self.max_degree());
@@ -132,7 +133,7 @@ impl Model {
         .map(|inner| Self { inner })
     }
 
-    /// Values (n, c) at directions, those of the model's sphere where none are given.
+    /// Returns the values, (n, c), at directions, by default those of the model's sphere.
     #[pyo3(signature = (directions, degree, *, threads = None))]
     fn evaluate<'py>(
         &self,
@@ -155,8 +156,8 @@ impl Model {
         Ok(values.into_pyarray(py))
     }
 
-    /// The surface over a sphere: vertices and triangles. Over the model's own, where none is given, with the handles
-    /// that were cut.
+    /// Returns the surface over a sphere: vertices and triangles. By default this is the model's own sphere, and
+    /// handles that were cut are restored.
     #[pyo3(signature = (sphere, faces, degree, *, threads = None))]
     fn surface<'py>(
         &self,

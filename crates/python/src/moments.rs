@@ -1,4 +1,4 @@
-//! Moments of samples: sums that add up, from which fits are made.
+//! Moments of samples: additive sums from which fits are computed.
 
 use std::path::PathBuf;
 
@@ -15,7 +15,7 @@ use crate::fitting::{Fitted, Settings, category};
 use crate::models::Model;
 use crate::run::run;
 
-/// The sums of samples. They don't change.
+/// The sums of samples. They are immutable.
 #[pyclass(frozen, module = "spharm_rs._core")]
 pub(crate) struct Moments {
     inner: Inner,
@@ -23,7 +23,7 @@ pub(crate) struct Moments {
 
 #[pymethods]
 impl Moments {
-    /// The moments of samples in memory, of part `shard`, (index, number of parts), of a whole.
+    /// Computes the moments of samples in memory, which are part `shard`, (index, number of parts), of all samples.
     #[new]
     #[pyo3(signature = (directions, values, weights, max_degree, channels, *, whole, shard, threads = None, progress = None))]
     #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
@@ -61,24 +61,24 @@ impl Moments {
         run(py, Some(1), None, |_| self.inner.write(&path, overwrite).map_err(Failure::Moments))
     }
 
-    /// The moments of a file's bytes.
+    /// Parses the bytes of a file of moments.
     #[staticmethod]
     fn from_bytes(py: Python<'_>, bytes: &[u8]) -> PyResult<Self> {
         Ok(Self { inner: run(py, Some(1), None, |_| Inner::from_bytes(bytes).map_err(Failure::Moments))? })
     }
 
-    /// The bytes of their file.
+    /// Returns the bytes of their file.
     fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         Ok(PyBytes::new(py, &run(py, Some(1), None, |_| self.inner.to_bytes().map_err(Failure::Moments))?))
     }
 
-    /// The sum of parts.
+    /// Returns the sum of parts.
     #[staticmethod]
     #[pyo3(signature = (parts, *, partial = false))]
     fn merge(py: Python<'_>, parts: Vec<PyRef<'_, Self>>, partial: bool) -> PyResult<Self> {
         let names = (0..parts.len()).map(|number| format!("part {number}")).collect();
         let parts: Vec<&Inner> = parts.iter().map(|part| &part.inner).collect();
-        // Cloned as they are needed: two at a time beside the caller's.
+        // Cloned on demand: two at a time in addition to the caller's.
         let parts = parts.into_iter().cloned().map(Ok);
         Ok(Self {
             inner: run(py, Some(1), None, move |_| merge_named(parts, names, partial).map_err(Failure::Moments))?,
@@ -95,25 +95,25 @@ impl Moments {
         self.inner.channels.clone()
     }
 
-    /// Number of samples, those of weight 0 among them.
+    /// Returns the number of samples, including those of weight 0.
     #[getter]
     fn samples(&self) -> u64 {
         self.inner.rows
     }
 
-    /// Sum of the weights.
+    /// Returns the sum of the weights.
     #[getter]
     fn weight(&self) -> f64 {
         self.inner.sums.weight
     }
 
-    /// Key of the sampling scheme whose vertices the samples are at.
+    /// Returns the key of the sampling scheme, if the samples are at its vertices.
     #[getter]
     fn scheme(&self) -> Option<String> {
         self.inner.scheme.map(|key| key.to_string())
     }
 
-    /// The least squares of the samples.
+    /// Fits the samples by least squares.
     #[pyo3(signature = (settings, progress = None))]
     fn fit<'py>(
         &self,

@@ -12,7 +12,7 @@ use crate::models::Model;
 use crate::poses::refuse_signals;
 use crate::run::run_owned;
 
-/// Models at times from 0 to 1, the volume half way over the smaller end's, and warnings.
+/// Returns models at times from 0 to 1, the ratio of the volume half way to that of the smaller end, and warnings.
 #[pyfunction]
 #[pyo3(signature = (start, end, times, *, keep_pose, mirror, threads = None, progress = None))]
 #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]

@@ -1,4 +1,4 @@
-//! Rotations, and surfaces brought together.
+//! Rotations, and alignment of surfaces.
 
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -13,7 +13,7 @@ use crate::errors::{Failure, exception};
 use crate::models::Model;
 use crate::run::run_owned;
 
-/// How surfaces are brought together: the keyword arguments of `spharm_rs.shape.align` and `procrustes`.
+/// Settings of alignments: the keyword arguments of `spharm_rs.shape.align` and `procrustes`.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Settings {
@@ -42,10 +42,11 @@ impl Settings {
     }
 }
 
-/// The rotation of 3 Euler angles in degrees, a quaternion's 4 numbers, or a matrix's 9 by rows.
+/// Returns the rotation given by 3 Euler angles in degrees, the 4 numbers of a quaternion, or the 9 numbers of a matrix
+/// by rows.
 fn rotation(what: &str, numbers: &[f64]) -> Result<Rotation, Failure> {
     let found = match *numbers {
-        // To the bit, so that nothing is done where nothing is asked for.
+        // Exactly, so that nothing is changed if no rotation is requested.
         [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0] => Ok(Rotation::IDENTITY),
         [alpha, beta, gamma] => {
             let [alpha, beta, gamma] = [alpha, beta, gamma].map(f64::to_radians);
@@ -58,15 +59,15 @@ fn rotation(what: &str, numbers: &[f64]) -> Result<Rotation, Failure> {
     found.map_err(|error| Failure::Argument(format!("{what}: {error}")))
 }
 
-/// What is done to a model, as it comes from Python.
+/// A transformation of a model, as passed from Python.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Asked {
     parameters: Vec<f64>,
-    /// Whether directions are replaced by their opposites.
+    /// Whether to replace directions by their opposites.
     antipodal: bool,
     object: Vec<f64>,
-    /// Whether the matrix of space is a reflection.
+    /// Whether the orthogonal matrix in space is a reflection.
     mirrored: bool,
     scale: f64,
     translation: [f64; 3],
@@ -89,7 +90,7 @@ impl Asked {
     }
 }
 
-/// A model that is rotated, in its parameters and in space, scaled and translated.
+/// Rotates a model, in its parameters and in space, scales it and translates it.
 #[pyfunction]
 #[pyo3(signature = (model, asked, *, threads = None, progress = None))]
 pub(crate) fn shape_rotate(
@@ -118,7 +119,7 @@ pub(crate) fn refuse_signals(what: &str, models: &[Inner]) -> Result<(), Failure
     }
 }
 
-/// A model brought to another; its transform and report as JSON.
+/// Aligns a model with another; also returns the transform and the report as JSON.
 #[pyfunction]
 #[pyo3(signature = (model, target, settings, *, threads = None, progress = None))]
 pub(crate) fn shape_align(
@@ -152,7 +153,7 @@ pub(crate) fn shape_align(
     Ok((Model { inner }, report.to_string()))
 }
 
-/// A group brought together: its models, their mean, and transforms and report as JSON.
+/// Aligns a group: returns its models, their mean, and transforms and report as JSON.
 #[pyfunction]
 #[pyo3(signature = (models, settings, *, threads = None, progress = None))]
 pub(crate) fn shape_procrustes(
@@ -177,7 +178,7 @@ pub(crate) fn shape_procrustes(
             Monitor::check(monitor).map_err(Error::from)?;
             Ok(signed(transform.apply_model(model, &Silent)?, "shape align"))
         };
-        // All of them before the first error is looked for, so that it is always the same one.
+        // All are computed before the first error is returned, so that it is always the same one.
         let moved: Vec<Result<Inner, Failure>> = models.par_iter().zip(&found.transforms).map(apply).collect();
         Ok((moved.into_iter().collect::<Result<Vec<_>, _>>()?, found))
     })?;

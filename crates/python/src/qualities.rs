@@ -1,4 +1,4 @@
-//! Landmarks, and how well groups correspond.
+//! Landmarks, and the quality of a group's correspondence.
 
 use std::path::PathBuf;
 
@@ -23,7 +23,7 @@ pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
 
 type Named<'py> = (Vec<String>, PositionsOut<'py>, Option<&'static str>);
 
-/// Names, positions, (n, 3), and the frame of a file's landmarks.
+/// Reads a file of landmarks: names, positions, (n, 3), and the frame.
 #[pyfunction]
 fn read_landmarks(py: Python<'_>, path: PathBuf) -> PyResult<Named<'_>> {
     let Landmarks { names, points, frame } = run(py, Some(1), None, move |_| Ok(Landmarks::read(path)?))?;
@@ -53,7 +53,7 @@ fn write_landmarks(
     })
 }
 
-/// How a group is measured: the keyword arguments of `spharm_rs.shape.quality`.
+/// Settings of the measurement: the keyword arguments of `spharm_rs.shape.quality`.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 struct Settings {
@@ -74,7 +74,7 @@ type Apart = (f64, f64, Option<[f64; 2]>, Vec<f64>, Vec<Vec<f64>>);
 /// warnings.
 type Found = (f64, Vec<f64>, [Ends; 3], [Option<Ends>; 2], Option<Apart>, Vec<String>);
 
-/// The quality of a group of surfaces that correspond.
+/// Measures the quality of a group of corresponding surfaces.
 #[pyfunction]
 #[pyo3(signature = (models, landmarks, *, settings, threads = None, progress = None))]
 fn shape_quality(

@@ -1,7 +1,7 @@
-//! Work on a thread pool of this process, while the calling thread looks for signals and reports progress.
+//! Runs work on a thread pool of this process, while the calling thread checks for signals and reports progress.
 //!
 //! Python handles signals on its main thread, between its own instructions, and a callback needs the interpreter. So
-//! the work runs on a thread of its own, and the calling thread wakes every [`WAKE`] without holding the interpreter in
+//! the work runs on a thread of its own, and the calling thread wakes up every [`WAKE`], releasing the interpreter in
 //! between.
 
 use std::collections::VecDeque;
@@ -17,23 +17,23 @@ use spharm::{Monitor, Stage};
 
 use crate::errors::{Failure, exception};
 
-/// Time between two looks for signals.
+/// Time between two checks for signals.
 const WAKE: Duration = Duration::from_millis(20);
-/// Time that work has to stop before an exception goes on without it.
+/// Time for work to stop before an exception is raised without waiting for it.
 const GRACE: Duration = Duration::from_millis(100);
 
 pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Returns the pool of so many threads, of as many as the machine has where none are asked for.
+/// Returns the pool of `threads` threads, by default as many as the machine has.
 ///
-/// rayon's global pool would hang for ever in a forked child, where the parent's threads don't exist. So pools are kept
-/// by process, and a parent's are leaked: dropping one waits for its threads.
+/// rayon's global pool would hang forever in a forked child, in which the parent's threads don't exist. So each process
+/// has pools of its own, and those of the parent are leaked, since dropping one waits for its threads.
 ///
 /// # Errors
 ///
-/// `ValueError` for no threads, `RuntimeError` where the system refuses them.
+/// `ValueError` for zero threads, `RuntimeError` if the system can't start them.
 pub(crate) fn pool(threads: Option<usize>) -> PyResult<Arc<rayon::ThreadPool>> {
     type Pools = Vec<(u32, usize, Arc<rayon::ThreadPool>)>;
     static POOLS: Mutex<Pools> = Mutex::new(Vec::new());
@@ -57,7 +57,7 @@ pub(crate) fn pool(threads: Option<usize>) -> PyResult<Arc<rayon::ThreadPool>> {
     Ok(pool)
 }
 
-/// What a stage has done: its name, its steps, and all of them, zero where that isn't known.
+/// The progress of a stage: its name, the steps done, and the total number of steps, zero if unknown.
 #[derive(Clone, PartialEq)]
 struct Progress {
     stage: &'static str,
@@ -65,11 +65,11 @@ struct Progress {
     total: u64,
 }
 
-/// Collects the progress of the work for the thread that waits for it.
+/// Collects the progress of the work for the waiting thread.
 #[derive(Default)]
 struct Watch {
     cancel: AtomicBool,
-    /// Stages that have begun since the last look, the current one last.
+    /// Stages that have begun since the last check, the current one last.
     stages: Mutex<VecDeque<Progress>>,
 }
 
@@ -90,7 +90,7 @@ impl Monitor for Watch {
 }
 
 impl Watch {
-    /// Takes what has changed: finished stages, and the state of the current one, which stays.
+    /// Returns the changes: finished stages, which are removed, and the state of the current one, which is kept.
     fn news(&self, last: &mut Option<Progress>) -> Vec<Progress> {
         let mut stages = lock(&self.stages);
         let mut news: Vec<Progress> = Vec::new();
@@ -108,12 +108,12 @@ impl Watch {
 
 type Outcome<T> = Result<T, Failure>;
 
-/// Runs work on a pool of so many threads. `progress(stage, done, total)` is called on the calling thread; an exception
-/// in it stops the work and is raised, and so is a signal's, once the work has stopped.
+/// Runs work on a pool of `threads` threads. `progress(stage, done, total)` is called on the calling thread. An
+/// exception in it, or one from a signal, stops the work and is raised once the work has stopped.
 ///
 /// # Errors
 ///
-/// The work's, as an exception; the callback's; `KeyboardInterrupt`.
+/// The work's error, as an exception; the callback's exception; `KeyboardInterrupt`.
 pub(crate) fn run<T: Send>(
     py: Python<'_>,
     threads: Option<usize>,
@@ -130,8 +130,8 @@ pub(crate) fn run<T: Send>(
     })
 }
 
-/// As [`run`], for work that owns its data: an exception doesn't wait for what can't be stopped at once, such as the
-/// disk. The work then comes to its end on its own, as it does where it is stopped.
+/// As [`run`], for work that owns its data: an exception is raised without waiting for work that can't be stopped
+/// immediately, such as disk access. The work then ends on its own, in the same way as if it is stopped.
 ///
 /// # Errors
 ///
@@ -145,12 +145,12 @@ pub(crate) fn run_owned<T: Send + 'static>(
     let (pool, watch) = (pool(threads)?, Arc::new(Watch::default()));
     let (send, receive) = channel();
     let monitor = Arc::clone(&watch);
-    // Nobody may be left to receive.
+    // The receiver may be gone.
     std::thread::spawn(move || drop(send.send(guarded(&pool, &monitor, work))));
     wait(py, progress, &watch, receive, Some(GRACE))
 }
 
-/// A panic is a defect of the library; it must not end the interpreter.
+/// Runs the work and catches panics: a panic is a bug in the library, but must not end the interpreter.
 fn guarded<T: Send>(
     pool: &rayon::ThreadPool,
     monitor: &Watch,
@@ -159,8 +159,8 @@ fn guarded<T: Send>(
     catch_unwind(AssertUnwindSafe(|| pool.install(|| work(monitor)))).unwrap_or(Err(Failure::Panic))
 }
 
-/// Waits for the work, without the interpreter but for signals and progress; for no longer than `grace` once it is to
-/// stop.
+/// Waits for the work without holding the interpreter, except for signals and progress; for no longer than `grace` once
+/// the work is to stop.
 fn wait<T: Send>(
     py: Python<'_>,
     progress: Option<&Bound<'_, PyAny>>,
@@ -168,7 +168,7 @@ fn wait<T: Send>(
     receive: Receiver<Outcome<T>>,
     grace: Option<Duration>,
 ) -> PyResult<T> {
-    // A receiver can't be shared, and leaving the interpreter asks for it.
+    // A receiver isn't `Sync`, which releasing the interpreter requires.
     let receive = Mutex::new(receive);
     let (mut stop, mut last): (Option<(PyErr, Instant)>, _) = (None, None);
     loop {
@@ -196,7 +196,7 @@ fn wait<T: Send>(
     }
 }
 
-/// Work on a thread of its own, whose messages Python takes one by one. It is stopped when this is dropped.
+/// Work on a thread of its own, whose messages Python receives one by one. It is stopped when this is dropped.
 pub(crate) struct Started(Arc<Watch>);
 
 impl Started {
@@ -220,10 +220,10 @@ impl Started {
     ///
     /// # Errors
     ///
-    /// A signal's, which stops the work.
+    /// The exception from a signal, which stops the work.
     pub(crate) fn wait<T: Send>(&self, py: Python<'_>, receive: &Mutex<Receiver<T>>) -> PyResult<Option<T>> {
         loop {
-            // Stages are for callbacks, of which there is none here.
+            // Stages are for callbacks, and there is none here.
             lock(&self.0.stages).clear();
             match py.detach(|| lock(receive).recv_timeout(WAKE)) {
                 Ok(message) => return Ok(Some(message)),
@@ -233,7 +233,7 @@ impl Started {
         }
     }
 
-    /// Stops the work as soon as it can be stopped.
+    /// Stops the work as soon as possible.
     pub(crate) fn stop(&self) {
         self.0.cancel.store(true, Ordering::Relaxed);
     }

@@ -34,7 +34,7 @@ pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     Ok(())
 }
 
-/// A model's coefficients to a degree.
+/// Returns a model's coefficients up to a degree.
 fn to_degree(model: &Model, degree: usize) -> Result<Coefficients, Failure> {
     let (own, max_degree) = (&model.inner.coefficients, model.inner.coefficients.max_degree());
     if degree > max_degree {
@@ -43,7 +43,7 @@ fn to_degree(model: &Model, degree: usize) -> Result<Coefficients, Failure> {
     Ok(Coefficients::new(own.up_to(degree).to_owned())?)
 }
 
-/// Area, volume and the like as JSON, and what may be wrong with them.
+/// Returns area, volume and the like as JSON, and warnings.
 #[pyfunction]
 #[pyo3(signature = (model, degree, *, tolerance, threads = None, progress = None))]
 fn shape_measure(
@@ -66,7 +66,7 @@ fn shape_measure(
     Ok((figures.to_string(), found.warnings.iter().map(ToString::to_string).collect()))
 }
 
-/// Positions and normals, (n, 3), and by columns, (n, 7): area element, H, K, k1, k2, shape index, curvedness.
+/// Returns positions and normals, (n, 3), and the columns area element, H, K, k1, k2, shape index, curvedness, (n, 7).
 #[pyfunction]
 #[pyo3(signature = (model, directions, degree, *, threads = None, progress = None))]
 fn shape_geometry<'py>(
@@ -98,7 +98,7 @@ fn shape_geometry<'py>(
     Ok((positions_out, normals, columns.into_pyarray(py)))
 }
 
-/// The model smoothed by a heat kernel: of a time where it is given, else of a width in radians.
+/// Returns the model smoothed by a heat kernel, given by a time, or else by a width in radians.
 #[pyfunction]
 #[pyo3(signature = (model, *, time, width))]
 fn shape_smooth(py: Python<'_>, model: PyRef<'_, Model>, time: Option<f64>, width: f64) -> PyResult<Model> {
@@ -119,7 +119,7 @@ fn described(model: &spharm::Model) -> Result<Descriptors, Failure> {
 /// Power (L) and singular values (L, c).
 type Described<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>);
 
-/// Power and singular values of the degrees from 1 on.
+/// Returns power and singular values of the degrees from 1 on.
 #[pyfunction]
 fn shape_describe<'py>(py: Python<'py>, model: PyRef<'py, Model>) -> PyResult<Described<'py>> {
     let inner = &model.inner;
@@ -129,7 +129,7 @@ fn shape_describe<'py>(py: Python<'py>, model: PyRef<'py, Model>) -> PyResult<De
     Ok((found.power.into_pyarray(py), values.into_pyarray(py)))
 }
 
-/// Number, distance and score of the models nearest to one, nearest first.
+/// Returns index, distance and score of the models nearest to a given one, nearest first.
 #[pyfunction]
 #[pyo3(signature = (query, among, *, count, unit_size, standardized, threads = None))]
 fn shape_match(
@@ -156,15 +156,15 @@ fn shape_match(
     })
 }
 
-/// Root mean square distance of a model from its degrees up to each, (L + 1).
+/// Returns the root mean square distance of a model from its truncation to each degree, (L + 1).
 #[pyfunction]
 fn shape_tails<'py>(py: Python<'py>, model: PyRef<'py, Model>) -> PyResult<Bound<'py, PyArray1<f64>>> {
     let coefficients = &model.inner.coefficients;
     Ok(run(py, Some(1), None, move |_| Ok(tails(coefficients)?))?.into_pyarray(py))
 }
 
-/// Directions that spread vertices evenly, the spread of areas before and after, and the number of triangles turned
-/// over.
+/// Returns directions that distribute vertices evenly, the spread of areas before and after, and the number of flipped
+/// triangles.
 #[pyfunction]
 #[pyo3(signature = (model, sphere, faces, degree, *, steps, threads = None, progress = None))]
 #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]

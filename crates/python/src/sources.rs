@@ -1,4 +1,4 @@
-//! Surfaces as they come from Python.
+//! Surfaces as passed from Python.
 
 use std::path::PathBuf;
 
@@ -10,14 +10,14 @@ use spharm::{Error, Mesh, Silent};
 use crate::arrays::{Faces, Positions, mesh};
 use crate::errors::Failure;
 
-/// A surface as it comes from Python: a file, or vertices and triangles.
+/// A surface as passed from Python: a file, or vertices and triangles.
 #[derive(FromPyObject)]
 pub(crate) enum Given<'py> {
     File(PathBuf),
     Arrays(Positions<'py>, Faces<'py>),
 }
 
-/// A surface off the interpreter. Files are read when they are needed, so that a group doesn't have to fit in memory.
+/// A surface independent of the interpreter. Files are read on demand, so that a group doesn't have to fit into memory.
 pub(crate) enum Source {
     File(PathBuf),
     Mesh(Box<Mesh>),
@@ -46,7 +46,7 @@ pub(crate) fn sources(given: Vec<Given<'_>>, names: &[String]) -> PyResult<Vec<S
     given.into_iter().zip(names).map(|(given, name)| given.source(name)).collect()
 }
 
-/// Says which surface an error is of by its name.
+/// Adds the name of the surface to a group's error.
 pub(crate) fn named(names: &[String], error: Error) -> Failure {
     match error {
         Error::Member { index, source } => Failure::Member { name: names[index].clone(), error: source },

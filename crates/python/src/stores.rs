@@ -19,7 +19,7 @@ pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     Ok(())
 }
 
-/// Returns the type of a basis's values by its name.
+/// Returns the scalar type of a basis by its name.
 ///
 /// # Errors
 ///
@@ -51,7 +51,7 @@ fn store_build<'py>(
     let sphere = SphereArrays::new(&sphere, faces.as_ref(), false)?;
     let params = BuildParams { max_degree, scalar: scalar(dtype)?, memory, allow_large, ..BuildParams::default() };
     let report = run_owned(py, threads, progress.as_ref(), move |monitor| {
-        // The calling pool's threads.
+        // Use the threads of the calling pool.
         let params = BuildParams { threads: rayon::current_num_threads(), ..params };
         let sphere = sphere.check()?;
         let report = build(&store, &sphere.directions, &params, monitor)?;
@@ -99,7 +99,7 @@ fn store_factor<'py>(
     Ok(report.to_string())
 }
 
-/// The schemes of a store, as JSON.
+/// Returns the schemes of a store, as JSON.
 #[pyfunction]
 fn store_schemes(py: Python<'_>, store: PathBuf) -> PyResult<String> {
     let found = run(py, Some(1), None, move |_| {
@@ -117,7 +117,7 @@ fn store_schemes(py: Python<'_>, store: PathBuf) -> PyResult<String> {
     Ok(Value::from(found).to_string())
 }
 
-/// Checks every byte of a store against its hashes; returns the files that are damaged.
+/// Verifies all files of a store against their hashes; returns the damaged files.
 #[pyfunction]
 #[pyo3(signature = (store, *, threads = None, progress = None))]
 fn store_verify(

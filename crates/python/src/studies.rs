@@ -18,10 +18,10 @@ use crate::groups::{coefficients, group};
 use crate::models::Model;
 use crate::run::{run, run_owned};
 
-/// Measurements (n, V d), d, the mean, and warnings.
+/// Measurements, (n, V d), d, the mean, and warnings.
 type Measured<'py> = (Bound<'py, PyArray2<f64>>, usize, Model, Vec<String>);
 
-/// Measures a group at directions; of pairs, the first half of the models less the second half.
+/// Measures a group at directions; for pairs, the first half of the models minus the second half.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
 #[pyo3(signature = (models, directions, degree, *, signal, pairs, threads = None, progress = None))]
@@ -55,7 +55,7 @@ pub(crate) fn shape_measure_group<'py>(
     Ok((field.values.into_pyarray(py), field.components, mean, warnings))
 }
 
-/// What subjects have: numbers, or levels.
+/// Values of the subjects: numbers, or levels.
 #[derive(FromPyObject)]
 pub(crate) enum Cells<'py> {
     Numbers(PyReadonlyArray1<'py, f64>),
@@ -71,7 +71,7 @@ impl Cells<'_> {
     }
 }
 
-/// What is tested: an effect or a mean with covariates, or a contrast of a design.
+/// The hypothesis of a test: an effect or a mean with covariates, or a contrast of a design.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Asked<'py> {
@@ -126,7 +126,7 @@ pub(crate) fn shape_test<'py>(
     let question = asked.question(values.nrows()).map_err(|failure| crate::errors::exception(py, failure))?;
     let (design, contrast) = (&question.design, &question.contrast);
     let found = run(py, threads, progress.as_ref(), |monitor| {
-        // For warnings alone, so the library takes any.
+        // The level is only used for warnings, so the library accepts any.
         if !(level > 0.0 && level < 1.0) {
             return Err(ShapeError::Share { what: "level", found: level }.into());
         }
@@ -163,7 +163,7 @@ pub(crate) fn shape_test<'py>(
     }
     result.set_item("meaning", &question.meaning)?;
     result.set_item("levels", question.levels.clone())?;
-    // The effect's numbers are amounts, as the caller said so.
+    // The effect's numbers are amounts, since the caller declared them to be.
     let codes = question.codes.iter().filter(|(column, _)| *column != asked.name).cloned();
     result.set_item("codes", codes.collect::<Vec<_>>())?;
     result.set_item("columns", design.names().to_vec())?;

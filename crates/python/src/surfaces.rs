@@ -89,7 +89,7 @@ fn write_values(
 
 #[pyfunction]
 fn icosphere(py: Python<'_>, level: u32) -> PyResult<(PositionsOut<'_>, FacesOut<'_>)> {
-    /// 167,772,162 vertices, as of the program.
+    /// Finest icosphere: 167,772,162 vertices, as in the program.
     const FINEST: u32 = 12;
     if level > FINEST {
         return Err(PyValueError::new_err(format!("level: expected 0 to {FINEST}, found {level}")));
@@ -111,10 +111,10 @@ fn example_surface(
     Ok((vertices, faces, positions(py, sphere.vertices)))
 }
 
-/// A map as it goes to Python: the surface, its sphere, the report as JSON, warnings, and where it was cut.
+/// A map as returned to Python: the surface, its sphere, the report as JSON, warnings, and the seam of cut handles.
 type Mapped<'py> = (PositionsOut<'py>, FacesOut<'py>, PositionsOut<'py>, String, Vec<String>, Option<SeamOut<'py>>);
 
-/// Maps a surface, and notes in the sphere's metadata where it was cut. Also returns what is to be reported of that.
+/// Maps a surface, and records cut handles in the sphere's metadata. Also returns the report on them.
 fn map(
     input: &Input,
     method: &Method,
@@ -197,7 +197,7 @@ enum Volume<'py> {
 type Reader = Box<dyn FnOnce(&dyn spharm::Monitor) -> Result<LabelVolume, ParametrizeError> + Send>;
 
 impl Volume<'_> {
-    /// What reads the volume, off the interpreter.
+    /// Returns a reader of the volume that is independent of the interpreter.
     fn reader(self) -> PyResult<Reader> {
         match self {
             Self::File(path) => Ok(Box::new(move |monitor| LabelVolume::read(path, monitor))),
@@ -252,7 +252,7 @@ fn parametrize_volume<'py>(
     Ok(mapped)
 }
 
-/// The labels of a volume, each with its number of voxels.
+/// Returns the labels of a volume, each with its number of voxels.
 #[pyfunction]
 fn labels(py: Python<'_>, volume: Volume<'_>) -> PyResult<std::collections::BTreeMap<i64, usize>> {
     let read = volume.reader()?;
@@ -286,7 +286,7 @@ fn resample<'py>(
     Ok(mapped(py, found, None))
 }
 
-/// Quality of a map, as JSON.
+/// Returns the quality of a map, as JSON.
 #[pyfunction]
 fn quality(py: Python<'_>, vertices: Positions<'_>, faces: Faces<'_>, sphere: Positions<'_>) -> PyResult<String> {
     let surface = mesh("surface", &vertices, &faces)?;
@@ -306,7 +306,7 @@ fn corresponding(surface: &Mesh, sphere: &Mesh) -> Result<(), Failure> {
     Err(Failure::Argument(format!("sphere: expected the surface's {expected} vertices, found {found}")))
 }
 
-/// msd, xsd and the distance of each vertex, of meshes whose vertices correspond.
+/// Returns msd, xsd and the distance of each vertex, for meshes with corresponding vertices.
 #[pyfunction]
 fn compare<'py>(
     py: Python<'py>,
@@ -324,7 +324,7 @@ fn compare<'py>(
     Ok((figures, found.worst_vertex, each.into_pyarray(py)))
 }
 
-/// Distances of two surfaces everywhere, as JSON, and of the second's vertices from the first.
+/// Returns the distances between two surfaces everywhere, as JSON, and those of the second's vertices from the first.
 #[pyfunction]
 #[pyo3(signature = (vertices, faces, others, other_faces, *, samples, memory = None, threads = None, progress = None))]
 #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]

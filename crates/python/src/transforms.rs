@@ -12,7 +12,7 @@ use crate::arrays::{Positions, rows};
 use crate::errors::exception;
 use crate::run::{pool, run};
 
-/// A plan for transforms at one list of directions. It doesn't change.
+/// A plan for transforms at one list of directions. It is immutable.
 #[pyclass(frozen, module = "spharm_rs._core")]
 pub(crate) struct Transform {
     inner: Inner,
