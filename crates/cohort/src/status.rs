@@ -195,7 +195,7 @@ impl StatusFile {
     }
 }
 
-/// Returns the bytes up to the end of the last whole line.
+/// Returns the number of bytes up to the end of the last complete line.
 fn whole_lines(file: &mut File, length: u64) -> io::Result<u64> {
     const STEP: u64 = 1 << 12;
     let mut end = length;

@@ -1,7 +1,7 @@
-//! TSV and CSV with the numbers of lines, as people's programs write them.
+//! TSV and CSV in common dialects, with line numbers.
 //!
-//! RFC 4180 with tabs, or with commas where the name ends in `.csv`: cells in quotation marks may have separators. A
-//! byte-order mark, any line ends, blank lines, and lines that begin with `#` are passed over.
+//! RFC 4180 with tabs, or with commas if the name ends in `.csv`: cells in quotation marks may contain separators. A
+//! byte-order mark, any line ends, blank lines, and lines that begin with `#` are skipped.
 
 use std::path::Path;
 
@@ -9,17 +9,17 @@ use csv::StringRecord;
 
 use crate::error::CohortError;
 
-/// Most bytes of a table, far above any study's.
+/// Largest size of a table in bytes, far above that of any study.
 const LARGEST: u64 = 1 << 30;
 
-/// The text of a table, and what separates its cells.
+/// The text of a table, and the separator of its cells.
 pub(crate) struct Table<'a> {
     path: &'a Path,
     text: &'a str,
     separator: u8,
 }
 
-/// Reads a file of a table, decoded, without its byte-order mark.
+/// Reads a table's file, decoded, without its byte-order mark.
 pub(crate) fn read_text(path: &Path) -> Result<String, CohortError> {
     let bytes = spharm_files::read(path, LARGEST);
     decode(path, bytes.map_err(|source| CohortError::Io { path: path.to_owned(), action: "read", source })?)
@@ -46,18 +46,18 @@ fn newlines(bytes: &[u8]) -> usize {
 }
 
 impl<'a> Table<'a> {
-    /// A table of the separator that its file's name says.
+    /// Creates a table whose separator depends on its file's name.
     pub(crate) fn new(path: &'a Path, text: &'a str) -> Self {
         let commas = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("csv"));
         Self { path, text, separator: if commas { b',' } else { b'\t' } }
     }
 
-    /// A writer of the same dialect.
+    /// Returns a writer of the same dialect.
     pub(crate) fn writer(&self) -> csv::Writer<Vec<u8>> {
         writer(self.separator)
     }
 
-    /// Returns the header, and the number of its line.
+    /// Returns the header and its line number.
     pub(crate) fn header(&self) -> Result<(Vec<String>, usize), CohortError> {
         let mut header = None;
         self.records(|line, record| {
@@ -90,7 +90,7 @@ impl<'a> Table<'a> {
                     return Err(CohortError::Io { path: self.path.to_owned(), action: "read", source });
                 }
             }
-            // White space alone.
+            // Only white space.
             if record.len() == 1 && record[0].is_empty() {
                 continue;
             }
@@ -101,12 +101,12 @@ impl<'a> Table<'a> {
     }
 }
 
-/// A writer of a table with this separator, whose cells are in quotation marks where they need them.
+/// Returns a writer of a table with this separator, which puts cells in quotation marks if necessary.
 pub(crate) fn writer(separator: u8) -> csv::Writer<Vec<u8>> {
     csv::WriterBuilder::new().delimiter(separator).comment(Some(b'#')).flexible(true).from_writer(Vec::new())
 }
 
-/// Counts the lines before records, which come in their order.
+/// Counts the lines before records, which must be given in order.
 struct Lines<'a> {
     bytes: &'a [u8],
     at: usize,
@@ -118,7 +118,7 @@ impl<'a> Lines<'a> {
         Self { bytes: text.as_bytes(), at: 0, line: 1 }
     }
 
-    /// The line of the record that comes next after a position: blank lines and comments may come before it.
+    /// Returns the line of the next record after a position, which may be preceded by blank lines and comments.
     fn of_record(&mut self, from: usize) -> usize {
         let from = from.min(self.bytes.len());
         if from > self.at {

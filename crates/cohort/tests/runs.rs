@@ -10,7 +10,7 @@ use spharm_cohort::rerun::IfExists;
 use spharm_cohort::run::{Cohort, Event, Observer, Outcome, RunParams, preview, run};
 use spharm_cohort::{Merged, Row, State};
 
-/// The outcomes of rows, in the order in which they are reported.
+/// The outcomes of rows, in the order of reporting.
 #[derive(Default)]
 struct Outcomes(Mutex<Vec<(String, State, bool)>>);
 

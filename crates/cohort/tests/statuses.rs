@@ -1,4 +1,4 @@
-//! Status files through kills, full disks and other people's files.
+//! Status files after kills, after full disks, and mixed with unrelated files.
 
 use std::path::Path;
 
@@ -45,7 +45,7 @@ fn the_last_line_of_a_row_counts_but_that_it_was_there_hides_nothing() {
     let path = |name: &str| folder.path().join(name);
     let done = Entry { msd: Some(1.0), ..entry("a", State::Done) };
     write(&path("0.tsv"), &[entry("b", State::Interrupted), done.clone(), entry("c", State::Failed)]);
-    // A call that goes on, and a shard of another partition.
+    // A resumed call, and a shard of another partition.
     write(&path("0.tsv"), &[entry("a", State::Skipped), entry("b", State::Done)]);
     write(&path("1.tsv"), &[entry("b", State::Failed), entry("c", State::Skipped), entry("d", State::Failed)]);
     let merged = Merged::read([path("0.tsv"), path("1.tsv")]).expect("a status");
@@ -53,7 +53,7 @@ fn the_last_line_of_a_row_counts_but_that_it_was_there_hides_nothing() {
     assert_eq!(states(&merged), expected);
     assert_eq!(merged.entry("a"), Some(&done));
     assert_eq!((merged.count(State::Done), merged.count(State::Failed), merged.damaged), (2, 1, 0));
-    // Within a file a later failure is the last word.
+    // Within a file a later failure replaces the earlier outcome.
     write(&path("0.tsv"), &[entry("b", State::Failed)]);
     assert_eq!(
         Merged::read([path("0.tsv")]).expect("a status").entry("b").map(|entry| entry.state),
@@ -86,8 +86,8 @@ fn two_processes_do_not_share_a_status_file() {
 }
 
 proptest! {
-    /// A full disk, or a kill while a line is written, leaves a part of the file: whole lines before it count, and the
-    /// next call goes on after them.
+    /// A full disk, or a kill while a line is written, leaves an incomplete line: the complete lines before it are
+    /// valid, and the next call continues after them.
     #[test]
     fn a_part_of_a_line_is_cut_off(cut in 0usize..400) {
         let folder = tempfile::tempdir().expect("a folder");

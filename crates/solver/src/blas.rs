@@ -168,7 +168,7 @@ mod tests {
         unsafe { openblas_get_num_threads() }
     }
 
-    /// While no other test uses OpenBLAS.
+    /// Runs while no other test uses OpenBLAS.
     fn threads_of_nobody() -> c_int {
         let _only = IN_USE.lock().unwrap_or_else(PoisonError::into_inner);
         threads()
@@ -188,7 +188,7 @@ mod tests {
         });
         assert!(panicked.is_err());
         assert_eq!(threads_of_nobody(), before, "also after a panic");
-        // A lock that a panic poisoned still serves.
+        // A lock poisoned by a panic is still usable.
         drop(Blas::with_threads(1));
     }
 }

@@ -58,7 +58,7 @@ pub(crate) fn one_norm<E>(size: usize, apply: &mut dyn FnMut(&mut [f64]) -> Resu
 mod tests {
     use super::*;
 
-    /// A symmetric matrix (size, size) of numbers from -1 to 1, or from 0 to 1.
+    /// Returns a symmetric matrix, (size, size), of numbers from -1 to 1, or from 0 to 1.
     fn matrix(size: usize, seed: usize, positive: bool) -> Vec<Vec<f64>> {
         let value = |i: usize, j: usize| {
             let place = ((seed * 64 + i.max(j)) * 64 + i.min(j) + 1) as f64;
@@ -82,7 +82,7 @@ mod tests {
         matrix.iter().map(|row| row.iter().map(|a| a.abs()).sum::<f64>()).fold(0.0, f64::max)
     }
 
-    /// Never above the norm, which it is where no entry is negative.
+    /// The estimate is never above the norm, and equal to it if no entry is negative.
     #[test]
     fn the_estimate_is_a_lower_bound_and_a_good_one() {
         for size in 1..30 {
@@ -97,10 +97,10 @@ mod tests {
         }
     }
 
-    /// Higham's safeguard: where the iteration sees nothing, the vector of alternating signs does.
+    /// Higham's safeguard: a vector of alternating signs detects what the iteration misses.
     #[test]
     fn what_cancels_is_seen_by_alternating_signs() {
-        // Rows that sum up to zero: of all ones nothing is seen.
+        // Rows that sum to zero: a vector of ones reveals nothing.
         let size = 6;
         let cancelling: Vec<Vec<f64>> =
             (0..size).map(|i| (0..size).map(|j| if (i + j) % 2 == 0 { 1.0 } else { -1.0 }).collect()).collect();

@@ -197,7 +197,7 @@ fn size(bytes: usize) -> String {
 mod tests {
     use super::*;
 
-    /// Sizes in MiB, rounded so that what is named works; bytes where a unit was forgotten.
+    /// Sizes are in MiB, rounded such that the stated budget suffices; or in bytes if a unit was forgotten.
     #[test]
     fn sizes_are_those_that_work() {
         let budget = |budget, needed| SolverError::Budget { budget, needed, granularity: None }.to_string();

@@ -1,4 +1,4 @@
-//! Accelerated residual fitting, and Gram matrices from moments, against the plain way and the least squares.
+//! Accelerated residual fitting, and Gram matrices from moments, compared with plain fitting and the least squares.
 
 use ndarray::{Array2, ArrayView2};
 use spharm_harmonics::Directions;
@@ -31,7 +31,7 @@ fn run(operator: &MemoryOperator, targets: ArrayView2<'_, f64>, params: &IrfPara
     irf::solve(operator, targets, std::slice::from_ref(&(0..targets.ncols())), params, &Silent).unwrap()
 }
 
-/// `|A^T W (f - A x)|` in relation to `|A^T W f|`, the largest of the columns.
+/// Returns `|A^T W (f - A x)|` relative to `|A^T W f|`, the largest of the columns.
 fn optimality(operator: &MemoryOperator, targets: &Array2<f64>, x: &Array2<f64>, weights: Option<&[f64]>) -> f64 {
     let gradient = |mut r: Array2<f64>| {
         r.rows_mut().into_iter().enumerate().for_each(|(i, mut row)| row *= weights.map_or(1.0, |w| w[i]));
@@ -43,7 +43,7 @@ fn optimality(operator: &MemoryOperator, targets: &Array2<f64>, x: &Array2<f64>,
     left.iter().zip(whole).map(|(left, whole)| left / whole).fold(0.0, f64::max)
 }
 
-/// Whatever the blocks, the weights and the columns; and each iteration lowers the weighted residual.
+/// Holds for any blocks, weights and columns. Each iteration also decreases the weighted residual.
 #[test]
 fn accelerated_fits_reach_the_least_squares() {
     let operator = MemoryOperator::new(&uneven(), L, 104).unwrap();
@@ -55,7 +55,7 @@ fn accelerated_fits_reach_the_least_squares() {
         assert!(found.report.history.len() < 60, "it ends early: {}", found.report.history.len());
         let sweeps = &found.report.history;
         assert!(sweeps.iter().enumerate().all(|(i, sweep)| sweep.pass == 2 * (i + 1)));
-        // What is reported is what is left.
+        // The reported residual is the actual one.
         let residual = &targets - &operator.apply(found.coefficients.values().view()).unwrap();
         let mean = residual.iter().map(|r| r * r).sum::<f64>() / 1200.0;
         let told = sweeps.last().unwrap().residuals[0].mean_square;
@@ -67,7 +67,7 @@ fn accelerated_fits_reach_the_least_squares() {
     }
 }
 
-/// On an irregular sampling: 1,050 directions crowd within 0.9 of the pole, 150 are all that the rest has.
+/// On an irregular sampling: 1,050 directions are within 0.9 of the pole, and only 150 elsewhere.
 #[test]
 fn acceleration_takes_fewer_passes_than_plain_fitting() {
     let crowd = (0..1050).map(|i| [0.9 * ((i as f64 + 0.5) / 1050.0).sqrt(), 2.4 * i as f64]);
@@ -86,7 +86,7 @@ fn acceleration_takes_fewer_passes_than_plain_fitting() {
     assert!(2 * accelerated <= plain, "{accelerated} against {plain}");
 }
 
-/// One pass is a plain one; three are that one and an iteration.
+/// One pass is a plain one; three passes are a plain one and an iteration.
 #[test]
 fn an_odd_number_of_passes_begins_with_a_plain_one() {
     let operator = MemoryOperator::new(&uneven(), L, 104).unwrap();
@@ -109,7 +109,7 @@ fn the_same_fit_gives_the_same_bits_and_a_zero_column_stays_zero() {
     assert!(first.coefficients.values().column(2).iter().all(|&x| x == 0.0));
 }
 
-/// Nine directions, four times each: blocks of more functions than they determine.
+/// Nine directions, four times each: blocks have more functions than the directions determine.
 #[test]
 fn singular_blocks_are_accelerated_too() {
     let angles: Vec<[f64; 2]> = (0..36).map(|i| i % 9).map(|i| [0.3 * i as f64 + 0.2, 2.4 * i as f64]).collect();
@@ -143,7 +143,7 @@ fn gram_matrices_from_moments_give_the_same_fit() {
     }
 }
 
-/// What a source holds counts, and a fit that reaches above its degree is refused.
+/// The memory of a source is included, and a fit above its degree is refused.
 #[test]
 fn the_plan_counts_the_source_and_the_iteration() {
     let directions = uneven();

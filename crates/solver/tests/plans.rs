@@ -1,5 +1,5 @@
-//! Plans of memory keep to their budget, count what they say, and take what is fastest within it; reports say what was
-//! done.
+//! Memory plans fit their budget, count the stated memory, and choose the fastest option within it; reports are
+//! correct.
 
 use std::ops::RangeInclusive;
 use std::sync::Mutex;
@@ -23,8 +23,8 @@ fn operator() -> MemoryOperator {
     MemoryOperator::new(&Directions::fibonacci(N).unwrap(), L, CHUNK).unwrap()
 }
 
-/// A basis that is held elsewhere: a block takes 1,000 bytes a column when it is whole, 30,000 when it is taken in
-/// chunks.
+/// A basis that is held elsewhere: a block needs 1,000 bytes per column if it is entirely in memory, 30,000 in all if
+/// it is read in chunks.
 struct Elsewhere(MemoryOperator);
 
 const WHOLE: usize = 1000;
@@ -80,7 +80,7 @@ fn adds_up(plan: &IrfPlan) {
     assert!(plan.total <= plan.budget, "{plan:?}");
 }
 
-/// Sizes as the documentation of the plan has them, in doubles.
+/// Sizes as in the documentation of the plan, in doubles.
 #[test]
 fn arrays_and_factors_are_counted_to_the_byte() {
     let operator = operator();
@@ -98,10 +98,10 @@ fn arrays_and_factors_are_counted_to_the_byte() {
     assert_eq!(plain.arrays, 8 * (N * c + size * c + 4 * widest * c));
     let weighted = planned(&|params| params.weights = Some(vec![1.0; N]));
     assert_eq!(weighted.arrays, plain.arrays + 8 * N);
-    // Two arrays of each kind more.
+    // Two more arrays of each kind.
     let accelerated = planned(&|params| params.accelerate = true);
     assert_eq!(accelerated.arrays, plain.arrays + 8 * 2 * (N * c + size * c));
-    // All that are kept, and the one that is being made.
+    // All factors that are kept, and the one being computed.
     let squares: usize = columns.iter().map(|k| k * k).sum();
     assert_eq!((plain.factors, plain.keep_factors), (8 * (squares + widest * widest), true));
     let once = planned(&|params| params.method = Method::Irf { passes: 1, granularity: 20 });
@@ -115,7 +115,7 @@ fn arrays_and_factors_are_counted_to_the_byte() {
     assert_eq!(plain.work, thread + (4 << 20));
     assert_eq!(planned(&|params| params.threads = 3).work, 3 * plain.work);
     assert_eq!(weighted.work, plain.work + 8 * CHUNK * c);
-    // With Gram matrices from elsewhere no thread sums one; making one takes it a MiB.
+    // With Gram matrices from elsewhere no thread sums one; computing one needs a MiB per thread.
     let given = planned(&|params| (params.gram_bytes, params.threads) = (Some(5000), 2));
     assert_eq!((given.grams, given.work), (5000 + (2 << 20), 2 * (8 * widest * c + (4 << 20))));
     let held = planned(&|params| params.held = 12_345);
@@ -123,7 +123,7 @@ fn arrays_and_factors_are_counted_to_the_byte() {
     assert_eq!((plain.reserved, plain.basis, plain.whole.len()), (0, 0, 4));
 }
 
-/// Blocks of more than a thousand columns are summed by OpenBLAS, which the threads share.
+/// Blocks of more than a thousand columns are summed by a shared call of OpenBLAS.
 #[test]
 fn wide_blocks_are_shared_by_the_threads() {
     let directions = Directions::fibonacci(1200).unwrap();
@@ -146,7 +146,7 @@ fn wide_blocks_are_shared_by_the_threads() {
     assert_eq!(planned(30, 1).work, 8 * (961 * 961 + 120 * 961 + 961 * 2) + (4 << 20));
 }
 
-/// The least budget is named, works, and a byte less doesn't; so does the granularity.
+/// The smallest sufficient budget is stated and works, and a byte less doesn't; likewise for the granularity.
 #[test]
 fn a_refusal_names_the_least_budget_and_the_granularity_that_fits() {
     let operator = Elsewhere(operator());
@@ -164,11 +164,11 @@ fn a_refusal_names_the_least_budget_and_the_granularity_that_fits() {
         assert_eq!(none, None);
         let least = plan(&operator, 3, &IrfParams { memory: needed, ..params(2, granularity) }).unwrap();
         adds_up(&least);
-        // A single block's factor is kept where it was made.
+        // A single block's factor is kept in place.
         assert_eq!(least.keep_factors, granularity == 64);
         assert_eq!(refused(needed - 1, method).0, needed);
     }
-    // What the widest block takes too much of, narrower ones have.
+    // If the widest block needs too much memory, narrower ones fit.
     let (whole, _) = match plan(&operator, 3, &IrfParams { memory: 1, ..params(2, 64) }) {
         Err(SolverError::Budget { needed, granularity, .. }) => (needed, granularity),
         other => panic!("{other:?}"),
@@ -187,19 +187,20 @@ fn a_refusal_names_the_least_budget_and_the_granularity_that_fits() {
         }
     }
     assert!(!told.is_empty());
-    // Methods whose blocks are given get no advice.
+    // Methods with fixed blocks get no advice.
     let sirf = IrfParams { memory: 1, method: Method::Sirf { start_degree: 2 }, ..params(1, 64) };
     assert!(matches!(plan(&operator, 3, &sirf), Err(SolverError::Budget { granularity: None, .. })));
 }
 
-/// With memory to spare blocks are read once and ahead; with less they are read in chunks where that takes less.
+/// With enough memory blocks are read once, with read-ahead; with less they are read in chunks if that needs less
+/// memory.
 #[test]
 fn what_is_left_of_the_budget_goes_to_the_basis() {
     let operator = Elsewhere(operator());
     let columns = [16, 20, 13, 15];
     let generous = plan(&operator, 3, &params(1, 20)).unwrap();
     assert!(generous.read_ahead && generous.whole == [true; 4]);
-    // The two largest neighbours, the first and the last among them.
+    // The two largest neighbours, including the pair of the first and the last.
     assert_eq!(generous.basis, WHOLE * (16 + 20));
     let fixed = generous.total - generous.basis;
     let with = |basis: usize| plan(&operator, 3, &IrfParams { memory: fixed + basis, ..params(1, 20) });
@@ -208,10 +209,10 @@ fn what_is_left_of_the_budget_goes_to_the_basis() {
     assert!(!alone.read_ahead && alone.whole == [true; 4]);
     assert_eq!(alone.basis, WHOLE * 20);
     assert_eq!(with(WHOLE * 20).unwrap().whole, [true; 4]);
-    // Whole is the least that any of these blocks takes.
+    // For each of these blocks, being entirely in memory needs the least.
     let Err(SolverError::Budget { needed, .. }) = with(WHOLE * 20 - 1) else { panic!("it fits") };
     assert_eq!(needed, fixed + WHOLE * 20);
-    // Of blocks of more than 30 columns chunks take less.
+    // For blocks of more than 30 columns, chunks need less memory.
     let wide = |memory| plan(&operator, 3, &IrfParams { memory, ..params(1, 36) }).unwrap();
     let wide_fixed = wide(1 << 30).total - wide(1 << 30).basis;
     let chunks = wide(wide_fixed + CHUNKWISE);
@@ -320,7 +321,7 @@ fn degrees_above_the_basis_or_its_gram_matrix_are_refused() {
     assert!(matches!(found, Some(SolverError::Degree { found: L, max_degree: 6 })), "{found:?}");
     let below = IrfParams { max_degree: L - 1, ..params(1, 20) };
     assert!(IrfSolver::with_gram(&operator, 1, below, &gram).is_ok());
-    // Moments reach to twice the degree.
+    // Moments are of up to twice the degree.
     assert!(moment_gram_bytes(N, 1000).is_ok());
     assert!(matches!(moment_gram_bytes(N, 1001), Err(SolverError::Harmonics(_))));
     assert!(moment_gram_bytes(2 * N, L).unwrap() >= moment_gram_bytes(N, L).unwrap() + 8 * N);

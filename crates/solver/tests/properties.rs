@@ -1,4 +1,4 @@
-//! What operators and fits must satisfy, whatever the sampling.
+//! Properties of operators and fits that hold for any sampling.
 
 use ndarray::{Array2, ArrayView2};
 use proptest::prelude::*;
@@ -7,8 +7,8 @@ use spharm_monitor::Silent;
 use spharm_solver::{IrfParams, MatrixFreeOperator, MemoryOperator, Method, Operator, irf};
 use spharm_transform::TransformParams;
 
-/// n directions without any order, from a seed: of splitmix64 (Steele, Lea, Flood 2014). A mere product of the counter
-/// is a Weyl sequence, which for some seeds lies on so few curves that the samples don't determine the fit.
+/// Returns n random directions from a seed, by splitmix64 (Steele, Lea, Flood 2014). A plain multiple of the counter
+/// would be a Weyl sequence, which for some seeds lies on so few curves that the samples don't determine the fit.
 fn scattered(n: usize, seed: u64) -> Directions {
     let mut state = seed;
     let mut unit = || {
@@ -49,8 +49,8 @@ proptest! {
         prop_assert!((&sums - &forward).iter().all(|d| d.abs() < 1e-12));
     }
 
-    /// At the full least squares the residual is orthogonal to every basis function, weighted or not; functions that
-    /// the basis holds are found again.
+    /// At the full least squares the residual is orthogonal to every basis function, weighted or not; functions in the
+    /// span of the basis are recovered.
     #[test]
     fn least_squares_leaves_nothing_that_the_basis_could_explain(
         max_degree in 0usize..8, channels in 1usize..10, weighted: bool, seed in 0u64..1000
@@ -66,7 +66,7 @@ proptest! {
         let groups: Vec<_> = (0..channels).map(|c| c..c + 1).collect();
         let found = irf::solve(&operator, noise.view(), &groups, &params, &Silent).unwrap();
         let mut residual = &noise - &operator.apply(found.coefficients.values().view()).unwrap();
-        // What the report says is what is left.
+        // The reported residual is the actual one.
         let mean = residual.column(0).iter().map(|r| r * r).sum::<f64>() / n as f64;
         let reported = found.report.history.last().unwrap().residuals[0].mean_square;
         prop_assert!((mean - reported).abs() <= 1e-10 * (mean + 1e-20), "{} {}", mean, reported);
@@ -83,7 +83,7 @@ proptest! {
     }
 }
 
-/// The fast operator is the direct one, for coefficients of any degree up to its own, with weights and without.
+/// The fast operator equals the direct one, for coefficients of any degree up to its own, with and without weights.
 #[test]
 fn the_fast_operator_is_the_direct_one() {
     let directions = scattered(200, 4);
@@ -107,7 +107,7 @@ fn the_fast_operator_is_the_direct_one() {
     }
 }
 
-/// Every vertex twice over half of the sphere: far from orthogonal blocks, and IRF still converges to the least
+/// With every vertex twice on half of the sphere, blocks are far from orthogonal, but IRF still converges to the least
 /// squares.
 #[test]
 fn passes_converge_to_the_full_least_squares_on_uneven_samplings() {
@@ -131,7 +131,7 @@ fn passes_converge_to_the_full_least_squares_on_uneven_samplings() {
     }
 }
 
-/// Columns that depend on each other get the solution of least norm, and the report says so.
+/// Linearly dependent columns get the minimum-norm solution, which is reported.
 #[test]
 fn repeated_directions_leave_a_rank_that_is_told() {
     // Nine different directions, four times each: rank 9 of 16.
@@ -146,15 +146,15 @@ fn repeated_directions_leave_a_rank_that_is_told() {
     assert_eq!((block.rank, block.columns, block.solver), (9, 16, "rank-revealing"));
     let residual = &targets - &operator.apply(found.coefficients.values().view()).unwrap();
     assert!(residual.iter().all(|r| r.abs() < 1e-11), "nine directions can be met exactly");
-    // Nine functions alone meet them, too; of all that do, the solution is the shortest.
+    // Nine functions alone also fit them; of all solutions, the one found has the smallest norm.
     let alone = IrfParams { max_degree: 2, ..params };
     let other = irf::solve(&operator, targets.view(), std::slice::from_ref(&(0..2)), &alone, &Silent).unwrap();
     let norm = |x: &Array2<f64>| inner(x.view(), x.view());
     assert!(norm(found.coefficients.values()) <= norm(other.coefficients.values()));
 }
 
-/// Blocks of 1,024 functions and more have a Gram matrix that the threads sum together: the same fit, by Cholesky,
-/// weighted or not, in chunks that do and don't divide the rows.
+/// Blocks of 1,024 functions and more have a Gram matrix that is summed jointly by the threads. The fit is the same, by
+/// Cholesky, weighted or not, in chunks that do and don't divide the rows.
 #[test]
 fn a_block_of_more_than_a_thousand_functions_finds_what_the_samples_hold() {
     let max_degree = 31;

@@ -6,13 +6,13 @@ pub const GRANULARITY: usize = 100;
 /// Passes of an accelerated fit: eight iterations, which suffice on even samplings.
 pub const ACCELERATED_PASSES: usize = 16;
 
-/// Optimality at which the full least squares counts as converged.
+/// Optimality at which the full least squares is treated as converged.
 pub const TOLERANCE: f64 = 1e-10;
 
-/// Most iterations of the full least squares.
+/// Maximum number of iterations of the full least squares.
 pub const MAX_ITERATIONS: usize = 3000;
 
-/// Bytes of memory for a fit over a store.
+/// Default memory budget of a fit over a store, in bytes.
 pub const MEMORY_OVER_A_STORE: usize = 256 << 20;
 
 /// Accuracy of the transforms within the full least squares. It limits the accuracy of the residual.
@@ -21,11 +21,12 @@ pub(crate) const TRANSFORM_ACCURACY: f64 = 1e-12;
 /// Largest number of columns that share a transform and a factor; more don't reduce the cost per column further.
 pub(crate) const MOST_COLUMNS: usize = 96;
 
-/// Most surfaces in one sweep over a store; with more, the products take much longer than reading the basis.
+/// Largest number of surfaces in one sweep over a store; with more, the products take much longer than reading the
+/// basis.
 pub(crate) const MOST_TOGETHER: usize = 128;
 
-/// Most sweeps beyond the one pass of [`Method::Nlsf`](crate::Method::Nlsf). Each multiplies the remaining rounding
-/// error by eps times the condition number.
+/// Maximum number of additional sweeps after the single pass of [`Method::Nlsf`](crate::Method::Nlsf). Each multiplies
+/// the remaining rounding error by eps times the condition number.
 pub(crate) const REFINEMENTS: usize = 5;
 
 /// Default penalty on a sphere made by parametrisation: its size at the highest degree, relative to the weight of the

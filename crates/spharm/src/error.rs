@@ -81,7 +81,7 @@ pub enum Error {
     /// A degree above the highest supported one.
     #[error("degree {found} is above {most}, the highest supported degree")]
     Degree {
-        /// The degree asked for.
+        /// The requested degree.
         found: usize,
         /// The highest.
         most: usize,

@@ -158,7 +158,7 @@ mod tests {
         assert_eq!(free("0::/pod\n"), Some(600));
         assert_eq!(free("0::/pod/step\n"), Some(400));
         assert_eq!(free("9:memory:/job/step_0\n0::/pod\n"), Some(60));
-        // A limit without what is used, as where the files aren't readable.
+        // A limit without a usage, for example if the file isn't readable.
         group("odd", &[("memory.max", "1000\n")]);
         assert_eq!(free("0::/odd\n"), None);
     }

@@ -1,4 +1,4 @@
-//! Many targets over one sphere: the same bits as each alone, in bounded memory, with errors passed through.
+//! Many targets over one sphere: bit-identical to single fits, in bounded memory, with errors passed through.
 
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
@@ -38,7 +38,7 @@ fn results_are_in_order_and_those_of_each_alone() {
     let (found, report) = fit_many(&sphere, COUNT, &next, &params(), &keep, &Silent).expect("fits");
     assert!(found.iter().map(|(number, _)| *number).eq(0..COUNT));
     assert_eq!(report.batches.len(), 3, "96 columns at a time are 32 surfaces");
-    // A batch, and what the threads have read of the next.
+    // A batch, and the targets of the next that the threads have read.
     assert!(most.into_inner() <= 32 + 2);
     for number in [0, 1, 31, 32, COUNT - 2, COUNT - 1] {
         let (alone, among) = (fit(&sphere, &target(number), &params()).expect("a fit"), &found[number].1);
@@ -97,7 +97,7 @@ fn errors_of_the_caller_and_of_the_library_come_back_as_they_are() {
     assert!(matches!(error, Mine::Library(Error::Surface(_))), "{error:?}");
 }
 
-/// Of targets that can't be read, that have too few values, and all others.
+/// For unreadable targets, targets with too few values, and all others.
 #[test]
 fn targets_that_fail_are_handed_over_and_change_no_other() {
     let sphere = sphere();
@@ -127,11 +127,11 @@ fn targets_that_fail_are_handed_over_and_change_no_other() {
     assert!(none == [None, None, None] && report.batches.is_empty());
 }
 
-/// Each of those that meet the tolerance has its fit.
+/// Each target that meets the tolerance gets its fit.
 #[test]
 fn a_fit_that_does_not_converge_is_named_alone() {
     let sphere = sphere();
-    // Zero from the start; the others take some iterations.
+    // This target is zero; the others need some iterations.
     let read = |number: usize| match number {
         2 => Target::from_signal(Signal::new(vec![0.0; 642 * 3], 642, 3), &sphere).map_err(Error::from),
         _ => Ok(target(number)),

@@ -333,7 +333,7 @@ mod tests {
         (0..count).map(|i| ((i as f64 + 1.0) * seed).sin()).collect()
     }
 
-    /// Against the sums written out, for every remainder of rows, columns and channels by the kernels' steps.
+    /// Compares with explicit sums, for every remainder of rows, columns and channels by the kernels' steps.
     fn kernels_are_the_sums_written_out<S: Kernels>(narrow: fn(f64) -> S) {
         for rows in [1, 7, 8, 9, 23, 40] {
             for k in [1, 3, 4, 5, 11] {

@@ -25,10 +25,10 @@
 //! alpha = gamma / q^T W q   x += alpha p              r -= alpha q
 //! ```
 //!
-//! Every column has its own alpha and beta. With E = (I - P_B) .. (I - P_1), the pass forward, `gamma = |W^(1/2) r|^2 -
-//! |W^(1/2) E r|^2`: what the pass forward takes off the residual, which its steps give as sums of `y^T A_j^T W s >=
-//! 0`. So gamma keeps its digits down to rounding, where `r^T W (r - s)` would lose them to `|r|^2`, which doesn't go
-//! to zero.
+//! Every column has its own alpha and beta. With E = (I - P_B) .. (I - P_1), the forward pass,
+//! `gamma = |W^(1/2) r|^2 - |W^(1/2) E r|^2`, the decrease of the residual by the forward pass. It is obtained from the
+//! pass's steps as sums of `y^T A_j^T W s`, which is never negative. So gamma keeps its digits down to rounding,
+//! whereas `r^T W (r - s)` would lose them to `|r|^2`, which doesn't go to zero.
 //!
 //! A column is finished when `gamma^(1/2) <= 1e-13 |W^(1/2) f|`, and isn't changed from then on.
 //!

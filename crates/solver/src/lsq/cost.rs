@@ -107,7 +107,7 @@ mod tests {
         assert!(cost(100_000, 1_000, 1).paid_after() > 60.0);
     }
 
-    /// Each iteration gains the root of n / K: of a hundredfold ten are needed for ten digits.
+    /// Each iteration gains a factor of the root of n / K: if that ratio is a hundred, ten iterations give ten digits.
     #[test]
     fn iterations_are_those_of_the_law() {
         assert!((cost(100 * 121, 10, 1).expected_iterations(1e-10) - 10.0).abs() < 1e-12);

@@ -233,7 +233,7 @@ fn gains(power: &[f64], noise: &[f64]) -> Vec<f64> {
 mod tests {
     use super::*;
 
-    /// Weighted least squares under an order, by its min-max formula.
+    /// Computes weighted least squares under an order restriction, by the min-max formula.
     fn brute_force(power: &[f64], noise: &[f64]) -> Vec<f64> {
         let mean = |from: usize, to: usize| {
             let sum = |values: &[f64]| values[from..=to].iter().sum::<f64>();

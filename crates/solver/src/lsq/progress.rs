@@ -52,7 +52,7 @@ mod tests {
         Leave { after: 60, every: 30, most, most_with_density: 0.0 }
     }
 
-    /// The iteration at which an iteration that gains so much at each step is given up, of the first 300.
+    /// Returns the step, within the first 300, at which an iteration with this gain per step is given up.
     fn given_up(mut progress: Progress, gain: f64) -> Option<usize> {
         (1..300).find(|&iteration| !progress.may_go_on(iteration, gain.powi(-(iteration as i32))))
     }
@@ -60,20 +60,20 @@ mod tests {
     #[test]
     fn iterations_beside_a_factor_go_on_while_few_are_left() {
         let beside = Progress::new(&BESIDE, false, 1e-12, 1.0);
-        // Twelve at ten each; three are made.
+        // Twelve steps of a factor of ten, of which three are done.
         assert_eq!(given_up(beside, 10.0), None);
-        // Forty.
+        // Forty steps.
         assert_eq!(given_up(beside, 2.0), Some(3));
         assert_eq!(given_up(beside, 1.0), Some(3));
-        // What was gained before counts.
+        // Earlier progress doesn't count as gain.
         assert_eq!(given_up(Progress::new(&BESIDE, false, 1e-12, 1e-2), 10.0), Some(3));
-        // Nine are more than four with the density.
+        // Nine remaining steps are more than the four allowed with the density.
         assert_eq!(given_up(Progress::new(&BESIDE, true, 1e-12, 1.0), 10.0), Some(3));
     }
 
     #[test]
     fn a_factor_is_made_where_many_are_left_after_sixty() {
-        // 0.7 digits in thirty.
+        // 0.7 digits in thirty steps.
         assert_eq!(given_up(Progress::new(&before(100.0), false, 1e-10, 1.0), 1.05), Some(60));
         assert_eq!(given_up(Progress::new(&before(1000.0), false, 1e-10, 1.0), 1.05), None);
         assert_eq!(given_up(Progress::new(&before(1000.0), false, 1e-10, 1.0), 1.0), Some(60));

@@ -1,4 +1,4 @@
-//! The Cholesky factor: what it must satisfy in memory, out of core and from a store.
+//! Guarantees of the Cholesky factor in memory, out of core and from a store.
 
 mod matrices;
 mod memory;

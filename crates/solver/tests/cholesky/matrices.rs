@@ -38,7 +38,7 @@ impl GramMatrix for Dense {
     }
 }
 
-/// A^T A of the harmonics at scattered directions, by direct sums.
+/// Returns A^T A of the harmonics at scattered directions, by direct sums.
 pub(crate) fn gram(directions: &Directions, max_degree: usize) -> Dense {
     let (n, k) = (directions.len(), basis_size(max_degree));
     let recurrence = Recurrence::new(max_degree).unwrap();
@@ -69,7 +69,7 @@ pub(crate) fn in_memory(source: &dyn GramMatrix, params: &FactorParams) -> Memor
     factorise(source, params, &Silent).unwrap()
 }
 
-/// Builds in no more memory than it takes out of core, with panels of one tile column.
+/// Builds with the smallest memory that suffices out of core, with panels of one tile column.
 pub(crate) fn out_of_core(
     store: &Path,
     source: &dyn GramMatrix,
@@ -92,7 +92,7 @@ pub(crate) fn stored(file: &FactorFile, memory: usize, threads: usize) -> Stored
     StoredFactor::new(file.clone(), memory, threads)
 }
 
-/// C of a file, (K, K).
+/// Returns C of a file, (K, K).
 pub(crate) fn lower(file: &FactorFile) -> Array2<f64> {
     use spharm_store::factor::TileValues;
     let grid = file.header().grid;

@@ -1,4 +1,4 @@
-//! Factors in memory and out of core: they are those of the matrix, and singular ones are named.
+//! Factors in memory and out of core: they are those of the matrix, and singular matrices are reported.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -13,7 +13,8 @@ use spharm_store::Scalar;
 
 use crate::matrices::{Dense, filled, gram, in_memory, largest, lower, out_of_core, scattered, spec, stored, to_faer};
 
-/// For tiles that divide K = 121 and that don't, in memory and out of core, from windows kept and dropped.
+/// For tiles that divide K = 121 and tiles that don't, in memory and out of core, with windows that are kept and
+/// dropped.
 #[test]
 fn factor_times_its_transpose_is_the_matrix_and_solves_are_those_of_a_dense_solver() {
     let source = gram(&scattered(400), 10);
@@ -96,7 +97,7 @@ fn the_inverse_s_diagonal_is_that_of_unit_solves() {
 
 #[test]
 fn the_inverse_s_diagonal_stops_between_tiles() {
-    /// Stops at the third question.
+    /// Asks to stop at the third check.
     struct Third(AtomicU64);
     impl Monitor for Third {
         fn cancelled(&self) -> bool {
@@ -128,7 +129,7 @@ fn the_condition_estimate_is_within_a_few_of_the_truth() {
     }
 }
 
-/// More functions than directions: it says where, in memory and out of core, whatever the tiles.
+/// More functions than directions: the error states the column, in memory and out of core, for any tiles.
 #[test]
 fn a_singular_matrix_is_said_to_break_and_where() {
     let source = gram(&scattered(90), 10);
@@ -144,13 +145,13 @@ fn a_singular_matrix_is_said_to_break_and_where() {
         let penalised = Penalised::new(&source, smoothness_penalty(10, 1e-3));
         assert!(factorise(&penalised, &params, &Silent).is_ok(), "a penalty mends it");
     }
-    // Nothing but the lock is left.
+    // Only the lock is left.
     let names: Vec<_> = std::fs::read_dir(folder.path().join(spec(10, 90).key.to_string()))
         .unwrap()
         .map(|item| item.unwrap().file_name())
         .collect();
     assert_eq!(names, [".lock"]);
-    // Exact zeros, at the very column.
+    // With exact zeros, the column reported is exactly theirs.
     let mut matrix = Array2::eye(100);
     matrix[[40, 40]] = 0.0;
     let error = factorise(&Dense(matrix), &FactorParams { tile: 16, ..FactorParams::default() }, &Silent);

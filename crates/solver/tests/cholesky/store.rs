@@ -1,4 +1,4 @@
-//! Factors in a store: refused when they are of something else or damaged, gone when interrupted.
+//! Factors in a store: refused if they are damaged or don't match, removed if interrupted.
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -38,7 +38,7 @@ fn a_factor_of_something_else_is_refused_by_name() {
         }
         let error = open_factor(folder.path(), &other, None).unwrap_err();
         assert!(matches!(error, StoreError::FactorMissing { .. }), "{error}");
-        // One of something else in its place.
+        // A factor of another specification in its place.
         let place = folder.path().join(other.key.to_string());
         std::fs::create_dir_all(&place).unwrap();
         let place = place.join(other.file_name(Scalar::F64));
@@ -51,7 +51,7 @@ fn a_factor_of_something_else_is_refused_by_name() {
     assert_eq!(factors(folder.path(), spec.key).unwrap().len(), 1);
 }
 
-/// Asks to stop once it was given so many steps or statuses.
+/// Asks to stop after a number of steps or statuses.
 struct StopAfter {
     left: AtomicU64,
 }
@@ -82,7 +82,7 @@ impl Monitor for StopAfter {
     }
 }
 
-/// Interrupted at any moment: nothing is left, and the next run does it.
+/// If interrupted at any moment, nothing is left, and the next run succeeds.
 #[test]
 fn an_interrupted_build_leaves_nothing() {
     let source = gram(&scattered(400), 12);
@@ -107,8 +107,8 @@ fn an_interrupted_build_leaves_nothing() {
     }
 }
 
-/// A damaged tile is an error of the solve that names the file, in whichever thread it is met; a damaged header makes
-/// the next build replace the file.
+/// A damaged tile causes an error of the solve that names the file, in whichever thread it occurs. A damaged header
+/// makes the next build replace the file.
 #[test]
 fn damage_is_an_error_and_no_wrong_number() {
     let source = gram(&scattered(400), 12);

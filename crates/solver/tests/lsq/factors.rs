@@ -1,4 +1,4 @@
-//! Factors that are kept, stored, or of single precision.
+//! Factors that are kept, stored, or in single precision.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -19,7 +19,7 @@ use crate::problems::{
     Random, Sampling, clustered, dense, even, irregular, matrix, params, solve, transforms, uneven_weights,
 };
 
-/// One batch after another on the same solver, with the factor that the first one made.
+/// Batches on the same solver use the factor that was computed for the first one.
 #[test]
 fn a_solver_keeps_its_factor_from_batch_to_batch() {
     let sampling = irregular(400, 4);
@@ -36,13 +36,13 @@ fn a_solver_keeps_its_factor_from_batch_to_batch() {
         let fit = solver.fit(&targets, std::slice::from_ref(&(0..3)), &Silent).unwrap();
         dense(&a, &targets, None, 0.0).meets(&fit, fit.report.optimality, "batch");
         assert_eq!((fit.report.preconditioner, fit.report.stop), ("factor", Stop::Converged), "{:?}", fit.report);
-        // Iterations first, and then no more.
+        // Only the first batch iterates.
         assert_eq!(fit.report.iterations > 0, seed == 0);
     }
     assert_eq!(made.into_inner(), 1);
 }
 
-/// A factor in a store, as it would be opened for `sampling`.
+/// Returns a factor in a store, as it would be opened for `sampling`.
 fn stored(
     folder: &std::path::Path,
     sampling: &Sampling,
@@ -80,7 +80,7 @@ fn a_stored_factor_gives_what_a_made_one_gives_and_single_precision_is_refined()
         let made = solve(&sampling, max_degree, &targets, base.clone());
         for scalar in [Scalar::F64, Scalar::F32] {
             let factor = stored(folder.path(), &sampling, max_degree, Some(&weights), smoothness, scalar);
-            // No Gram matrix is there to make another from.
+            // There is no Gram matrix to compute another factor from.
             let mut solver = LsqSolver::new(&operator, None, base.clone()).unwrap().with_factor(&factor);
             let fit = solver.fit(&targets, std::slice::from_ref(&(0..4)), &Silent).unwrap();
             let what = format!("{} {scalar:?} {smoothness} {:?}", sampling.name, fit.report);
@@ -90,8 +90,8 @@ fn a_stored_factor_gives_what_a_made_one_gives_and_single_precision_is_refined()
             if scalar == Scalar::F64 {
                 assert_eq!(fit.coefficients.values(), made.coefficients.values(), "{what}: the same bits");
             }
-            // Of the sum norm; it is within the size of the matrix of that of the Euclidean one, on even samplings
-            // nearer.
+            // The condition number in the sum norm; it differs from that in the Euclidean norm by at most the size of
+            // the matrix, and by less on even samplings.
             let ratio = fit.report.condition / expected.condition();
             let most = if sampling.name == "even" { 3.0 } else { (basis_size(max_degree) as f64).sqrt() };
             assert!(ratio > 1.0 / most && ratio < most, "{what}: {ratio}");
@@ -99,7 +99,7 @@ fn a_stored_factor_gives_what_a_made_one_gives_and_single_precision_is_refined()
     }
 }
 
-/// A condition number of the normal equations at which single precision has no digit left to solve with.
+/// The condition number of the normal equations is so large that a solve in single precision loses all digits.
 #[test]
 fn a_single_precision_factor_of_ill_conditioned_equations_ends_with_the_best_that_was_found() {
     let folder = tempfile::tempdir().unwrap();
@@ -115,8 +115,8 @@ fn a_single_precision_factor_of_ill_conditioned_equations_ends_with_the_best_tha
     expected.meets(&fit, fit.report.optimality, "single");
 }
 
-/// Beside a factor of a matrix of moderate condition many columns are iterated by moments as long as few iterations
-/// seem to be left, else the factor takes over.
+/// Even with a factor of a matrix of moderate condition, many columns are iterated by moments as long as few iterations
+/// seem to remain; otherwise the factor is used.
 #[test]
 fn iterations_by_moments_go_before_a_stored_factor_while_they_are_faster() {
     const DEGREE: usize = 12;
@@ -125,7 +125,7 @@ fn iterations_by_moments_go_before_a_stored_factor_while_they_are_faster() {
     let targets = Random(3).normals(6000, 48);
     let a = matrix(&sampling.directions, DEGREE);
     let operator = transforms(&sampling.directions, DEGREE);
-    // With a penalty the density doesn't precondition, and little of one leaves the iterations as they are without.
+    // With a penalty the density doesn't precondition, and a small one hardly changes the iterations.
     for (steepness, smoothness, expected) in [(0.4, 0.0, "none"), (1.8, 0.0, "density"), (1.8, 1e-9, "stored-factor")] {
         let iterated = expected != "stored-factor";
         let weights = sampling.directions.as_slice().iter().map(|[_, _, z]| (steepness * z).exp());
@@ -142,7 +142,7 @@ fn iterations_by_moments_go_before_a_stored_factor_while_they_are_faster() {
         dense(&a, &targets, weights, smoothness).meets(&fit, fit.report.optimality, "beside a factor");
         assert_eq!(fit.report.stop, Stop::Converged, "{:?}", fit.report);
         assert_eq!((fit.report.preconditioner, fit.report.products), (expected, "moments"), "{:?}", fit.report);
-        // Three show how many it would take.
+        // Three iterations show how many would be needed.
         assert!(fit.report.condition < 100.0, "{:?}", fit.report);
         assert!(if iterated { fit.report.iterations > 3 } else { fit.report.iterations == 3 }, "{:?}", fit.report);
         assert_eq!(fit.report.refinements > 0, !iterated, "{:?}", fit.report);

@@ -33,15 +33,16 @@ fn cross_validation_finds_a_smoothness_that_is_near_the_best() {
         let (chosen, without) = (error(found.smoothness), error(0.0));
         assert!(chosen < without && chosen < 1.5 * best, "{chosen:e} {without:e} {best:e} {found:?}");
         assert!(!found.at_the_end);
-        // Tried are penalties from 1e-6 of the highest degree's diagonal on an even sampling to the diagonal for degree
-        // 2.
+        // The penalties tried are between 1e-6 of the highest degree's diagonal on an even sampling and the diagonal
+        // for degree 2.
         let even = weights.as_ref().map_or(n as f64, |weights| weights.iter().sum()) / (4.0 * std::f64::consts::PI);
         let lambdas = || found.tried.iter().map(|[lambda, ..]| *lambda);
         let (least, most) = (lambdas().fold(f64::INFINITY, f64::min), lambdas().fold(0.0, f64::max));
         let highest = ((DEGREE * (DEGREE + 1)) as f64).powi(2);
         assert!((least / (1e-6 * even / highest) - 1.0).abs() < 1e-9, "{least}");
         assert!((most / (even / 36.0) - 1.0).abs() < 1e-9, "{most}");
-        // The trace of the hat matrix, against the dense one: the probes' noise is some percent of what is lost.
+        // The trace of the hat matrix, compared with the dense one: the probes' noise is some percent of K minus the
+        // trace.
         for [lambda, _, trace] in found.tried {
             let weight = weights.as_ref().map_or(1.0, |w| w[0]);
             let penalised = a.t().dot(&a) * weight + diagonal(smoothness_penalty(DEGREE, lambda));

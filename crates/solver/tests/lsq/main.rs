@@ -1,4 +1,4 @@
-//! The full least squares: every strategy gives the solution of the dense problem, and what isn't determined stays
+//! The full least squares: every strategy gives the solution of the dense problem, and undetermined components stay
 //! small.
 
 mod denoise;

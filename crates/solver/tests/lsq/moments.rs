@@ -1,4 +1,4 @@
-//! Fits from moments alone, held against the dense solution and against the same fit from the samples.
+//! Fits from moments, compared with the dense solution and with the same fit from the samples.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -110,13 +110,13 @@ fn a_lower_degree_needs_no_other_sums() {
     assert!(matches!(MomentProblem::new(&to_twelve, 13), Err(SolverError::Degree { found: 13, max_degree: 12 })));
 }
 
-/// The gradient that a solution x really has, relative to the right-hand sides: the largest of all columns.
+/// Returns the actual gradient of a solution x relative to the right-hand sides, the largest of all columns.
 fn optimality_of(problem: &MomentProblem, right_sides: &Array2<f64>, x: ArrayView2<'_, f64>) -> f64 {
     let gradient = right_sides - &problem.operator().apply(x).unwrap();
     norms(&gradient).into_iter().zip(norms(right_sides)).map(|(g, b)| g / b).fold(0.0, f64::max)
 }
 
-/// On even samplings the gradient that iterations carry isn't formed again in the end. What is said of it holds.
+/// On even samplings the gradient of the iterations isn't recomputed at the end, and its reported size is correct.
 #[test]
 fn the_optimality_of_each_group_is_that_of_its_solution() {
     let (sampling, targets) = (even(1500), Random(10).normals(1500, 5));
@@ -134,14 +134,15 @@ fn the_optimality_of_each_group_is_that_of_its_solution() {
             let found = optimality_of(&problem, &right_sides, fit.coefficients.values().view());
             assert!(fit.report.optimality <= 1.5 * tolerance.max(2e-14), "{}", fit.report.optimality);
             assert!(found <= fit.report.optimality + 1e-15, "{found:.1e} {:.1e}", fit.report.optimality);
-            // What it may be off by is in it where it was carried; near the last digits it is formed.
+            // The reported optimality includes the estimated error if the gradient wasn't recomputed; near the last
+            // digits it is.
             let carried = fit.report.optimality - found > 0.5e-13;
             assert_eq!(carried, tolerance > 1e-12, "{found:.1e} {:.1e}", fit.report.optimality);
         }
     }
 }
 
-/// Products take three columns at a time, and so do iterations.
+/// Products process three columns at a time, and so do iterations.
 #[test]
 fn columns_of_many_have_the_bits_that_they_have_with_their_own_few() {
     let (sampling, mut targets) = (irregular(900, 5), Random(11).normals(900, 8));
@@ -164,7 +165,8 @@ fn columns_of_many_have_the_bits_that_they_have_with_their_own_few() {
     }
 }
 
-/// Whatever the condition, the carried gradient is off by no more than is said, and near the last digits it is formed.
+/// Whatever the condition number, the error of the iteration's gradient is at most the reported one, and near the last
+/// digits the gradient is recomputed.
 #[test]
 fn the_gradient_of_an_ill_conditioned_problem_is_as_good_as_it_is_said_to_be() {
     for (sampling, tolerance, carried) in
@@ -218,7 +220,7 @@ fn sums_that_are_none_are_refused() {
     assert!(matches!(MomentProblem::new(&short, 3), Err(SolverError::Sums { expected: 16, found: 9, .. })));
 }
 
-/// Fits with moments beside the samples, of weights that may not be those of the fit.
+/// Fits with moments in addition to the samples, for weights that may differ from those of the fit.
 fn fit_with_moments(
     sampling: &Sampling,
     targets: &Array2<f64>,
@@ -254,7 +256,7 @@ fn iterations_take_moments_of_many_samples_once_and_give_the_dense_solution() {
     }
 }
 
-/// Transforms, and how often the adjoint was formed.
+/// Transforms, and a count of calls of the adjoint.
 #[derive(Debug)]
 struct Counted(MatrixFreeOperator, AtomicUsize);
 
@@ -286,7 +288,7 @@ fn where_moments_are_exact_enough_the_residual_tells_that_the_tolerance_is_met()
     for (sampling, weights, adjoints) in [
         (irregular(6000, 16), None, 1),
         (irregular(6000, 17), Some(uneven_weights(6000)), 1),
-        // Of a density too large at the one pole: the gradient is formed from the samples as well.
+        // The density is too large at one pole, so the gradient is also computed from the samples.
         (clustered(6000), None, 2),
     ] {
         let operator = Counted(transforms(&sampling.directions, 8), AtomicUsize::new(0));
@@ -301,7 +303,7 @@ fn where_moments_are_exact_enough_the_residual_tells_that_the_tolerance_is_met()
         assert_eq!(operator.1.load(Ordering::Relaxed), adjoints, "{}", sampling.name);
         let synthesis = operator.apply(fit.coefficients.values().view()).unwrap();
         assert_eq!(fit.residual, &targets - &synthesis);
-        // What is reported holds for the gradient of the samples.
+        // The reported optimality is valid for the gradient from the samples.
         let adjoint_of = |samples: &Array2<f64>| {
             let mut weighted = samples.clone();
             let weights = weights.iter().flatten();
@@ -330,7 +332,7 @@ fn right_sides_that_come_with_moments_are_those_of_the_samples() {
     };
     let params = LsqParams { weights: Some(weights.clone()), ..params(Strategy::Cg) };
     let mut solver = LsqSolver::new(&operator, None, params).unwrap().with_moments(&make);
-    // Of the second batch the adjoint forms them.
+    // For the second batch they are computed by the adjoint.
     for adjoints in [0, 1] {
         let fit = solver.fit(&targets, std::slice::from_ref(&(0..2)), &Silent).unwrap();
         expected.meets(&fit, fit.report.optimality, sampling.name);
@@ -343,7 +345,7 @@ fn moments_that_lose_digits_give_way_to_the_samples() {
     let sampling = irregular(6000, 12);
     let targets = Random(13).normals(6000, 1);
     let expected = dense(&matrix(&sampling.directions, 8), &targets, None, 0.0);
-    // Of other weights: the solution by these moments is none.
+    // With other weights, these moments don't give a solution.
     let others: Vec<f64> = (0..6000).map(|i| if i % 3 == 0 { 0.1 } else { 0.3 }).collect();
     let (fits, made) = fit_with_moments(&sampling, &targets, Some(&others), params(Strategy::Auto));
     for (fit, warnings) in fits.iter().zip([1, 0]) {

@@ -1,4 +1,4 @@
-//! Samplings, random numbers, and the dense solution that every strategy is held against.
+//! Samplings, random numbers, and the dense solution with which every strategy is compared.
 
 use std::f64::consts::{PI, TAU};
 
@@ -20,7 +20,7 @@ pub(crate) struct Sampling {
     pub(crate) directions: Directions,
 }
 
-/// n directions on a spiral whose height falls by `depth` of the i-th of n.
+/// Returns n directions on a spiral, whose depth below the pole is given by `depth`.
 pub(crate) fn spiral(name: &'static str, n: usize, depth: impl Fn(f64) -> f64) -> Sampling {
     let golden = PI * (3.0 - 5f64.sqrt());
     let at = |i: usize| 1.0 - 2.0 * depth(i as f64 / n as f64);
@@ -33,24 +33,24 @@ pub(crate) fn even(n: usize) -> Sampling {
     spiral("even", n, |u| u)
 }
 
-/// A hundred times denser at the one pole than at the other.
+/// Returns a sampling that is a hundred times denser at one pole than at the other.
 pub(crate) fn clustered(n: usize) -> Sampling {
     spiral("clustered", n, |u| 0.02 * u + 0.98 * u * u)
 }
 
-/// Without any order.
+/// Returns a random sampling.
 pub(crate) fn irregular(n: usize, seed: u64) -> Sampling {
     let mut random = Random(seed);
     let angles: Vec<[f64; 2]> = (0..n).map(|_| [(1.0 - 2.0 * random.unit()).acos(), TAU * random.unit()]).collect();
     Sampling { name: "irregular", directions: Directions::from_angles(&angles).unwrap() }
 }
 
-/// All in a cap of the sphere.
+/// Returns a sampling of a cap of the sphere.
 pub(crate) fn cap(n: usize, angle: f64) -> Sampling {
     spiral("cap", n, |u| 0.5 * (1.0 - angle.cos()) * u)
 }
 
-/// Numbers without order from a counter.
+/// Random numbers from a counter.
 pub(crate) struct Random(pub(crate) u64);
 
 impl Random {
@@ -75,7 +75,7 @@ pub(crate) fn uneven_weights(n: usize) -> Vec<f64> {
     (0..n).map(|i| 0.25 + ((i * 31) % 7) as f64).collect()
 }
 
-/// A, (n, K), by direct sums.
+/// Returns A, (n, K), by direct sums.
 pub(crate) fn matrix(directions: &Directions, max_degree: usize) -> Array2<f64> {
     let operator = MemoryOperator::new(directions, max_degree, 64).unwrap();
     operator.apply(Array2::eye(basis_size(max_degree)).view()).unwrap()
@@ -84,7 +84,7 @@ pub(crate) fn matrix(directions: &Directions, max_degree: usize) -> Array2<f64> 
 /// The minimum-norm solution of the dense problem, by its singular value decomposition.
 pub(crate) struct Dense {
     pub(crate) x: Array2<f64>,
-    /// Of `[W^(1/2) A; P^(1/2)]`, in falling order.
+    /// Singular values of `[W^(1/2) A; P^(1/2)]`, in decreasing order.
     pub(crate) singular: Array1<f64>,
     /// Norms of the columns of `A^T W f`.
     pub(crate) scale: Vec<f64>,
@@ -112,7 +112,7 @@ pub(crate) fn dense(a: &Array2<f64>, targets: &Array2<f64>, weights: Option<&[f6
     Dense { x: vt.t().dot(&inner), singular, scale: norms(&adjoint), size: norms(&right) }
 }
 
-/// Singular value decomposition `u diag(s) vt`, values in falling order.
+/// Returns the singular value decomposition `u diag(s) vt`, with values in decreasing order.
 pub(crate) fn svd(a: &Array2<f64>) -> (Array2<f64>, Array1<f64>, Array2<f64>) {
     let svd = to_faer(a).thin_svd().unwrap();
     let singular = svd.S().column_vector().iter().copied().collect();
@@ -148,8 +148,8 @@ impl Dense {
         self.singular[0] / self.singular[self.singular.len() - 1]
     }
 
-    /// What a gradient of relative norm `optimality` allows the coefficients to be off, and what one does that is
-    /// formed with the accuracy of the transforms.
+    /// Checks that the error of the coefficients is within that caused by a gradient of relative norm `optimality`,
+    /// plus that of computing the gradient with the accuracy of the transforms.
     pub(crate) fn meets(&self, fit: &LsqFit, optimality: f64, what: &str) {
         let (most, least) = (self.singular[0], self.singular[self.singular.len() - 1]);
         let off = norms(&(fit.coefficients.values() - &self.x));
@@ -166,7 +166,7 @@ pub(crate) fn transforms(directions: &Directions, max_degree: usize) -> MatrixFr
     MatrixFreeOperator::new(directions, &params).unwrap()
 }
 
-/// Solves for targets that are one group.
+/// Solves for targets that form one group.
 pub(crate) fn solve(sampling: &Sampling, max_degree: usize, targets: &Array2<f64>, params: LsqParams) -> LsqFit {
     try_solve(sampling, max_degree, targets, params, &Silent).unwrap()
 }
@@ -188,7 +188,7 @@ pub(crate) fn try_solve(
     solver.fit(targets, std::slice::from_ref(&(0..targets.ncols())), monitor)
 }
 
-/// Of the transforms.
+/// Accuracy of the transforms.
 pub(crate) const ACCURACY: f64 = 1e-12;
 pub(crate) const STRATEGIES: [Strategy; 4] = [Strategy::Auto, Strategy::Cg, Strategy::DensityCg, Strategy::Cholesky];
 

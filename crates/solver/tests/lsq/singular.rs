@@ -1,4 +1,4 @@
-//! What the sampling doesn't determine stays small.
+//! Undetermined components stay small.
 
 use ndarray::{Array2, s};
 use spharm_harmonics::{Directions, basis_size};
@@ -7,7 +7,8 @@ use spharm_solver::{IrfParams, MemoryOperator, Method, Strategy, irf};
 
 use crate::problems::{Random, Sampling, cap, dense, irregular, matrix, norms, params, solve, svd};
 
-/// Mean squared residual of the least squares in the singular vectors above `cut` of the largest value.
+/// Returns the mean squared residual of the least squares in the singular vectors with values above `cut` times the
+/// largest.
 fn truncated(a: &Array2<f64>, targets: &Array2<f64>, cut: f64) -> f64 {
     let (u, singular, _) = svd(a);
     let count = singular.iter().filter(|value| **value > cut * singular[0]).count();
@@ -17,7 +18,7 @@ fn truncated(a: &Array2<f64>, targets: &Array2<f64>, cut: f64) -> f64 {
 
 #[test]
 fn what_the_sampling_does_not_determine_stays_small_and_is_told() {
-    // A cap; few more rows than columns, and every one of them twice.
+    // A cap, with few more rows than columns, and with every row twice.
     let twice = {
         let few = irregular(90, 6).directions;
         let directions = Directions::from_vertices(&few.as_slice().repeat(2)).unwrap();
@@ -47,7 +48,7 @@ fn what_the_sampling_does_not_determine_stays_small_and_is_told() {
             assert!(report.shift > 0.0 && report.shift < 1e-9 && report.condition.is_infinite(), "{what}");
             let [column, degree] = report.breaks_at.expect(&what);
             assert!(column < basis_size(max_degree) && degree == column.isqrt() && degree > 0, "{what}");
-            // Between the least there is and the least with what the shift can tell from nothing.
+            // Between the smallest possible residual and that of components that the shift can distinguish from zero.
             let mean = report.residuals[0].mean_square;
             let cut = truncated(&a, &targets, 10.0 * report.shift.sqrt());
             assert!(mean >= least * (1.0 - 1e-6) && mean <= 1.01 * cut + 1e-15, "{what} cut {cut:e}");

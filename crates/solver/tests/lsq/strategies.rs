@@ -35,7 +35,7 @@ fn every_way_gives_the_dense_least_squares_weighted_and_penalised_or_not() {
                 assert_eq!(fit.report.stop, Stop::Converged, "{what}");
                 assert!(fit.report.optimality <= 2e-10, "{what}: {}", fit.report.optimality);
                 expected.meets(&fit, fit.report.optimality, &what);
-                // What the report says, formed anew by direct sums.
+                // The reported values, recomputed by direct sums.
                 let residual = &targets - &a.dot(fit.coefficients.values());
                 assert!((&residual - &fit.residual).iter().all(|d| d.abs() < 1e-11), "{what}");
                 let mut weighted = residual.clone();
@@ -47,7 +47,8 @@ fn every_way_gives_the_dense_least_squares_weighted_and_penalised_or_not() {
                     gradient.row_mut(k).scaled_add(-p, &fit.coefficients.values().row(k));
                 }
                 let optimality = largest(norms(&gradient).iter().zip(&expected.scale).map(|(g, scale)| g / scale));
-                // Where a target is nearly orthogonal to the basis, errors count more beside what is left of it.
+                // If a target is nearly orthogonal to the basis, errors are larger relative to its component in the
+                // basis.
                 let small = largest(expected.size.iter().zip(&expected.scale).map(|(size, scale)| size / scale));
                 let allowed = 2.0 * ACCURACY * expected.singular[0] * small;
                 assert!((optimality - fit.report.optimality).abs() < allowed, "{what}: {optimality:.3e} {allowed:.1e}");
@@ -73,7 +74,7 @@ fn a_batch_gives_what_each_column_gives_alone_and_a_zero_column_zero() {
     let sampling = clustered(500);
     let mut targets = Random(3).normals(500, 8);
     targets.column_mut(5).fill(0.0);
-    // Of quite another size: each column has its own optimality.
+    // A column of a very different size: each column has its own optimality.
     targets.column_mut(6).mapv_inplace(|v| 1e-9 * v);
     let expected = dense(&matrix(&sampling.directions, 7), &targets, None, 0.0);
     for strategy in STRATEGIES {
@@ -119,7 +120,7 @@ fn too_few_iterations_end_with_the_best_solution_so_far() {
     }
 }
 
-/// Details that a solver notes.
+/// Details that a solver logs.
 #[derive(Default)]
 struct Details(Mutex<Vec<String>>);
 

@@ -165,7 +165,7 @@ mod tests {
         };
         let mut members: Vec<_> = [0.0, 0.3, 0.0, 0.3].map(body).into();
         let (motions, mean) = together(&mut members, &ball.faces, &masked);
-        // By how much the bumps' members are moved against the others, beside the longest axis.
+        // Displacement of the members with bumps relative to the others, divided by the longest axis.
         let apart = |a: &Similarity, b: &Similarity| {
             let off = sub(a.apply([0.0, 7.0, 0.0]), b.apply([0.0, 7.0, 0.0]));
             dot(off, off).sqrt()
@@ -173,7 +173,7 @@ mod tests {
         assert!(apart(&motions[0], &motions[1]) < 0.001, "{}", apart(&motions[0], &motions[1]));
         let least_squares = rigid(&body(0.3), &body(0.0), &weights(&members, &ball.faces, &masked));
         assert!(apart(&Similarity::default(), &least_squares) > 0.05);
-        // One alone comes to the mean as well.
+        // A single member is also moved to the mean.
         let mut one = body(0.3);
         let areas = weights(std::slice::from_ref(&mean), &ball.faces, &masked);
         let motion = to_mean(&mean, &mut one, &areas);

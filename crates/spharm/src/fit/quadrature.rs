@@ -127,7 +127,7 @@ mod tests {
     use spharm_surface::generate::icosphere;
     use spharm_transform::{FINEST, TransformParams};
 
-    /// Quadrature itself is exact: on the grid's own values the coefficients come back.
+    /// Quadrature itself is exact: values on the grid give the coefficients back.
     #[test]
     fn analysis_is_exact_on_the_grid() {
         let max_degree = 17;

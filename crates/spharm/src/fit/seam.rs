@@ -87,7 +87,7 @@ fn edges(seam: &Seam, faces: &[[u32; 3]]) -> Vec<[u32; 2]> {
 mod tests {
     use super::*;
 
-    /// An icosahedron whose last triangle counts as filling: its three edges are the seam.
+    /// An icosahedron whose last triangle is treated as a filling: its three edges are the seam.
     #[test]
     fn a_vertex_counts_by_its_share_of_the_seam() {
         let mut sphere = Sphere::icosphere(0);
@@ -101,7 +101,7 @@ mod tests {
         for degree in [6, 60] {
             let seam = SeamVertices::of(&sphere, degree).unwrap();
             assert_eq!(seam.vertices, corners);
-            // (L / 6)^2 pi / L of an edge, half of either one that meets in the vertex.
+            // (L / 6)^2 pi / L times half of each of the two edges that meet in the vertex.
             let expected = (degree as f64 / 6.0).powi(2) * PI / degree as f64 * edge;
             assert!(seam.weights(1.0, None).iter().all(|weight| (weight / expected - 1.0).abs() < 1e-12));
             let of_vertices: Vec<f64> = (0..12).map(f64::from).collect();

@@ -284,7 +284,7 @@ mod tests {
         }
     }
 
-    /// Samples are sorted by vertices where there is room, and patches kept where they serve several surfaces.
+    /// Samples are sorted by vertices if memory allows, and patches are kept if they serve several surfaces.
     #[test]
     fn vertices_are_chosen_by_memory() {
         let chosen = |sphere: &Sphere, budget: usize, several: bool| {

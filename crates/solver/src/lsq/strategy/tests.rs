@@ -1,9 +1,9 @@
-//! Plans of given sizes, availability and request.
+//! Plans for given sizes, availability and request.
 
 use super::*;
 
 const AUTO: Request = Request { strategy: Strategy::Auto, tolerance: 1e-10, max_iterations: 3000, penalised: false };
-/// A cortex to degree 100.
+/// A cortex up to degree 100.
 const CORTEX: Sizes = Sizes { rows: 40_962, rows_with_weight: 40_962, max_degree: 100, columns: 3 };
 const STORED: Factor = Factor::Stored { reciprocal: 0.1 };
 const EVEN: Moments = Moments::Made { uneven: false };
@@ -16,7 +16,7 @@ fn by(strategy: Strategy) -> Request {
     Request { strategy, ..AUTO }
 }
 
-/// A plan's steps in a few words.
+/// Returns a plan's steps in a few words.
 fn words(sizes: Sizes, moments: Moments, factor: Factor, request: Request) -> String {
     let word = |step: &Step| match *step {
         Step::MakeMoments => "make moments".to_owned(),
@@ -63,12 +63,12 @@ fn plans_are_as_expected() {
         (CORTEX, Moments::None, Factor::None, by(Strategy::Cholesky), "required factor; refine"),
         (CORTEX, Moments::Makeable, Factor::Makeable, AUTO, &at_once),
         (CORTEX, Moments::Makeable, Factor::None, by(Strategy::Cg), "make moments; moments to 3000"),
-        // Moments pay after four iterations, and five are expected.
+        // Moments pay off after four iterations, and five are expected.
         (many, Moments::Makeable, Factor::None, AUTO, "make moments; moments with density to 3000"),
         (many, Moments::Makeable, Factor::None, rough, "samples to 4; make moments; moments with density to 3000"),
         (many, Moments::Makeable, Factor::Makeable, Request { max_iterations: 4, ..rough }, "samples to 4"),
         (many, Moments::Makeable, Factor::Makeable, Request { max_iterations: 2, ..rough }, "samples to 2"),
-        // More columns of the basis than samples, and moments that never pay unless they are asked for.
+        // More columns of the basis than samples, and moments that never pay off and are only used if requested.
         (dense, Moments::Makeable, Factor::Makeable, AUTO, "samples to 3000"),
         (dense, Moments::Makeable, Factor::None, by(Strategy::DensityCg), "make moments; moments to 3000"),
         (CORTEX, Moments::None, Factor::None, by(Strategy::DensityCg), "samples to 3000"),
@@ -85,7 +85,7 @@ fn plans_are_as_expected() {
     }
 }
 
-/// Iterations that may seem to be left when they are left for a factor.
+/// Largest predicted number of remaining iterations without switching to a factor.
 #[test]
 fn the_more_a_factor_costs_the_more_iterations_may_be_left() {
     let most = |moments: Moments, factor: Factor| {
@@ -98,7 +98,7 @@ fn the_more_a_factor_costs_the_more_iterations_may_be_left() {
     };
     // A fifth of the 8.8 s for a factor of 10,201 columns, by products of 3.3 ms.
     assert!((most(EVEN, Factor::Makeable) - 541.6).abs() < 1.0);
-    // 0.19 s to use one.
+    // Using a factor takes 0.19 s.
     assert!((most(EVEN, STORED) - 57.8).abs() < 3.0);
     assert_eq!(most(Moments::None, Factor::Makeable), 0.0);
     assert_eq!(most(Moments::None, STORED), 0.0);
