@@ -31,7 +31,7 @@
 //! | [`normal_equations`], [`cg`], [`preconditioner`] | conjugate gradients |
 //! | `factor`, `refine` | the factor of N, shifted if N is singular; refinement with it |
 //! | `problem` | products and gradients, from samples or from moments |
-//! | `moments`, `moment_solver` | [`MomentProblem`], [`solve_moments`]: fits from sums over the samples alone |
+//! | `moments`, `moment_solver` | [`MomentProblem`], [`solve_moments`]: fits from sums over the samples |
 //! | `standard_errors` | standard errors of the coefficients |
 //! | [`gcv`] | the smoothness by generalised cross-validation |
 //! | [`denoise`] | a ridge by degree that removes noise, estimated from the targets |

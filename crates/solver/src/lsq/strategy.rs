@@ -6,7 +6,7 @@
 //! | factor | | factor, refinement |
 //! | auto | factor, except as below | factor, refinement |
 //! | any | moments, or no samples | iterations by moments |
-//! | any | moments that pay off immediately (`cost`), or that are needed for a requested density | moments, iterations by them |
+//! | any | moments that pay off at once (`cost`) or that a requested density needs | moments, iterations by them |
 //! | any | moments that pay off later | iterations by samples until then, moments, iterations by them |
 //! | any | no moments that pay off | iterations by samples |
 //!

@@ -3,7 +3,7 @@
 //! | file | contents |
 //! |---|---|
 //! | `key.json` | the group's inputs and settings: a folder with another key is refused |
-//! | `R-I.npz` | round R, surface I: `vertices` (n, 3); `reached` (n, 1), 1 or 0; `numbers`: cover, flipped triangles, and distances of left-out landmarks |
+//! | `R-I.npz` | round R, surface I: `vertices` (n, 3); `reached` (n, 1), 1 or 0; `numbers`: cover, flipped triangles, distances of left-out landmarks |
 //!
 //! An unreadable file is treated as missing: its registration is repeated.
 
