@@ -17,7 +17,7 @@ pub struct FitReport {
     pub channels: usize,
     /// Cube root of the bounding box's volume, in the target's unit; none for targets without volume.
     pub scale: Option<f64>,
-    /// Mean squared distance at the vertices, bounding box scaled to volume 1; NaN for targets without volume.
+    /// Mean squared distance at the vertices, bounding box scaled to volume 1; none for targets without volume.
     #[serde(skip)]
     pub msd: Option<f64>,
     /// Maximal squared distance at the vertices, scaled likewise.
