@@ -14,28 +14,28 @@ pub(crate) struct CohortArgs {
     /// environment of a job array.
     #[arg(long, value_name = "I/N|slurm")]
     pub(crate) shard: Option<Shard>,
-    /// Go on where a surface can't be fitted; name those at the end
+    /// Continue if a surface can't be fitted; list the failures at the end
     ///
-    /// The exit status is 1 then. The models of the others are the same as without them.
+    /// The exit status is then 1. The other models are the same as without the surfaces that failed.
     #[arg(long)]
     pub(crate) keep_going: bool,
-    /// Append what becomes of each row to a table
+    /// Append the outcome of each row to a table
     ///
     /// Tab-separated: id, state (done, skipped, failed, interrupted), msd, xsd, seconds, error, output. A row's line is
-    /// written when it is finished; of several the last counts. Each shard needs a file of its own; `spharm status`
-    /// adds them up.
+    /// written when the row is finished; if a row has several lines, the last one is used. Each shard needs its own
+    /// file; `spharm status` adds them up.
     #[arg(long, value_name = "FILE.tsv")]
     pub(crate) status: Option<PathBuf>,
-    /// Say what would be done, and do nothing
+    /// Report what would be done, and do nothing
     ///
-    /// Looks at all models that exist, at the first surfaces and spheres, and whether the others are there. The exit
-    /// status is 1 where rows would fail.
+    /// Checks all existing models, reads the first surfaces and spheres, and checks that the others exist. The exit
+    /// status is 1 if rows would fail.
     #[arg(long)]
     pub(crate) dry_run: bool,
-    /// Lines on stderr: text, or a JSON object each
+    /// Format of the lines on stderr: text, or one JSON object each
     ///
-    /// An event for each row: start, done, failed, skipped, interrupted; note, warning, progress and error have a text;
-    /// end has the counts.
+    /// Each row has events: start, then done, failed, skipped or interrupted. note, warning, progress and error have a
+    /// text; end has the counts.
     #[arg(long, value_enum, value_name = "text|json", default_value = "text", hide_possible_values = true)]
     pub(crate) log: Log,
 }

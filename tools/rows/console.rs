@@ -1,6 +1,7 @@
-//! Events of a run: on the console, as JSON lines, and summed up for the report.
+//! Shows the events of a run on the console or as JSON lines, and summarises them for the report.
 //!
-//! Of more rows than [`LISTED`] only counts and the worst are kept, so that memory doesn't grow with their number.
+//! If there are more than [`LISTED`] rows, only counts and the worst rows are kept, so that memory doesn't grow with
+//! the number of rows.
 
 use std::collections::{BTreeMap, HashSet};
 use std::path::PathBuf;
@@ -20,33 +21,33 @@ use spharm_cohort::{Entry, Row, State};
 use super::fitted::Fitted;
 use super::options::Options;
 
-/// Most rows that report and table list one by one.
+/// Largest number of rows that the report and the table list individually.
 pub(super) const LISTED: usize = 200;
-/// Most failures that the report names.
+/// Largest number of failures that the report lists.
 const NAMED: usize = 100;
-/// Most failures, and warnings of rows, that are printed.
+/// Largest number of failures, and of row warnings, that are printed.
 const PRINTED: usize = 20;
-/// Number of the worst rows that are shown.
+/// Number of worst rows that are shown.
 const WORST: usize = 5;
 
-/// Rows of a call, as an observer of their run.
+/// Observer of a run that prints its events and collects the summary.
 pub(crate) struct Rows<'a> {
     console: &'a Console,
     /// Number of rows.
     rows: usize,
-    /// Whether failures are left to the call's own error.
+    /// Whether failures are not printed, because the first one becomes the call's error.
     alone: bool,
     /// Whether a later step aligns models that don't correspond.
     aligned_later: bool,
     summary: Mutex<Summary>,
 }
 
-/// What the report shows of the rows.
+/// Summary of the rows for the report.
 #[derive(Default)]
 pub(super) struct Summary {
     /// Rows by state, in the order of [`State::ALL`].
     pub(super) counts: Vec<(State, usize)>,
-    /// Each fitted row, in the order of the rows; none if there are many.
+    /// Fitted rows, in row order; `None` if there are more than [`LISTED`] rows.
     pub(super) fitted: Option<Vec<Fitted>>,
     pub(super) skipped: Vec<Skipped>,
     pub(super) failed: Vec<Failed>,
@@ -55,9 +56,9 @@ pub(super) struct Summary {
     xsd: Sum,
     /// Wall time by stage.
     pub(super) seconds: Seconds,
-    /// Wall time of mapping.
+    /// Wall time of mapping surfaces to spheres, in seconds.
     pub(super) parametrize: f64,
-    /// Number of groups that were fitted.
+    /// Number of groups fitted.
     groups: usize,
     pub(super) scheme: Option<String>,
     pub(super) dtype: Option<&'static str>,
@@ -68,7 +69,7 @@ pub(super) struct Summary {
     failures: usize,
 }
 
-/// A surface whose model exists.
+/// A surface that was skipped because its model exists.
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct Skipped {
     #[serde(serialize_with = "spharm_cli::paths::serialize_shown")]
@@ -78,7 +79,7 @@ pub(super) struct Skipped {
     output: String,
 }
 
-/// A surface that can't be fitted.
+/// A surface that couldn't be fitted.
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct Failed {
     pub(super) id: String,
@@ -122,7 +123,7 @@ impl Summary {
         self.states.get(&state).copied().unwrap_or(0)
     }
 
-    /// msd and xsd of all.
+    /// Returns the mean and maximum over all fits of msd and of xsd.
     pub(super) fn distances(&self) -> [serde_json::Value; 2] {
         [self.msd.report(), self.xsd.report()]
     }
@@ -167,7 +168,7 @@ impl<'a> Rows<'a> {
         self.summary.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Returns the sums; `read` are the seconds before the run.
+    /// Returns the summary; `read` is the number of seconds spent reading before the run.
     pub(super) fn summary(&self, read: f64) -> Summary {
         let mut summary = std::mem::take(&mut *self.lock());
         summary.seconds.read += read;
@@ -178,7 +179,7 @@ impl<'a> Rows<'a> {
         summary
     }
 
-    /// Prints a warning once, and not too many of them.
+    /// Prints a warning unless it was already printed, up to [`PRINTED`] warnings.
     fn warn_once(&self, warning: String) {
         let mut summary = self.lock();
         let count = summary.printed.len();

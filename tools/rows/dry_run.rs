@@ -1,5 +1,4 @@
-//! What would be done: rows, models that exist, spheres, memory; and which rows would fail, as far as that is known
-//! beforehand.
+//! Previews a run: the number of rows, existing models, spheres, memory, and the rows that are already known to fail.
 
 use anyhow::{Result, anyhow};
 use serde_json::{Value, json};
@@ -13,20 +12,20 @@ use spharm_cohort::run::{Cohort, Preview, PreviewedSphere};
 use super::console::Rows;
 use super::options::Options;
 
-/// Most spheres that are named.
+/// Largest number of spheres listed.
 const SPHERES: usize = 3;
-/// Most rows that are named if they would fail.
+/// Largest number of failing rows listed.
 const NAMED: usize = 5;
 
-/// What a call would do, as text and as JSON.
+/// Preview of a call, as text and as JSON.
 pub(crate) struct Previewed {
     pub(crate) text: String,
     json: Value,
-    /// The error that the call would end with.
+    /// The error that the call would end with, if any.
     pub(crate) error: Option<anyhow::Error>,
 }
 
-/// Prints what a call would do; an error if it would end with one.
+/// Prints the preview of a call, and returns the error that the call would end with, if any.
 pub(super) fn run(cohort: &Cohort, options: &Options, monitor: &ConsoleMonitor) -> Result<()> {
     let previewed = preview(cohort, options, monitor)?;
     match options.json {
@@ -36,7 +35,7 @@ pub(super) fn run(cohort: &Cohort, options: &Options, monitor: &ConsoleMonitor) 
     previewed.error.map_or(Ok(()), Err)
 }
 
-/// Looks at what a call would do.
+/// Determines what a call would do, without doing it.
 pub(crate) fn preview(cohort: &Cohort, options: &Options, monitor: &ConsoleMonitor) -> Result<Previewed> {
     let rows = Rows::new(monitor.console(), cohort.rows.len(), options);
     let found = spharm_cohort::run::preview(cohort, &options.run, &rows, monitor)?;

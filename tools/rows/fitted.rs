@@ -1,4 +1,4 @@
-//! A fitted surface, as the report and the table show it.
+//! A fitted surface, as shown in the report and the table.
 
 use std::path::PathBuf;
 
@@ -8,10 +8,10 @@ use spharm::assess::SurfaceDistances;
 use spharm_cohort::Row;
 use spharm_cohort::run::{Mapping, RowFit};
 
-/// A fitted surface, as the report shows it.
+/// A fitted surface, as shown in the report.
 #[derive(Debug, Serialize)]
 pub(super) struct Fitted {
-    /// The row's id, where it is from a table.
+    /// The row's id, if the row is from a table.
     #[serde(skip_serializing_if = "Option::is_none")]
     id: Option<String>,
     /// The model's name.
@@ -22,10 +22,10 @@ pub(super) struct Fitted {
     pub(super) output: PathBuf,
     #[serde(flatten)]
     pub(super) report: FitReport,
-    /// Vertices that a mask left out or that had no value.
+    /// Number of vertices left out by a mask or for lack of a value.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) unread: Option<usize>,
-    /// Without a sphere: the one that was made, and how.
+    /// The sphere made for a surface given without one, and how it was made.
     #[serde(skip_serializing_if = "Option::is_none")]
     parametrization: Option<Mapping>,
 }
@@ -44,7 +44,7 @@ impl Fitted {
         }
     }
 
-    /// The surface's row of the table.
+    /// Returns the cells of the surface's row in the table.
     pub(super) fn cells(&self, columns: Columns) -> Option<Vec<String>> {
         let last = self.report.passes.last()?;
         let mut cells = vec![self.name.clone()];
@@ -63,7 +63,7 @@ impl Fitted {
             cells.push(number(held_out.map(|of| of.held_out.msd.unwrap_or(of.held_out.msd_raw))));
         }
         if columns.denoise {
-            // Of a signal with several channels the first.
+            // Only the first channel of a signal with several.
             let removed = self.report.denoise.first();
             cells.push(number(removed.map(|of| of.noise.sigma)));
             cells.push(removed.map_or("-".to_owned(), |of| format!("{:.0}", of.noise.degrees_of_freedom)));
@@ -77,14 +77,14 @@ pub(super) fn number(value: Option<f64>) -> String {
     value.map_or("-".to_owned(), |value| format!("{value:.4e}"))
 }
 
-/// What the table shows beside msd and xsd.
+/// Columns of the table besides msd and xsd.
 #[derive(Clone, Copy)]
 pub(super) struct Columns {
-    /// Distances between model and surface, in place of those at and between the vertices.
+    /// Distances between model and surface, instead of distances at and between the vertices.
     surface: bool,
-    /// Distances at the vertices that were held out.
+    /// Distances at held-out vertices.
     held_out: bool,
-    /// The noise that was removed.
+    /// Noise removed by denoising.
     denoise: bool,
 }
 

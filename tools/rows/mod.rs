@@ -1,14 +1,14 @@
-//! Rows to fit, a surface each: what `fit` and the verbs that find surfaces in folders share in arguments, tables and
-//! reports.
+//! Arguments, tables and reports shared by `fit` and the verbs that find surfaces in folders. Each row is one surface
+//! to fit.
 //!
 //! A verb makes a [`Cohort`] and passes it to [`run`], which fits it by
 //! [`spharm_cohort::run::run`](spharm_cohort::run::run).
 //!
 //! | module | contents |
 //! |---|---|
-//! | `args`, `options` | arguments in common |
+//! | `args`, `options` | common arguments |
 //! | `console` | events of the run, on the console and for the report |
-//! | `dry_run` | what would be done |
+//! | `dry_run` | preview of a run |
 //! | `fitted`, `report` | the table and the report |
 
 mod args;
@@ -39,7 +39,7 @@ pub(crate) use options::Options;
 
 use console::Summary;
 
-/// Applies what a verb was asked to log, before anything is printed.
+/// Applies `--log`; must be called before anything is printed.
 pub(crate) fn set_log(cohort: &CohortArgs) {
     if cohort.log == Log::Json {
         json_lines();
@@ -50,7 +50,7 @@ pub(crate) fn set_log(cohort: &CohortArgs) {
 ///
 /// # Errors
 ///
-/// When rows failed, after all that can be done; or at the first, unless failures don't end the call.
+/// If rows fail: after all rows with `keep_going`, else at the first failure.
 pub(crate) fn run(cohort: &Cohort, options: &Options, monitor: &ConsoleMonitor, started: Instant) -> Result<()> {
     let console = monitor.console();
     check_outputs(options.report.iter().map(|path| OutputFile::new(path, "--report")), options.replaces_report())?;
@@ -71,7 +71,7 @@ pub(crate) fn run(cohort: &Cohort, options: &Options, monitor: &ConsoleMonitor, 
     finish(result.map_err(anyhow::Error::from), &summary, options, monitor, started)
 }
 
-/// Refuses a report or a status file with the name of a file that belongs to a row.
+/// Refuses a report or status file whose path is that of one of a row's own files.
 fn check_apart(cohort: &Cohort, options: &Options) -> Result<()> {
     let beside = [(&options.report, "--report"), (&options.run.status, "--status")];
     let beside: Vec<_> = beside.iter().filter_map(|(path, flag)| Some((path.as_ref()?, flag))).collect();
@@ -85,7 +85,8 @@ fn check_apart(cohort: &Cohort, options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// Writes the report whatever happened, prints it if nothing did, and returns what is wrong.
+/// Writes and prints the report, and returns the error that the call ends with. If the run itself failed, the report is
+/// only written, and only with `keep_going` or a status file.
 fn finish(
     result: Result<()>,
     summary: &Summary,
@@ -125,8 +126,8 @@ fn finish(
     }
 }
 
-/// The icosphere on which models to a degree are evaluated, where there is memory for that; `option` is what asks for
-/// it, up to the number.
+/// Returns the icosphere on which models of a degree are evaluated, if memory suffices. `option` is the verb and the
+/// option that set the subdivisions, up to the number.
 pub(crate) fn icosphere_within(budget: Budget, option: &str, subdivisions: u32, degree: usize) -> Result<Sphere> {
     let needed = |subdivisions: u32| {
         let [vertices, faces] = icosphere_counts(subdivisions);

@@ -17,29 +17,29 @@ pub(crate) struct Options {
     pub(crate) dry_run: bool,
     /// The report's file.
     pub(crate) report: Option<PathBuf>,
-    /// Print the report in place of the table.
+    /// Whether the report is printed instead of the table.
     pub(crate) json: bool,
     pub(crate) threads: Threads,
-    /// What the report says of the call beside the fits.
+    /// Fields of the report that describe the call.
     pub(crate) about: Map<String, Value>,
     /// Whether a later step aligns models that don't correspond.
     pub(crate) aligned_later: bool,
 }
 
 impl Options {
-    /// Options of a run that prints its table.
+    /// Creates the options of a run that prints its table and writes no report.
     pub(crate) fn new(run: RunParams, threads: Threads) -> Self {
         let (report, about) = (None, Map::new());
         Self { run, dry_run: false, report, json: false, threads, about, aligned_later: false }
     }
 
-    /// Applies the arguments of cohorts.
+    /// Applies the cohort arguments.
     pub(crate) fn with(mut self, cohort: &CohortArgs) -> Self {
         (self.run.keep_going, self.run.status) = (cohort.keep_going, cohort.status.clone());
         Self { dry_run: cohort.dry_run, ..self }
     }
 
-    /// Whether a report that exists is replaced: it is that of an earlier call which this one resumes.
+    /// Returns whether an existing report is replaced: it belongs to an earlier call that this one resumes.
     pub(crate) fn replaces_report(&self) -> bool {
         self.run.if_exists != IfExists::Refuse
     }

@@ -1,4 +1,4 @@
-//! What verbs that fit surfaces print at the end: the table, the report.
+//! The table and the report that verbs print after fitting surfaces.
 
 use anyhow::Result;
 use serde_json::{Map, Value, json};
@@ -18,7 +18,7 @@ pub(super) fn report(options: &Options, summary: &Summary, total: f64) -> Value 
     set("versions", json!(spharm::versions()));
     set("method", json!(method.name()));
     options.about.iter().for_each(|(name, value)| set(name, value.clone()));
-    // Of the sphere that all surfaces share.
+    // Only if all surfaces share one sphere.
     set(
         "scheme_key",
         json!(summary.scheme.as_ref().filter(|_| options.about.get("sphere").is_some_and(|s| !s.is_null()))),
