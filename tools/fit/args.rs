@@ -57,14 +57,14 @@ pub(super) struct Input {
     pub(super) surface: Vec<PathBuf>,
     /// Table of surfaces and their ids, in place of --surface
     ///
-    /// Columns id and surface, and perhaps sphere, weights, output, label. Tab-separated, or with commas where the name
-    /// ends in .csv. Paths are relative to it. A model is named by `output` or by the id, and records the id. Other
-    /// columns are left alone. --sphere is the sphere of rows without one.
+    /// Columns id and surface, and optionally sphere, weights, output, label. Tab-separated, or comma-separated if the
+    /// name ends in .csv. Paths are relative to the table. A model is named by `output`, or else by the id, and records
+    /// the id. Other columns are ignored. --sphere is the sphere of rows without one.
     #[arg(long, value_name = "TABLE.tsv", conflicts_with_all = ["surface", "moments", "label", "name_template"])]
     pub(super) manifest: Option<PathBuf>,
     /// Moments of samples, in place of surfaces
     ///
-    /// A file that `spharm moments` or `spharm moments merge` has written, for models of any degree up to its own.
+    /// A file written by `spharm moments` or `spharm moments merge`, for models of any degree up to its own.
     #[arg(
         long,
         value_name = "ALL.moments",
@@ -79,24 +79,24 @@ pub(super) struct Input {
     pub(super) sphere: Option<PathBuf>,
     /// Label of a volume, or all of them, for a model of each
     ///
-    /// A label volume (.nii, .mgz, .nrrd, .tif, .npy) is a surface too; the label is only needed where there are
+    /// A label volume (.nii, .mgz, .nrrd, .tif, .npy) is a surface too; the label is only needed if the volume has
     /// several. The surfaces are written next to the models.
     #[arg(long, value_name = "N|all", allow_negative_numbers = true, conflicts_with = "sphere")]
     pub(super) label: Option<Labels>,
-    /// Repair labels and meshes in place of refusing them
+    /// Repair labels and meshes instead of refusing them
     ///
-    /// Of a label: keeps the largest piece, fills cavities and opens handles. Of a mesh: welds vertices that lie
-    /// exactly on others, drops repeated and degenerate triangles, unused vertices and all pieces but the largest,
-    /// fills holes of up to 32 edges; the mended mesh is written next to the model, NAME.fixed.surf.gii.
+    /// Labels: keeps the largest piece, fills cavities and opens handles. Meshes: welds coincident vertices, drops
+    /// repeated and degenerate triangles, unused vertices and all pieces but the largest, and fills holes of up to 32
+    /// edges; the repaired mesh is written next to the model, NAME.fixed.surf.gii.
     #[arg(long, conflicts_with = "sphere")]
     pub(super) fix: bool,
-    /// Size of a volume's voxels, where its file doesn't say it
+    /// Size of a volume's voxels, if its file doesn't state it
     #[arg(long, value_name = "X,Y,Z", conflicts_with = "sphere", hide_short_help = true)]
     pub(super) voxel_size: Option<VoxelSize>,
     /// Cut surfaces that have handles along short loops, and fill both sides
     ///
-    /// The fit is of the cut surface, which is written next to the model, NAME.cut.surf.gii. The model keeps the seams,
-    /// so that reconstruct gives the surface back as it was.
+    /// The cut surface is fitted, and written next to the model, NAME.cut.surf.gii. The model keeps the seams, so that
+    /// reconstruct restores the original surface.
     #[arg(long, conflicts_with = "sphere", hide_short_help = true)]
     pub(super) cut_handles: bool,
     /// Folder of the basis store
@@ -104,19 +104,21 @@ pub(super) struct Input {
     pub(super) store: Option<PathBuf>,
     /// Weights of the vertices
     ///
-    /// uniform, area (their share of the sphere), or a file with one value for each. Vertices of weight 0 aren't read.
+    /// uniform, area (their share of the sphere), or a file with one value per vertex. Vertices of weight 0 aren't
+    /// read.
     #[arg(long, value_name = "uniform|area|FILE", default_value = "uniform")]
     pub(super) weights: String,
     /// Vertices to leave unread: those with 0 in this file
     ///
     /// A value for each vertex, or a FreeSurfer label. A surface is fitted on the triangles whose corners are all read.
-    /// Least squares without --store also leaves vertices of signals without a value (NaN) unread. The model is one
-    /// over the whole sphere all the same.
+    /// Least squares without --store also leaves vertices of signals without a value (NaN) unread. The model still
+    /// covers the entire sphere.
     #[arg(long, value_name = "FILE", requires = "sphere", hide_short_help = true)]
     pub(super) mask: Option<PathBuf>,
     /// Refuse doubtful inputs and fits that don't reach the tolerance
     ///
-    /// Doubtful are surfaces that aren't closed and of genus zero, spheres that are off centre, and other hemispheres.
+    /// Doubtful inputs are surfaces that aren't closed and of genus zero, spheres that are off centre, and spheres of
+    /// the other hemisphere.
     #[arg(long)]
     pub(super) strict: bool,
 }
@@ -138,20 +140,20 @@ pub(super) struct MethodArgs {
     pub(super) objective: Option<Objective>,
     /// Allowed area distortion of the maps of meshes, 0 to 1 [default: 0.8]
     ///
-    /// Of meshes without a sphere: as parametrize's, but what is allowed is used as far as this model gains by it. 0 is
-    /// for groups, whose maps then differ by no more than the surfaces do.
+    /// For meshes without a sphere: as parametrize's, but the allowance is used only as far as this model gains by it.
+    /// Use 0 for groups: their maps then differ by no more than the surfaces do.
     #[arg(long, value_name = "RMS", conflicts_with_all = ["sphere", "label", "moments"], hide_short_help = true)]
     pub(super) area: Option<f64>,
     /// Number of passes, p (irf, mirf) [default: 1; with --accelerate 16]
     #[arg(long, value_name = "P", value_parser = clap::value_parser!(u32).range(1..))]
     pub(super) passes: Option<u32>,
-    /// Most basis functions solved together, g (irf) [default: 100]
+    /// Maximum number of basis functions solved together, g (irf) [default: 100]
     #[arg(long, value_name = "G", value_parser = values::at_least_one)]
     pub(super) granularity: Option<usize>,
     /// Conjugate gradients over pairs of passes (irf, mirf)
     ///
-    /// One pass forward and one backward: the least squares in far fewer passes where the sampling is irregular.
-    /// --passes bounds them, and they end early when nothing is left to gain.
+    /// One pass forward and one backward: reaches the least squares in far fewer passes if the sampling is irregular.
+    /// --passes is their maximum; they end early when there is nothing left to gain.
     #[arg(long)]
     pub(super) accelerate: bool,
     /// Last degree of the first block, s (sirf, mirf) [default: 0]
@@ -160,25 +162,25 @@ pub(super) struct MethodArgs {
     /// Smoothness penalty (lsq) [default: 0]
     ///
     /// Adds LAMBDA sum (l (l + 1))^2 a^2 to the squared distances, whose weights sum to the number of vertices; auto
-    /// chooses it for each surface by generalised cross-validation. With --objective vertices and without --sphere the
-    /// default is a hundredth of the weight of the vertices at the highest degree, which keeps the model from
+    /// chooses LAMBDA for each surface by generalised cross-validation. With --objective vertices and without --sphere,
+    /// the default is a hundredth of the weight of the vertices at the highest degree, which keeps the model from
     /// oscillating between them.
     #[arg(long, value_name = "LAMBDA|auto")]
     pub(super) smoothness: Option<Smoothness>,
     /// Remove noise, degree by degree (lsq)
     ///
-    /// For surfaces and signals whose vertices have independent noise of one size: its size and what it does to each
-    /// degree are found from the residual and from fits of noise, and the fit is made once more with degrees held down
-    /// that are mostly noise. What --max-degree leaves out counts as noise, so give a degree that is high enough.
+    /// For surfaces and signals whose vertices have independent noise of equal size. Its size and its effect on each
+    /// degree are estimated from the residual and from fits of noise; the fit is then repeated with the degrees damped
+    /// that are mostly noise. Detail above --max-degree is treated as noise, so give a degree that is high enough.
     #[arg(long, conflicts_with = "smoothness")]
     pub(super) denoise: bool,
-    /// Don't measure how far model and surface are apart
+    /// Don't measure the distance between model and surface
     ///
-    /// Without it a fit of the surface ends with the distances between the two, both ways, which takes a second or so
-    /// for each.
+    /// By default a fit of the surface ends by measuring the distances between the two, both ways, which takes about a
+    /// second for each surface.
     #[arg(long, hide_short_help = true)]
     pub(super) no_surface_distance: bool,
-    /// Fraction of the vertices to leave out and assess
+    /// Fraction of the vertices to hold out and assess
     #[arg(long, value_name = "FRACTION", value_parser = values::fraction)]
     pub(super) hold_out: Option<f64>,
 }
@@ -188,16 +190,17 @@ pub(super) struct MethodArgs {
 pub(super) struct Solver {
     /// Optimality to reach (lsq)
     ///
-    /// The gradient relative to that of no fit at all.
+    /// The gradient relative to the gradient at zero coefficients.
     #[arg(long, value_name = "T", default_value = "1e-10", value_parser = values::fraction)]
     pub(super) tolerance: f64,
-    /// Most iterations (lsq)
+    /// Maximum number of iterations (lsq)
     #[arg(long, value_name = "N", default_value_t = defaults::MAX_ITERATIONS, hide_short_help = true)]
     pub(super) max_iterations: usize,
     /// Preconditioner of the iterations (lsq)
     ///
-    /// auto divides by the density of uneven samples if moments of them pay, and makes a factor if iterations are slow.
-    /// density makes moments and divides by it in any case; none does neither; factor makes one from the start.
+    /// auto divides by the density of uneven samples if computing their moments pays off, and computes a factor if
+    /// iterations are slow. density always computes moments and divides by the density; none does neither; factor
+    /// computes a factor from the start.
     #[arg(long, value_name = "auto|none|density|factor", default_value = "auto", hide_short_help = true)]
     pub(super) preconditioner: Preconditioner,
     /// Scalar type of the basis [default: the store's, f64 first]
@@ -213,12 +216,12 @@ pub(super) struct Solver {
 pub(super) struct Output {
     /// Folder for the models [default: here, or the manifest's]
     ///
-    /// Each is NAME.spharm.npz. For one surface it may also be a file, whose name ends in .npz.
+    /// Each model is NAME.spharm.npz. For one surface, OUT may also be a file whose name ends in .npz.
     #[arg(short, long, value_name = "OUT")]
     pub(super) output: Option<PathBuf>,
     /// Names of the models
     ///
-    /// From each input's path alone: {stem} is its name without folder and format, {label} the label of a volume,
+    /// Built from each input's path alone: {stem} is its name without folder and format, {label} the label of a volume,
     /// {parent} the folder that it is in, {parent2} the one above, links resolved.
     #[arg(long, value_name = "TEMPLATE", default_value = "{stem}")]
     pub(super) name_template: NameTemplate,
@@ -231,24 +234,24 @@ pub(super) struct Output {
     /// Write a report to a JSON file
     #[arg(long, value_name = "FILE")]
     pub(super) report: Option<PathBuf>,
-    /// Print the report as JSON in place of the table
+    /// Print the report as JSON instead of the table
     #[arg(long)]
     pub(super) json: bool,
-    /// Replace outputs that exist
+    /// Replace existing outputs
     #[arg(long)]
     pub(super) force: bool,
-    /// Leave out surfaces whose model exists
+    /// Skip surfaces whose model exists
     ///
-    /// It must be of the same input, with the same settings. A mesh's sphere that was left without its model is used
-    /// again if it was made of the same input for the same degree.
+    /// The model must be of the same input, with the same settings. A mesh's sphere that was left without its model is
+    /// reused if it was made of the same input for the same degree.
     #[arg(long, conflicts_with = "force")]
     pub(super) skip_existing: bool,
-    /// As --skip-existing, but fit again what has changed
+    /// As --skip-existing, but refit surfaces that have changed
     ///
-    /// A model of another input, or with other settings, is replaced in place of being refused.
+    /// A model of another input, or with other settings, is replaced instead of refused.
     #[arg(long, conflicts_with_all = ["force", "skip_existing"])]
     pub(super) update: bool,
-    /// Say nothing of models that don't correspond: what calls this aligns them
+    /// Don't note that models don't correspond: the caller aligns them
     #[arg(long, hide = true)]
     pub(super) aligned_later: bool,
 }
@@ -256,9 +259,9 @@ pub(super) struct Output {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = help::RESOURCES)]
 pub(super) struct Resources {
-    /// Memory that may be used [default: 256MiB over a store, else half of what is free]
+    /// Memory that may be used [default: 256MiB with a store, else half of the free memory]
     ///
-    /// Mapped files are included.
+    /// Includes mapped files.
     #[arg(long, value_name = "SIZE")]
     pub(super) memory: Option<Size>,
     #[command(flatten)]

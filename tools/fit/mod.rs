@@ -41,7 +41,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     rows::run(&cohort, &options, &monitor, started)
 }
 
-/// Looks at what a fit of a manifest's rows would do, which needn't be written yet.
+/// Previews a fit of a manifest's rows. The manifest needn't be on disk yet.
 pub(crate) fn preview(cli: &Cli, manifest: Manifest) -> Result<Previewed> {
     let (options, monitor) = (options(cli, settings::params(cli)?), ConsoleMonitor::new(cli.common.console()));
     rows::preview(&of_manifest(cli, manifest), &options, &monitor)
@@ -81,13 +81,13 @@ fn preparation(input: &Input) -> Preparation {
     Preparation { voxel_size, fix: input.fix, cut_handles: input.cut_handles }
 }
 
-/// The rows of a manifest's shard. `--sphere` is the sphere of those that have none of their own.
+/// Returns the rows of a manifest's shard. `--sphere` is the sphere of rows that have none of their own.
 fn of_manifest(cli: &Cli, manifest: Manifest) -> Cohort {
     let shard = cli.cohort.shard.unwrap_or_default();
     Cohort::of_manifest(manifest, cli.output.output.clone(), shard).with_sphere(cli.input.sphere.clone())
 }
 
-/// The surfaces that the arguments name; their sphere is read.
+/// Returns the surfaces named in the arguments as rows, and reads their sphere.
 fn of_list(cli: &Cli, options: &Options, monitor: &ConsoleMonitor) -> Result<Cohort> {
     let (input, console) = (&cli.input, monitor.console());
     let read = |path: &PathBuf| -> Result<Sphere> { read_sphere(path, input.strict, console) };
@@ -101,7 +101,7 @@ fn of_list(cli: &Cli, options: &Options, monitor: &ConsoleMonitor) -> Result<Coh
             let paths = std::slice::from_ref(&path);
             match named(&mut reader, paths, input.label, voxel_size, of_volumes, monitor) {
                 Ok(found) => surfaces.extend(found),
-                // Its row fails for the same reason, and the others don't.
+                // Its row will fail for the same reason, without stopping the others.
                 Err(_) if is_volume(&path) || path.is_dir() => surfaces.push((path, None)),
                 Err(error) => return Err(error),
             }

@@ -1,4 +1,4 @@
-//! Fits of moments in place of surfaces.
+//! Fits of moments instead of surfaces.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -18,7 +18,7 @@ use spharm_surface::io::write_new;
 
 use super::args::Cli;
 
-/// Fits the samples that a file of moments is of.
+/// Fits the samples summarised in a file of moments.
 pub(super) fn run(cli: &Cli, path: &Path, params: &FitParams, monitor: &ConsoleMonitor) -> Result<()> {
     let started = Instant::now();
     if cli.input.weights != "uniform" {
@@ -66,7 +66,7 @@ pub(super) fn run(cli: &Cli, path: &Path, params: &FitParams, monitor: &ConsoleM
     let channels = fit.report.channels.iter().zip(&fit.report.rms).zip(&fit.report.explained);
     rows.extend(channels.map(|((name, rms), share)| vec![name.clone(), format!("{rms:.4e}"), format!("{share:.6}")]));
     for (channel, row) in rows.iter_mut().skip(1).enumerate() {
-        // The channels of a surface share theirs.
+        // The channels of a surface share one noise estimate.
         if let Some(of) = removed.get(channel.min(removed.len().saturating_sub(1))) {
             row.extend([format!("{:.4e}", of.sigma), format!("{:.0}", of.degrees_of_freedom)]);
         }
@@ -74,7 +74,7 @@ pub(super) fn run(cli: &Cli, path: &Path, params: &FitParams, monitor: &ConsoleM
     print(&format!("{}\n{}: {} samples, {seconds:.2} s", table(&rows), files.model.display(), moments.sums.count))
 }
 
-/// The model last, so that where it is, the others are.
+/// Writes the model and its companion files. The model is written last, so that if it exists, the others do too.
 fn write(cli: &Cli, path: &Path, files: &ModelFiles, fit: &MomentsFit) -> Result<()> {
     let force = cli.output.force;
     prepare(&files.model)?;

@@ -1,4 +1,4 @@
-//! From the arguments of `fit` to the library's settings; arguments that exclude each other are usage errors.
+//! Converts the arguments of `fit` to the library's settings. Arguments that exclude each other are usage errors.
 
 use anyhow::Result;
 use clap::ValueEnum;
@@ -8,7 +8,7 @@ use spharm_cli::values::Dtype;
 
 use super::args::{Cli, MethodName};
 
-/// The settings that the arguments ask for.
+/// Returns the settings given by the arguments.
 pub(super) fn params(cli: &Cli) -> Result<FitParams> {
     let method = method(cli)?;
     let params = FitParams {
