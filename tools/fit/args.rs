@@ -147,7 +147,7 @@ pub(super) struct MethodArgs {
     /// Number of passes, p (irf, mirf) [default: 1; with --accelerate 16]
     #[arg(long, value_name = "P", value_parser = clap::value_parser!(u32).range(1..))]
     pub(super) passes: Option<u32>,
-    /// Maximum number of basis functions solved together, g (irf) [default: 100]
+    /// Maximum basis functions per block, g (irf) [default: 100]
     #[arg(long, value_name = "G", value_parser = values::at_least_one)]
     pub(super) granularity: Option<usize>,
     /// Conjugate gradients over pairs of passes (irf, mirf)
@@ -259,7 +259,7 @@ pub(super) struct Output {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = help::RESOURCES)]
 pub(super) struct Resources {
-    /// Memory that may be used [default: 256MiB with a store, else half of the free memory]
+    /// Memory to use [default: 256MiB with a store, else half of the free memory]
     ///
     /// Includes mapped files.
     #[arg(long, value_name = "SIZE")]

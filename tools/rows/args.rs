@@ -32,7 +32,7 @@ pub(crate) struct CohortArgs {
     /// status is 1 if rows would fail.
     #[arg(long)]
     pub(crate) dry_run: bool,
-    /// Format of the lines on stderr: text, or one JSON object each
+    /// Lines on stderr: text, or one JSON object each
     ///
     /// Each row has events: start, then done, failed, skipped or interrupted. note, warning, progress and error have a
     /// text; end has the counts.

@@ -9,11 +9,11 @@ use spharm_cli::memory::Memory;
 use spharm_cli::threads::Threads;
 use spharm_cohort::Shard;
 
-/// Run a study: fit, make subjects correspond, average, test, and make a page of it
+/// Run a study: fit, make subjects correspond, average, test, and write a page
 ///
-/// STUDY.toml says which subjects, which degree and which tests; `spharm study init` writes one with comments. Every
-/// stage is a command of spharm, which is shown. A stage whose inputs and settings are those of the last run is not run
-/// again, so that the same command continues an interrupted study, and does after a change only what depends on it.
+/// STUDY.toml sets the subjects, the degree and the tests; `spharm study init` writes one with comments. Every stage is
+/// a command of spharm, which is shown. A stage whose inputs and settings haven't changed since the last run is not run
+/// again. So the same command resumes an interrupted study, and after a change reruns only what depends on it.
 #[derive(Debug, Args)]
 #[command(
     args_conflicts_with_subcommands = true,

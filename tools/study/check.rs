@@ -1,4 +1,4 @@
-//! What can be known to be wrong with a study before its subjects are fitted, which takes long.
+//! Checks of a study before its subjects are fitted, because fitting takes long.
 
 use anyhow::{Context, Result, anyhow, bail};
 use spharm::shape::stats::{Column, question};
@@ -8,11 +8,11 @@ use super::config::{Method, Test};
 use super::plan::Plan;
 use crate::shape::table::{column_of, is_missing, no_number};
 
-/// Refuses a study that would fail, or mislead, after its fits.
+/// Refuses a study that would fail, or give misleading results, after its fits.
 ///
 /// # Errors
 ///
-/// With the file and the key, or the table, the line and the column, that is wrong.
+/// Names the file and the key, or the table, the line and the column, at fault.
 pub(super) fn check(plan: &Plan) -> Result<()> {
     let rows = plan.manifest.rows.len();
     if rows < LEAST {
@@ -25,7 +25,8 @@ pub(super) fn check(plan: &Plan) -> Result<()> {
     Ok(())
 }
 
-/// Surfaces that are mapped one by one don't correspond, and have to be brought together.
+/// Checks that the method fits the subjects: surfaces mapped individually don't correspond, and must be aligned by
+/// `correspond` or `joint`.
 fn correspondence(plan: &Plan) -> Result<()> {
     if plan.method == Method::Correspond {
         return of_group(plan);
@@ -58,7 +59,8 @@ fn correspondence(plan: &Plan) -> Result<()> {
     }
 }
 
-/// What a group's folder can't hold, and landmarks that aren't there.
+/// Checks the settings of `correspond`: ids that can't be file names in the group's folder, and missing files of
+/// landmarks and signals.
 fn of_group(plan: &Plan) -> Result<()> {
     if plan.study.align.guide && plan.landmarks.is_none() {
         bail!("{}: `guide` in [align] needs `landmarks` in [subjects], found none", plan.file.display());
@@ -81,7 +83,7 @@ fn of_group(plan: &Plan) -> Result<()> {
     }
 }
 
-/// The design of a test, of all subjects.
+/// Checks the design of a test on all subjects.
 fn tested(plan: &Plan, test: &Test) -> Result<()> {
     let effect = cells(plan, &test.effect)?;
     let column = |name: &str, cells: &[&str]| {
@@ -107,7 +109,7 @@ fn tested(plan: &Plan, test: &Test) -> Result<()> {
     Ok(())
 }
 
-/// A column's cells, each of which has a value.
+/// Returns a column's cells, one per subject; a cell without a value is an error.
 fn cells<'a>(plan: &'a Plan, column: &str) -> Result<Vec<&'a str>> {
     let at = plan.manifest.columns.iter().position(|name| name == column);
     let at = at.with_context(|| format!("{}: no column {column:?}", plan.table.display()))?;

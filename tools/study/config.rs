@@ -1,4 +1,4 @@
-//! The file of a study: TOML, whose keys are checked by name.
+//! The study file: TOML with checked keys.
 
 use std::path::{Path, PathBuf};
 
@@ -10,7 +10,7 @@ use toml::{Table, Value};
 
 use crate::shape::correspond::surfaces::With;
 
-/// A study as its file says it; paths are those of the file's text.
+/// Contents of a study file; paths are as written in the file.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(default)]
 pub(super) struct Study {
@@ -45,9 +45,9 @@ impl Default for Study {
 #[serde(default)]
 pub(super) struct Subjects {
     pub(super) table: PathBuf,
-    /// The column of the ids, where files are named by patterns.
+    /// Name of the id column, if files are named by patterns.
     pub(super) id: String,
-    /// Patterns with `{id}`.
+    /// Pattern with `{id}`, as are `sphere` and `landmarks`.
     pub(super) surface: Option<String>,
     pub(super) sphere: Option<String>,
     pub(super) landmarks: Option<String>,
@@ -67,7 +67,7 @@ pub(super) struct Fit {
 }
 
 impl Fit {
-    /// The size of volumes' voxels, where the arguments give it.
+    /// Returns the voxel size, if the arguments give it.
     pub(super) fn voxel_size(&self) -> Option<&str> {
         const NAME: &str = "--voxel-size";
         let at = self.arguments.iter().position(|argument| argument.starts_with(NAME))?;
@@ -78,15 +78,15 @@ impl Fit {
     }
 }
 
-/// How subjects are brought together.
+/// Method of bringing the subjects into correspondence.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(try_from = "String")]
 pub(super) enum Method {
     /// One template is registered to all surfaces.
     Correspond,
-    /// Surfaces were mapped one by one; rotations of space and of the parameters are searched.
+    /// Surfaces were mapped individually; searches rotations of space and of the parameters.
     Joint,
-    /// Spheres correspond; rotations of space alone.
+    /// Spheres correspond; searches rotations of space only.
     Fixed,
     None,
 }
@@ -124,13 +124,13 @@ impl TryFrom<String> for Method {
 #[derive(Debug, Clone, PartialEq, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct Align {
-    /// None: "fixed" where all subjects have spheres, else "correspond".
+    /// If `None`: "fixed" if all subjects have spheres, else "correspond".
     pub(super) method: Option<Method>,
     pub(super) scale: bool,
     pub(super) mirror: bool,
-    /// Whether the landmarks guide a correspondence.
+    /// Whether the landmarks guide the correspondence.
     pub(super) guide: bool,
-    /// Signals that a correspondence matches, too: columns of the table, or patterns with `{id}`.
+    /// Signals that the correspondence also matches: columns of the table, or patterns with `{id}`.
     pub(super) signals: Vec<With>,
 }
 
@@ -149,7 +149,7 @@ impl Default for Modes {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(default)]
 pub(super) struct Quality {
-    /// Whether the plain alignment is made and measured, too.
+    /// Whether the plain alignment is also made and measured.
     pub(super) plain: bool,
 }
 
@@ -172,14 +172,14 @@ pub(super) struct Test {
     pub(super) effect: String,
     pub(super) levels: Vec<String>,
     pub(super) covariates: Vec<String>,
-    /// Columns whose numbers are levels.
+    /// Columns whose numbers are levels of a factor.
     pub(super) categorical: Vec<String>,
     pub(super) signal: Option<String>,
     pub(super) welch: bool,
     pub(super) permutations: Option<usize>,
 }
 
-/// Keys of each section; those that a study must have come first.
+/// Name, number of required keys, and keys of each section; the required keys come first.
 const SECTIONS: [(&str, usize, &[&str]); 8] = [
     ("", 0, &["title", "output", "subjects", "fit", "align", "modes", "quality", "test", "page"]),
     ("subjects", 1, &["table", "id", "surface", "sphere", "landmarks"]),
@@ -191,15 +191,15 @@ const SECTIONS: [(&str, usize, &[&str]); 8] = [
     ("test", 2, &["name", "effect", "levels", "covariates", "categorical", "signal", "welch", "permutations"]),
 ];
 
-/// Most bytes of a study's file.
+/// Largest size of a study file, in bytes.
 const LARGEST: u64 = 1 << 20;
 
 impl Study {
-    /// Reads a study's file.
+    /// Reads a study file.
     ///
     /// # Errors
     ///
-    /// When it can't be read, has an unknown key or lacks one, or a value is of another type.
+    /// If it can't be read, has an unknown key, lacks a required key, or has a value of the wrong type.
     pub(super) fn read(path: &Path) -> Result<Self> {
         let named = || path.display().to_string();
         Self::parse(&read_text(path, "study", LARGEST)?).with_context(named)
@@ -248,7 +248,7 @@ impl Study {
     }
 }
 
-/// An error of TOML with its line and the key there, on one line.
+/// Formats a TOML error on one line, with its line number and the key there.
 fn told(text: &str, error: &toml::de::Error) -> anyhow::Error {
     let message = error.message().replace('\n', " ").replace("usize", "a whole number");
     let Some(before) = error.span().and_then(|span| text.get(..span.start)) else { return anyhow::anyhow!(message) };
@@ -260,12 +260,12 @@ fn told(text: &str, error: &toml::de::Error) -> anyhow::Error {
     }
 }
 
-/// A text for between a TOML string's quotes.
+/// Escapes a text for a quoted TOML string.
 fn escaped(text: &str) -> String {
     text.replace('\\', "\\\\").replace('"', "\\\"")
 }
 
-/// The study file with comments, over a table.
+/// Returns the commented template of a study file, with the path of its table if given.
 pub(super) fn template(table: Option<&str>) -> String {
     let template = include_str!("template.toml");
     match table {

@@ -1,8 +1,15 @@
 //! `study`: from a table of subjects to a page, in stages that are commands of spharm.
 //!
-//! `config` is the study's file, `subjects` its table, `surfaces` the meshes that are made to correspond, `plan` where
-//! all of it lies, `stages` the commands that it asks for, `check` what is wrong with them before any is run, `stage`
-//! what makes one of them run or not, `tidy` what is no longer of the study, `warnings` what the page begins with.
+//! | module | contents |
+//! |---|---|
+//! | `config`, `subjects` | the study's file and its table of subjects |
+//! | `surfaces` | the table of meshes that are made to correspond |
+//! | `plan` | the study's files and their locations |
+//! | `stages` | the commands of the study |
+//! | `check` | checks before any command is run |
+//! | `stage` | one command, and the decision whether it must run |
+//! | `tidy` | removal of files that no longer belong to the study |
+//! | `warnings` | the warnings at the head of the page |
 
 mod args;
 mod check;
@@ -33,16 +40,15 @@ use self::config::Method;
 use self::plan::Plan;
 use self::stage::Stage;
 
-/// Fewest subjects that a group is of.
+/// Smallest number of subjects in a group.
 const LEAST: usize = 3;
-/// Most warnings that are shown at the end.
+/// Largest number of warnings shown at the end.
 const SHOWN: usize = 20;
 
-/// Looks at what the fits of these subjects would do.
+/// Previews the fits of the subjects of a manifest.
 type Preview = dyn Fn(&[String], Manifest) -> Result<crate::rows::Previewed>;
 
-/// Runs the verb; `spharm` runs another one, `parse` only looks at its arguments, and `preview` at what its fits would
-/// do.
+/// Runs the verb. `spharm` runs another verb, `parse` only checks its arguments, and `preview` previews its fits.
 pub(crate) fn run(
     cli: &Cli,
     spharm: &dyn Fn(&[String]) -> Result<()>,
@@ -51,7 +57,7 @@ pub(crate) fn run(
 ) -> Result<()> {
     if let Some(Command::Init { file, table, force }) = &cli.command {
         if let Some(table) = table {
-            // What a study of it would be refused for.
+            // Fail now for the reasons for which a study of it would be refused.
             Manifest::read(file.parent().unwrap_or(Path::new("")).join(table))?;
         }
         let text = config::template(table.as_deref());
@@ -59,7 +65,7 @@ pub(crate) fn run(
         return print_line(&format!("{}: fill it in, then: spharm study {}", file.display(), file.display()));
     }
     let study = cli.study.as_ref().context("STUDY.toml is missing")?;
-    // What other verbs are called with is text.
+    // Other verbs are called with arguments as text.
     utf8(study)?;
     let plan = Plan::read(study, common(cli))?;
     check::check(&plan)?;
@@ -86,8 +92,8 @@ pub(crate) fn run(
     done
 }
 
-/// Holds the study for this process; jobs that fit parts of it share it. Where the file system has no locks, so it is
-/// left.
+/// Locks the study for this process; jobs that fit shards share the lock. If the file system doesn't support locks, the
+/// study runs without one.
 fn lock(plan: &Plan, shared: bool) -> Result<File> {
     let path = plan.records().join(".lock");
     let options = File::options().create(true).append(true).clone();
@@ -98,7 +104,7 @@ fn lock(plan: &Plan, shared: bool) -> Result<File> {
     Ok(file)
 }
 
-/// Arguments of the study that all its commands get.
+/// Returns the arguments of the study that are passed to all of its commands.
 fn common(cli: &Cli) -> Vec<String> {
     let threads = cli.resources.threads.threads.iter().flat_map(|count| ["--threads".to_owned(), count.to_string()]);
     threads.chain(cli.resources.memory.arguments()).collect()
@@ -110,13 +116,13 @@ struct Call<'a> {
     plan: &'a Plan,
     spharm: &'a dyn Fn(&[String]) -> Result<()>,
     console: Console,
-    /// Of each stage: name, what became of it, seconds.
+    /// Name, outcome and time of each stage.
     rows: Vec<[String; 3]>,
 }
 
 impl Call<'_> {
-    /// Prints the commands, as if all subjects had been fitted; then what is known of the fits, which is an error where
-    /// some would fail.
+    /// Prints the commands as if all subjects had been fitted, then the preview of the fits. Returns an error if some
+    /// would fail.
     fn show(&self, preview: &Preview) -> Result<()> {
         let subjects = self.plan.subjects_planned();
         print(&self.plan.fit(self.cli.shard, self.cli.force).command())?;
@@ -172,7 +178,7 @@ impl Call<'_> {
         }
         self.console.note(format!("\n{}", stage.command()));
         let ran = (self.spharm)(&self.arguments(&stage));
-        // Where the fits have ended for a reason of their own, such as a full disk, that is the one to show.
+        // If the fits ended for a reason that concerns all of them, such as a full disk, report that one.
         if ran.as_ref().is_err_and(|error| concerns_all(error.as_ref())) {
             ran?;
             return Ok(Vec::new());
@@ -187,7 +193,7 @@ impl Call<'_> {
             .filter(|entry| entry.state == State::Failed)
             .map(|entry| (entry.id.clone(), entry.error.clone()))
             .collect();
-        // Subjects that fail are named at the end; anything else ends the study.
+        // Subjects that fail are listed at the end; any other error ends the study.
         if ran.as_ref().is_err_and(spharm_cli::exit::is_interrupted) {
             let again = format!("interrupted: spharm study {} goes on from here", self.plan.file.display());
             return Err(anyhow::Error::from(spharm_monitor::Interrupted).context(again));
@@ -203,7 +209,7 @@ impl Call<'_> {
         Ok(Merged::read(&self.plan.status_files()?)?)
     }
 
-    /// Runs a stage, unless what it would make is there.
+    /// Runs a stage, unless its outputs are up to date.
     fn stage(&mut self, stage: &Stage) -> Result<()> {
         let (records, started) = (self.plan.records(), Instant::now());
         self.console.note(format!("\n{}", stage.command()));
@@ -218,7 +224,7 @@ impl Call<'_> {
         Ok(())
     }
 
-    /// The whole command, with what the study was called with.
+    /// Returns the complete command, including the arguments that the study passes on.
     fn arguments(&self, stage: &Stage) -> Vec<String> {
         let mut arguments = vec!["spharm".to_owned()];
         arguments.extend(stage.arguments.iter().cloned());
@@ -236,7 +242,7 @@ impl Call<'_> {
         self.rows.push([stage.to_owned(), state.to_owned(), format!("{seconds:.1} s")]);
     }
 
-    /// Prints what has been done; an error where subjects failed.
+    /// Prints the stages, the warnings and the failures; returns an error if subjects failed.
     fn finish(&self, failed: &[(String, String)], warnings: &[String]) -> Result<()> {
         let mut rows = vec![["stage", "", "time"].map(str::to_owned).to_vec()];
         rows.extend(self.rows.iter().map(|row| row.to_vec()));

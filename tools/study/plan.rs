@@ -1,4 +1,4 @@
-//! A study in its place: its subjects, the files that it makes, and the lists that its stages read.
+//! The plan of a study: its subjects, the paths of the files that it makes, and the lists that its stages read.
 
 use std::path::{Path, PathBuf};
 
@@ -9,29 +9,29 @@ use spharm_surface::io::write_new;
 use super::config::{Method, Study};
 use super::{subjects, surfaces};
 
-/// The folder in the output of what makes a study resumable.
+/// Folder in the output that holds the records for resuming a study.
 const RECORDS: &str = ".study";
-/// The folder of the plain alignment, which is there for comparison.
+/// Folder of the plain alignment, which is made for comparison.
 pub(super) const PLAIN: &str = "plain";
 
-/// A study in its place.
+/// A study with its resolved paths and subjects.
 pub(super) struct Plan {
     /// The study's file.
     pub(super) file: PathBuf,
     pub(super) study: Study,
     /// The folder of that file.
     pub(super) folder: PathBuf,
-    /// The folder of all that is made.
+    /// The folder of all outputs.
     pub(super) output: PathBuf,
     pub(super) table: PathBuf,
     pub(super) manifest: Manifest,
-    /// How the subjects are brought together.
+    /// Method of bringing the subjects into correspondence.
     pub(super) method: Method,
-    /// The files of the subjects' landmarks, in the table's order, where there are any.
+    /// Landmark file of each subject, in table order, if the study has landmarks.
     pub(super) landmarks: Option<Vec<PathBuf>>,
-    /// The files of each subject's signals, in the table's order.
+    /// Signal files of each subject, in table order.
     pub(super) signals: Vec<Vec<PathBuf>>,
-    /// The manifest's text, where it isn't the table itself.
+    /// The manifest's text, if the manifest isn't the table itself.
     made_text: Option<Vec<u8>>,
     /// Arguments that all stages share, such as the number of threads.
     pub(super) common: Vec<String>,
@@ -42,16 +42,16 @@ pub(super) struct Subject<'a> {
     pub(super) id: &'a str,
     pub(super) cells: &'a [String],
     pub(super) model: PathBuf,
-    /// The mesh or the volume that it is registered by.
+    /// The mesh or volume that is registered.
     pub(super) surface: PathBuf,
-    /// Of a volume, the label.
+    /// Label in the volume.
     pub(super) label: Option<i64>,
     pub(super) landmarks: Option<PathBuf>,
     pub(super) signals: &'a [PathBuf],
 }
 
 impl Plan {
-    /// Reads a study's file and its table.
+    /// Reads a study file and its table.
     pub(super) fn read(path: &Path, common: Vec<String>) -> Result<Self> {
         let study = Study::read(path)?;
         let folder = path.parent().unwrap_or(Path::new(""));
@@ -93,7 +93,7 @@ impl Plan {
         has_one_sphere(&self.study)
     }
 
-    /// The folder of what makes a study resumable: lists, tables for the tests, records of the stages.
+    /// Returns the folder of the files for resuming a study: lists, tables for the tests, records of the stages.
     pub(super) fn records(&self) -> PathBuf {
         self.output.join(RECORDS)
     }
@@ -102,28 +102,29 @@ impl Plan {
         self.output.join("status")
     }
 
-    /// The warnings that the page begins with.
+    /// Returns the path of the warnings shown at the head of the page.
     pub(super) fn warnings(&self) -> PathBuf {
         self.records().join("warnings").join("all.json")
     }
 
-    /// The warnings of the alignment, or of the correspondence.
+    /// Returns the path of the warnings of the alignment or the correspondence.
     pub(super) fn alignment_warnings(&self) -> PathBuf {
         let name = if self.method == Method::Correspond { "correspond.json" } else { "align.json" };
         self.records().join("warnings").join(name)
     }
 
-    /// How the subjects were made to correspond.
+    /// Returns the path of the report of the correspondence.
     pub(super) fn correspondence(&self) -> PathBuf {
         self.records().join("reports").join("correspond.json")
     }
 
-    /// The folder of the models that are compared, where they aren't those of the fits.
+    /// Returns the folder of the aligned or corresponding models. With method "none" there is no such folder, and the
+    /// fitted models are compared.
     pub(super) fn aligned_folder(&self) -> PathBuf {
         self.output.join(if self.method == Method::Correspond { "group" } else { "aligned" })
     }
 
-    /// The mean of the models that are compared.
+    /// Returns the path of the mean model.
     pub(super) fn mean(&self) -> PathBuf {
         let folder = if self.method == Method::Correspond { self.aligned_folder() } else { self.output.clone() };
         folder.join("mean.spharm.npz")
@@ -133,7 +134,7 @@ impl Plan {
         self.output.join("report.html")
     }
 
-    /// The tables of what became of each subject, one for each shard.
+    /// Lists the tables of the subjects' outcomes, one per shard.
     pub(super) fn status_files(&self) -> Result<Vec<PathBuf>> {
         let folder = self.status();
         let read = || format!("{}: cannot read the folder", folder.display());
@@ -150,7 +151,7 @@ impl Plan {
         self.output.join("models")
     }
 
-    /// All subjects with the models that they will have, in the table's order.
+    /// Returns all subjects in table order, with the paths of their future models.
     pub(super) fn subjects_planned<'s>(&'s self) -> Vec<Subject<'s>> {
         let folder = self.models();
         let of = |(index, row): (usize, &'s Row)| {
@@ -163,13 +164,13 @@ impl Plan {
         self.manifest.rows.iter().enumerate().map(of).collect()
     }
 
-    /// The subjects that were fitted: not those whose model is left from a run before their surface was broken.
+    /// Returns the subjects that were fitted, without those that fail now but have a model from an earlier run.
     pub(super) fn subjects(&self, merged: &Merged) -> Vec<Subject<'_>> {
         let done = |id: &str| merged.entry(id).is_some_and(|entry| matches!(entry.state, State::Done | State::Skipped));
         self.subjects_planned().into_iter().filter(|subject| done(subject.id) && subject.model.exists()).collect()
     }
 
-    /// Writes what became of each subject, for the page, without times: the same bytes for the same results.
+    /// Writes the outcome of each subject for the page. Times are left out, so that equal results give equal bytes.
     pub(super) fn write_status(&self, merged: &Merged) -> Result<()> {
         let mut writer = csv::WriterBuilder::new().delimiter(b'\t').from_writer(Vec::new());
         writer.write_record(["id", "state", "msd", "error"].into_iter().chain(self.columns()))?;
@@ -188,7 +189,7 @@ impl Plan {
         self.write("subjects.tsv", &String::from_utf8(writer.into_inner()?)?)
     }
 
-    /// Writes the warnings that the page begins with.
+    /// Writes the warnings shown at the head of the page.
     pub(super) fn write_warnings(&self, warnings: &[String]) -> Result<()> {
         self.write("warnings/all.json", &(serde_json::to_string_pretty(warnings)? + "\n"))
     }
@@ -197,12 +198,12 @@ impl Plan {
         self.manifest.columns.iter().map(String::as_str)
     }
 
-    /// Writes the manifest, where it isn't the table itself.
+    /// Writes the manifest, unless it is the table itself.
     pub(super) fn write_manifest(&self) -> Result<()> {
         self.made_text.as_deref().map_or(Ok(()), |text| self.write("manifest.tsv", std::str::from_utf8(text)?))
     }
 
-    /// Where the models lie that are compared.
+    /// Returns the paths of the models that are compared.
     pub(super) fn aligned(&self, subjects: &[Subject<'_>]) -> Vec<PathBuf> {
         let folder = self.aligned_folder();
         let place = |subject: &Subject<'_>| match (self.method, subject.model.file_name()) {
@@ -212,7 +213,7 @@ impl Plan {
         subjects.iter().map(place).collect()
     }
 
-    /// Writes the lists and the table that the stages read; a file whose text hasn't changed stays.
+    /// Writes the lists and the table that the stages read; leaves a file untouched if its text hasn't changed.
     pub(super) fn write_lists<'s>(&self, subjects: &'s [Subject<'_>]) -> Result<()> {
         let models: Vec<PathBuf> = subjects.iter().map(|subject| subject.model.clone()).collect();
         let aligned = self.aligned(subjects);
@@ -248,7 +249,7 @@ impl Plan {
         self.write("aligned.csv", &String::from_utf8(writer.into_inner()?)?)
     }
 
-    /// A path as the lists have it, which lie in a folder of the output.
+    /// Returns a path in the output relative to the folder of the lists.
     fn relative(&self, path: &Path) -> Result<String> {
         let path = path.strip_prefix(&self.output).with_context(|| path.display().to_string())?;
         Ok(Path::new("..").join(path).display().to_string())
@@ -264,7 +265,7 @@ impl Plan {
     }
 }
 
-/// Whether the fits are given one sphere for all subjects.
+/// Returns whether the fits are given one sphere for all subjects.
 fn has_one_sphere(study: &Study) -> bool {
     study.fit.arguments.iter().any(|argument| argument.split('=').next() == Some("--sphere"))
 }

@@ -1,5 +1,4 @@
-//! A stage of a study: a command whose inputs and outputs are known, and which is run again only where they have
-//! changed.
+//! A stage of a study: a command with known inputs and outputs, which is run again only if they have changed.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -12,19 +11,19 @@ use spharm_surface::io::write_new;
 /// A command of a study.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Stage {
-    /// The folder of the study's file, wherever the study is called from: what is recorded is relative to it.
+    /// Folder of the study file. Recorded paths are relative to it, so that they don't depend on the current folder.
     pub(super) folder: PathBuf,
-    /// Its name, which is also that of its record.
+    /// Name of the stage and of its record.
     pub(super) name: String,
     /// Arguments of spharm, the verb first.
     pub(super) arguments: Vec<String>,
     /// Files that it reads.
     pub(super) inputs: Vec<PathBuf>,
-    /// Files that it writes, and folders all of whose files it writes.
+    /// Files that it writes, and folders in which it writes every file.
     pub(super) outputs: Vec<PathBuf>,
 }
 
-/// What is recorded of a stage that has been run: the same key and outputs mean that it needn't run.
+/// Record of a stage that has been run. If key and outputs are unchanged, the stage needn't run again.
 #[derive(Debug, PartialEq, Eq, Serialize, Deserialize)]
 struct Record {
     /// BLAKE3 of the version, the arguments, and the inputs' names and contents.
@@ -34,7 +33,7 @@ struct Record {
 }
 
 impl Stage {
-    /// The command as it would be typed.
+    /// Returns the command as typed in a shell, with quotes where needed.
     pub(super) fn command(&self) -> String {
         let plain = |c: char| c.is_alphanumeric() || "-_./@=,:+".contains(c);
         let quote = |argument: &String| match argument {
@@ -45,14 +44,14 @@ impl Stage {
         format!("spharm {}", arguments.join(" "))
     }
 
-    /// Returns whether the outputs in place are those of the inputs in place.
+    /// Returns whether the current outputs were made from the current inputs.
     pub(super) fn is_done(&self, records: &Path) -> Result<bool> {
         let Some(record) = self.record(records) else { return Ok(false) };
-        // A file that is gone or can't be read makes its stage run again, which then says so.
+        // If a file is gone or can't be read, the stage runs again and reports that.
         Ok(record.key == self.key()? && self.hashes().is_ok_and(|found| found == record.outputs))
     }
 
-    /// Removes what an earlier run of the stage made, so that nothing is left of subjects that are gone.
+    /// Removes the outputs of an earlier run of the stage, so that no files remain of subjects that have left.
     pub(super) fn clear(&self, records: &Path) -> Result<()> {
         let Some(record) = self.record(records) else { return Ok(()) };
         for path in record.outputs.keys().map(|path| self.folder.join(path)).filter(|path| path.exists()) {
@@ -106,18 +105,19 @@ impl Stage {
         files.into_iter().map(|path| hash(&path).map(|hash| (self.relative(&path).to_owned(), hash))).collect()
     }
 
-    /// A path in the study's folder from there; any other, and what isn't a path, as it is.
+    /// Returns a path relative to the study's folder if it lies there; returns any other text unchanged.
     fn relative<'a>(&self, path: &'a Path) -> &'a Path {
         path.strip_prefix(&self.folder).ok().filter(|path| !path.as_os_str().is_empty()).unwrap_or(path)
     }
 }
 
-/// Removes what a stage that is no more made in the study's output, whose paths are recorded from `folder`, unless it
-/// has been changed since, and the stage's record; folders that are empty then, too.
+/// Removes the outputs of a stage that is no longer part of the study, the folders that this leaves empty, and the
+/// stage's record. Only files within the study's output that haven't changed since are removed. Recorded paths are
+/// relative to `folder`.
 pub(super) fn retire(record: &Path, folder: &Path, output: &Path) -> Result<()> {
     let named = || record.display().to_string();
     let text = spharm_files::read_text(record, MOST_OWN).with_context(named)?;
-    // Another program's file stays.
+    // Keep files of other programs.
     let Ok(found) = serde_json::from_str::<Record>(&text) else { return Ok(()) };
     let outputs = found.outputs.iter().map(|(path, made)| (folder.join(path), made));
     for (path, made) in outputs.filter(|(path, _)| path.starts_with(output)) {
@@ -125,7 +125,7 @@ pub(super) fn retire(record: &Path, folder: &Path, output: &Path) -> Result<()> 
             std::fs::remove_file(&path).with_context(|| path.display().to_string())?;
         }
         for folder in path.ancestors().skip(1).take_while(|folder| *folder != output) {
-            // Fails where something else is in it.
+            // Fails if the folder isn't empty.
             if std::fs::remove_dir(folder).is_err() {
                 break;
             }
@@ -134,7 +134,7 @@ pub(super) fn retire(record: &Path, folder: &Path, output: &Path) -> Result<()> 
     std::fs::remove_file(record).with_context(named)
 }
 
-/// The file, or all files of the folder.
+/// Appends the file, or all files in the folder, to `files`.
 fn list(path: &Path, files: &mut Vec<PathBuf>) -> Result<()> {
     if !path.is_dir() {
         files.push(path.to_owned());

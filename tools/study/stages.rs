@@ -11,7 +11,7 @@ use super::surfaces::signal_column;
 use crate::shape::correspond::surfaces::With;
 
 impl Plan {
-    /// The fits, of which `fit` itself knows what is done.
+    /// Returns the stage of the fits. It has no inputs or outputs, because `fit` itself finds what is done.
     pub(super) fn fit(&self, shard: Option<Shard>, force: bool) -> Stage {
         let mut arguments =
             words(&["fit", "--manifest", &text(&self.manifest.path), "--output", &text(&self.models())]);
@@ -29,7 +29,7 @@ impl Plan {
         }
     }
 
-    /// The stages after the fits, of the subjects whose models are there.
+    /// Returns the stages after the fits, for the subjects that have models.
     pub(super) fn stages(&self, subjects: &[Subject<'_>]) -> Vec<Stage> {
         let (study, at) = (&self.study, |name: &str| self.output.join(name));
         let models: Vec<PathBuf> = subjects.iter().map(|subject| subject.model.clone()).collect();
@@ -54,7 +54,7 @@ impl Plan {
         stages
     }
 
-    /// The stage that brings the subjects together, and makes their mean.
+    /// Returns the stage that brings the subjects into correspondence and computes their mean.
     fn together(&self, subjects: &[Subject<'_>], models: &[PathBuf]) -> Stage {
         let mean = self.mean();
         match self.method {
@@ -95,7 +95,7 @@ impl Plan {
         self.stage("correspond", arguments, &inputs, [folder, report, warnings])
     }
 
-    /// Arguments of an alignment of the fits' models.
+    /// Returns the arguments for aligning the fitted models.
     fn align(&self, how: &str, name: &str, folder: &Path) -> Vec<String> {
         let mut arguments =
             words(&["shape", "align", &self.list("models.txt"), "--group", how, name, "-o", &text(folder)]);
@@ -103,13 +103,13 @@ impl Plan {
         arguments
     }
 
-    /// Flags of what else than a rotation brings subjects together.
+    /// Returns the flags for the transformations allowed besides rotations.
     fn moved(&self) -> impl Iterator<Item = String> {
         let flags = [(self.study.align.scale, "--scale"), (self.study.align.mirror, "--mirror")];
         flags.into_iter().filter(|(given, _)| *given).map(|(_, flag)| flag.to_owned())
     }
 
-    /// The quality of a correspondence and, if it is asked for, that of the plain alignment.
+    /// Returns the stages that measure the quality of the correspondence and, if requested, of the plain alignment.
     fn quality(&self, subjects: &[Subject<'_>], models: &[PathBuf], aligned: &[PathBuf]) -> Vec<Stage> {
         if self.method != Method::Correspond {
             return Vec::new();
@@ -144,18 +144,18 @@ impl Plan {
         stages
     }
 
-    /// What names the places that members lack.
+    /// Returns the group's file, which lists the places missing from members.
     fn group_file(&self) -> PathBuf {
         self.aligned_folder().join("group.json")
     }
 
-    /// The measures of a group and their picture.
+    /// Returns the paths of a group's quality measures and of their picture.
     fn quality_files(&self, method: Method) -> [PathBuf; 2] {
         let name = if method == Method::Correspond { "correspond" } else { PLAIN };
         ["json", "png"].map(|ending| self.output.join("quality").join(format!("{name}.{ending}")))
     }
 
-    /// A test and its picture.
+    /// Returns the stages of a test and of its picture.
     fn test(&self, test: &Test, aligned: &[PathBuf]) -> [Stage; 2] {
         let (name, folder) = (format!("test.{}", test.name), self.output.join("tests").join(&test.name));
         let table = self.records().join("aligned.csv");
@@ -191,7 +191,8 @@ impl Plan {
         [tested, drawn]
     }
 
-    /// The page: modes, tests, the status of each subject, and with `[page] subjects` their models.
+    /// Returns the stage of the page: modes, tests, the status of each subject and, with `[page] subjects`, their
+    /// models.
     fn report(&self, subjects: &[Subject<'_>]) -> Stage {
         let (modes, status) = (self.output.join("group.shape-model.npz"), self.records().join("subjects.tsv"));
         let folders: Vec<PathBuf> =
@@ -223,7 +224,7 @@ impl Plan {
         Stage { folder, name, arguments, inputs, outputs: vec![self.page()] }
     }
 
-    /// An argument for a list in the records.
+    /// Returns the argument `@FILE` for a list in the records.
     fn list(&self, name: &str) -> String {
         format!("@{}", text(&self.records().join(name)))
     }
@@ -241,7 +242,7 @@ impl Plan {
     }
 }
 
-/// The status file of a shard; of the whole study without one.
+/// Returns the name of the status file of a shard, or of the entire study without a shard.
 fn status_name(shard: Option<Shard>) -> String {
     shard.map_or("all.tsv".to_owned(), |shard| format!("{}.tsv", shard.to_string().replace('/', "-of-")))
 }

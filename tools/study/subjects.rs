@@ -1,5 +1,5 @@
-//! The subjects of a study: its table as it is, or a table of ids and covariates whose files are named by patterns; and
-//! their landmarks.
+//! The subjects of a study, with their landmarks and signals. The study's table either is a manifest, or has only ids
+//! and covariates, with files named by patterns.
 
 use std::path::{Path, PathBuf};
 
@@ -10,17 +10,17 @@ use super::config::Subjects;
 use crate::shape::correspond::surfaces::With;
 use crate::shape::table::{LANDMARKS, files_of};
 
-/// The place of the id in a pattern.
+/// Placeholder of the id in a pattern.
 const ID: &str = "{id}";
-/// Most bytes of a table, far above any study's.
+/// Largest size of a table in bytes, far above that of any study.
 const LARGEST: u64 = 64 << 20;
 
-/// Returns the manifest of a study's subjects, and its text where it had to be made, for a file at `made`. Patterns are
-/// relative to `folder`, that of the study's file.
+/// Returns the manifest of a study's subjects, and its text if it had to be made, for a file at `made`. Patterns are
+/// relative to `folder`, the folder of the study file.
 ///
 /// # Errors
 ///
-/// When the table can't be read or isn't one, or a pattern has no `{id}`.
+/// If the table can't be read or is malformed, or a pattern has no `{id}`.
 pub(super) fn manifest(
     subjects: &Subjects,
     folder: &Path,
@@ -36,17 +36,17 @@ pub(super) fn manifest(
     has_id("surface", surface)?;
     subjects.sphere.as_deref().map_or(Ok(()), |pattern| has_id("sphere", pattern))?;
     let text = text(subjects, folder, table, surface).with_context(|| table.display().to_string())?;
-    // Its own lines are not those of the table, whose ids are what may be wrong.
+    // Errors name the table: the lines of `made` are not those of the table, and only the table's ids can be wrong.
     let manifest = Manifest::parse(made, &text).with_context(|| table.display().to_string())?;
     Ok((manifest, Some(text)))
 }
 
-/// Returns the file of each subject's landmarks: by the pattern, relative to `folder`, else of the table's column,
-/// relative to the table; none of a study without.
+/// Returns the landmark file of each subject: from the pattern, relative to `folder`, else from the table's column,
+/// relative to the table. Returns `None` if the study has no landmarks.
 ///
 /// # Errors
 ///
-/// When the pattern has no `{id}`, or a cell is empty.
+/// If the pattern has no `{id}`, or a cell is empty.
 pub(super) fn landmarks(
     subjects: &Subjects,
     folder: &Path,
@@ -60,11 +60,11 @@ pub(super) fn landmarks(
     files_of(manifest, LANDMARKS, table)
 }
 
-/// Returns the files of each subject's signals, as [`landmarks`] finds its files: one list a subject.
+/// Returns the signal files of each subject, one list per subject, found like those of [`landmarks`].
 ///
 /// # Errors
 ///
-/// When a signal is neither a pattern with `{id}` nor a column of the table, or a cell is empty.
+/// If a signal is neither a pattern with `{id}` nor a column of the table, or a cell is empty.
 pub(super) fn signals(signals: &[With], folder: &Path, table: &Path, manifest: &Manifest) -> Result<Vec<Vec<PathBuf>>> {
     let mut files = vec![Vec::new(); manifest.rows.len()];
     for With { name, .. } in signals {

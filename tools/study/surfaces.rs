@@ -1,32 +1,33 @@
-//! The meshes that subjects are registered by, with their landmarks, as the table and the list that stages read.
+//! The table of the meshes that are registered, with their landmarks and signals, and the list of landmark files, as
+//! the stages read them.
 
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use spharm_cli::paths::utf8;
 
-/// What a subject is registered by.
+/// A subject's row of the table of surfaces.
 #[derive(Clone, Copy)]
 pub(super) struct Member<'a> {
     pub(super) id: &'a str,
     pub(super) surface: &'a Path,
-    /// Of a volume, the label.
+    /// Label in the volume.
     pub(super) label: Option<i64>,
     pub(super) landmarks: Option<&'a Path>,
     pub(super) signals: &'a [PathBuf],
 }
 
-/// The name of a signal's column, by its number.
+/// Returns the name of a signal's column from its index.
 pub(super) fn signal_column(index: usize) -> String {
     format!("signal {}", index + 1)
 }
 
-/// Text of the table, of ids, meshes or volumes with their labels, landmarks and signals, for a file in `folder`: the
-/// same from whichever folder the study is called.
+/// Returns the text of the table for a file in `folder`: ids, meshes or volumes with their labels, landmarks and
+/// signals. It doesn't depend on the folder from which the study is called.
 ///
 /// # Errors
 ///
-/// When a mesh isn't there, or its path isn't text.
+/// If a mesh doesn't exist, or its path isn't UTF-8.
 pub(super) fn table(members: &[Member<'_>], folder: &Path) -> Result<String> {
     let mut writer = csv::WriterBuilder::new().delimiter(b'\t').from_writer(Vec::new());
     let landmarks = members.iter().any(|member| member.landmarks.is_some());
@@ -52,17 +53,17 @@ pub(super) fn table(members: &[Member<'_>], folder: &Path) -> Result<String> {
     Ok(String::from_utf8(writer.into_inner()?)?)
 }
 
-/// Text of the list of the landmarks' files, for a file in `folder`.
+/// Returns the text of the list of landmark files, for a file in `folder`.
 ///
 /// # Errors
 ///
-/// When one isn't there, or its path isn't text.
+/// If the folder of one doesn't exist, or its path isn't UTF-8.
 pub(super) fn landmarks(members: &[Member<'_>], folder: &Path) -> Result<String> {
     let files = members.iter().filter_map(|member| member.landmarks);
     files.map(|file| Ok(utf8(&from_folder(folder, file)?)?.to_owned() + "\n")).collect()
 }
 
-/// The path from one folder to a file in another, both of which are there, without their links.
+/// Returns the relative path from one folder to a file in another. Both folders must exist; links are resolved.
 fn from_folder(folder: &Path, file: &Path) -> Result<PathBuf> {
     let real = |folder: &Path| {
         let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };

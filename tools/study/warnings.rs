@@ -1,5 +1,5 @@
-//! What is to be looked at before a study's results are believed: subjects that are far from the others, files and
-//! models that are there twice, models that follow their voxels, and the warnings of the alignment and of the tests.
+//! Warnings to check before trusting a study's results: subjects that are far from the others, duplicate files and
+//! models, models that follow their voxels, and the warnings of the alignment and of the tests.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -16,12 +16,12 @@ use spharm_cohort::equal::{EqualSets, same_inputs};
 use super::plan::{Plan, Subject};
 use crate::report;
 
-/// Reads what the stages before the page have made, and returns the warnings, those of single subjects first.
+/// Returns the warnings from the results of the stages before the page, those about single subjects first.
 pub(super) fn collect(plan: &Plan, subjects: &[Subject<'_>]) -> Result<Vec<String>> {
     let group = Group::read(plan, subjects)?;
     let mut warnings = far_subjects(plan, subjects, &group.distances)?;
     warnings.extend(group.inputs.sets().iter().map(|names| same_inputs(names)));
-    // Equal inputs have equal models.
+    // Equal inputs give equal models: don't warn twice.
     let known = group.inputs.sets();
     for names in group.models.sets().iter().filter(|names| !known.contains(names)) {
         warnings.push(format!("{}: their models are equal; is one of them another subject's?", names.join(", ")));
@@ -37,10 +37,10 @@ pub(super) fn collect(plan: &Plan, subjects: &[Subject<'_>]) -> Result<Vec<Strin
     Ok(warnings)
 }
 
-/// What the models themselves say.
+/// Data collected from the models.
 #[derive(Default)]
 struct Group {
-    /// Distance of each aligned model from the mean; empty where degrees differ.
+    /// Distance of each aligned model from the mean; models whose degree differs from the mean's have none.
     distances: Vec<f64>,
     inputs: EqualSets<(String, Option<i64>)>,
     models: EqualSets<String>,
@@ -48,7 +48,7 @@ struct Group {
 }
 
 impl Group {
-    /// Reads one model at a time.
+    /// Collects the data, holding one model in memory at a time.
     fn read(plan: &Plan, subjects: &[Subject<'_>]) -> Result<Self> {
         let mean = Model::read(plan.mean())?;
         let mut group = Self::default();
@@ -72,7 +72,7 @@ impl Group {
     }
 }
 
-/// A warning for each subject whose volume, area or distance from the mean is far from the others'.
+/// Returns a warning for each subject whose volume, area or distance from the mean is far from the others'.
 fn far_subjects(plan: &Plan, subjects: &[Subject<'_>], distances: &[f64]) -> Result<Vec<String>> {
     let table = plan.output.join("measures.csv");
     let mut found: BTreeMap<usize, Vec<String>> = BTreeMap::new();
@@ -80,9 +80,9 @@ fn far_subjects(plan: &Plan, subjects: &[Subject<'_>], distances: &[f64]) -> Res
     for (what, values) in
         measures.iter().map(|(what, values)| (*what, values.as_slice())).chain([("distance from the mean", distances)])
     {
-        // A distance that is missing would move the others to other subjects.
+        // If a distance is missing, the indices of the others no longer match the subjects.
         for far in outliers(values).into_iter().filter(|_| values.len() == subjects.len()) {
-            // To be near the mean is no fault.
+            // Being near the mean isn't suspicious.
             if what == "distance from the mean" && far.z < 0.0 {
                 continue;
             }
@@ -104,7 +104,7 @@ fn far_subjects(plan: &Plan, subjects: &[Subject<'_>], distances: &[f64]) -> Res
     Ok(found.into_iter().map(warning).collect())
 }
 
-/// Four significant digits, or all before the point.
+/// Formats a number with four significant digits, or with all digits before the decimal point if there are more.
 fn number(value: f64) -> String {
     let magnitude = if value == 0.0 { 0.0 } else { value.abs().log10().floor() };
     if (-3.0..6.0).contains(&magnitude) {
@@ -114,7 +114,7 @@ fn number(value: f64) -> String {
     }
 }
 
-/// A column of numbers of a table that a stage has made.
+/// Reads a column of numbers from a table made by a stage.
 fn column(table: &Path, name: &str) -> Result<Vec<f64>> {
     let text = read_text(table, "table of measures", MOST_OWN)?;
     let mut reader = csv::Reader::from_reader(text.as_bytes());
@@ -125,7 +125,7 @@ fn column(table: &Path, name: &str) -> Result<Vec<f64>> {
     reader.records().map(|record| cell(record.with_context(named)?)).collect()
 }
 
-/// The warnings in a test's description.
+/// Reads the warnings in a test's description.
 fn of_test(path: &Path) -> Result<Vec<String>> {
     let text = read_text(path, "description of a test", MOST_OWN)?;
     let about: Value = serde_json::from_str(&text).with_context(|| format!("{}: not JSON", path.display()))?;
