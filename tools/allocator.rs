@@ -1,38 +1,38 @@
-//! Large arrays in large pages, and freed memory for what comes next.
+//! Puts large arrays in huge pages, and lets the allocator keep freed memory.
 //!
-//! A fit makes and drops arrays of megabytes in every step, and each page of 4 KiB that is new to the program is a
-//! fault and has to be cleared: a quarter of the time of a small fit. So arrays from [`LARGE`] bytes on ask for pages
-//! of 2 MiB, where the system grants them on request (`/sys/kernel/mm/transparent_hugepage/enabled`: `madvise`, the
-//! default of most distributions). Memory is that of the system's allocator; an array that is touched in part takes at
-//! most the rest of a page more.
+//! A fit allocates and drops arrays of megabytes in every step. Each new 4 KiB page costs a page fault and must be
+//! cleared, which took a quarter of the time of a small fit. So arrays of at least [`LARGE`] bytes request pages of
+//! 2 MiB, if the system grants them on request (`/sys/kernel/mm/transparent_hugepage/enabled`: `madvise`, the default
+//! of most distributions). Memory comes from the system's allocator; an array that is touched only in part takes at
+//! most the rest of one page more.
 //!
-//! Arrays below that come and go in every step as well. The allocator would give their pages back to the system and
-//! take others, which made a third of the time of a least-squares fit of a cortex at degree 100: [`keep_freed`] lets it
-//! keep some.
+//! Smaller arrays are also allocated and dropped in every step. The allocator would return their pages to the system
+//! and request others, which took a third of the time of a least-squares fit of a cortex at degree 100; [`keep_freed`]
+//! lets it keep some.
 //!
-//! That is for programs to choose, not for libraries, as are OpenBLAS's kernels.
+//! This choice belongs to programs, not to libraries, as does that of OpenBLAS's kernels.
 
 #![allow(unsafe_code)]
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::ffi::OsString;
 
-/// Bytes from which on an array asks for large pages: it has one of them wholly, wherever it begins.
+/// Smallest size in bytes of an array that requests huge pages: it contains a complete one, wherever it begins.
 const LARGE: usize = 4 << 20;
 
-/// A large page.
+/// Size of a huge page, in bytes.
 const PAGE: usize = 2 << 20;
 
-/// Most bytes that are kept when they are freed, for each thread.
+/// Largest amount of freed memory kept for each thread, in bytes.
 const KEPT: usize = 128 << 20;
 
-/// The largest array that glibc takes from what it keeps.
+/// Size in bytes of the largest array that glibc allocates from kept memory.
 const LARGEST: usize = 32 << 20;
 
-/// Lets the allocator keep freed memory, at the end of what each thread has: a sixteenth of what is free, shared among
-/// the threads, at most [`KEPT`] for each. Not where that is less than it keeps of itself, where the user has said how
-/// much memory may be used, or has set the allocator up. Verbs whose budget is small by default are not told apart:
-/// they take less than it.
+/// Lets the allocator keep freed memory at the end of each thread's heap: a sixteenth of the free memory, shared among
+/// the threads, at most [`KEPT`] for each. Does nothing if that is less than the allocator keeps by default, if the
+/// user has set a memory budget, or if the user has configured the allocator. Verbs with a small default budget are not
+/// treated separately: they use less than it.
 pub(crate) fn keep_freed(mut arguments: impl Iterator<Item = OsString>) {
     let limited = arguments.any(|argument| argument.as_encoded_bytes().starts_with(b"--memory"));
     let set_up = ["GLIBC_TUNABLES", "MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_"];
@@ -41,12 +41,12 @@ pub(crate) fn keep_freed(mut arguments: impl Iterator<Item = OsString>) {
     }
     let threads = std::thread::available_parallelism().map_or(1, |threads| threads.get());
     let kept = (spharm::machine::available_memory() / 16 / (threads + 1)).min(KEPT);
-    // Left alone it keeps twice the largest array that it has given back to the system.
+    // By default, glibc keeps twice the size of the largest array that it has returned to the system.
     if kept < 2 * LARGEST {
         return;
     }
     for (parameter, bytes) in [(libc::M_MMAP_THRESHOLD, LARGEST), (libc::M_TRIM_THRESHOLD, kept)] {
-        // SAFETY: it sets a number of the allocator's, which it checks.
+        // SAFETY: sets a parameter of the allocator, which validates it.
         unsafe { libc::mallopt(parameter, bytes as libc::c_int) };
     }
 }
@@ -56,7 +56,7 @@ struct LargePages;
 #[global_allocator]
 static ALLOCATOR: LargePages = LargePages;
 
-/// Asks for large pages within an array, and returns it. What the system doesn't grant changes nothing.
+/// Requests huge pages within an array, and returns it. A request that the system doesn't grant has no effect.
 fn advised(array: *mut u8, bytes: usize) -> *mut u8 {
     if bytes < LARGE || array.is_null() {
         return array;
@@ -64,16 +64,16 @@ fn advised(array: *mut u8, bytes: usize) -> *mut u8 {
     let before = array.align_offset(PAGE);
     let within = bytes.saturating_sub(before) / PAGE * PAGE;
     if within > 0 {
-        // SAFETY: the range lies within the array, which is this program's; the advice doesn't change what is in it.
+        // SAFETY: the range lies within an array of this program; the advice doesn't change its contents.
         unsafe { libc::madvise(array.wrapping_add(before).cast(), within, libc::MADV_HUGEPAGE) };
     }
     array
 }
 
-// SAFETY: all memory is the system allocator's, which is given what this is given.
+// SAFETY: all calls are forwarded unchanged to the system allocator.
 unsafe impl GlobalAlloc for LargePages {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        // SAFETY: the caller's promises are those of `System`.
+        // SAFETY: the caller upholds the contract of `System`, which is the same.
         advised(unsafe { System.alloc(layout) }, layout.size())
     }
 

@@ -1,22 +1,22 @@
-//! The kernels that OpenBLAS uses in this program.
+//! Chooses the kernels that OpenBLAS uses in this program.
 //!
-//! OpenBLAS chooses its kernels in an initialiser that runs before `main`, and from the environment alone, so the
-//! choice has to be there earlier still: in an initialiser of this program. That is for programs to do. A library that
-//! was loaded into a running process would change the environment under other threads; so no library crate of this
-//! project does.
+//! OpenBLAS chooses its kernels in an initialiser that runs before `main`, from the environment alone. So the
+//! environment must be set even earlier, in an initialiser of this program. Only programs may do that: a library loaded
+//! into a running process would change the environment under other threads, so no library crate of this project does
+//! it.
 
 #![allow(unsafe_code)]
 
-/// Runs before OpenBLAS's own initialiser, which has no priority and so comes last.
+/// Runs before OpenBLAS's own initialiser, which has no priority and so runs last.
 #[used]
 #[unsafe(link_section = ".init_array.00200")]
 static CHOOSE_KERNELS: extern "C" fn() = choose_kernels;
 
-/// Names the kernels that fit this processor, and one thread to begin with: threads of its own, and their buffers, come
-/// when a computation asks for them.
+/// Sets the kernels for this processor, and a single thread to begin with: OpenBLAS creates its threads and their
+/// buffers when a computation requests them.
 ///
-/// OpenBLAS 0.3.20 takes processors that it doesn't know, such as the Xeons of 2023, for a Pentium 4 and runs at a
-/// fifth of their speed. Whoever sets OPENBLAS_CORETYPE or OPENBLAS_NUM_THREADS knows better than this.
+/// OpenBLAS 0.3.20 treats processors that it doesn't know, such as the Xeons of 2023, as a Pentium 4 and runs at a
+/// fifth of their speed. OPENBLAS_CORETYPE and OPENBLAS_NUM_THREADS take precedence if the user has set them.
 extern "C" fn choose_kernels() {
     use std::arch::is_x86_feature_detected as has;
     let wide = has!("avx512f") && has!("avx512cd") && has!("avx512bw") && has!("avx512dq") && has!("avx512vl");

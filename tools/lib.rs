@@ -1,7 +1,7 @@
 //! `spharm`: one program with a verb for each step from a surface to its model and back.
 //!
-//! Each verb is a module: its arguments, the calls of the library, and what it prints. This is a library so that the
-//! Python package can carry the program; what it does is the crate `spharm`'s.
+//! Each verb is a module: its arguments, the calls of the library, and its output. This is a library so that the Python
+//! package can include the program; the computations are in the crate `spharm`.
 
 mod basis_build;
 mod bids;
@@ -102,17 +102,17 @@ impl Verb {
     }
 }
 
-/// Runs a command that a verb is made of; its first word is `spharm`.
+/// Runs a command that is a step of another verb; its first word is `spharm`.
 fn run_command(arguments: &[String]) -> anyhow::Result<()> {
     Parsed::of(arguments).map_err(told)?.run()
 }
 
-/// Looks at the arguments of such a command, and runs nothing.
+/// Checks the arguments of such a command without running it.
 fn parse_command(arguments: &[String]) -> anyhow::Result<()> {
     Parsed::of(arguments).map(drop).map_err(told)
 }
 
-/// Looks at what a command `fit` would do with the rows of a manifest.
+/// Previews what a `fit` command would do with the rows of a manifest.
 fn preview_fit(arguments: &[String], manifest: Manifest) -> anyhow::Result<rows::Previewed> {
     match Parsed::of(arguments).map_err(told)?.spharm.verb {
         Verb::Fit(cli) => fit::preview(&cli, manifest),
@@ -120,7 +120,7 @@ fn preview_fit(arguments: &[String], manifest: Manifest) -> anyhow::Result<rows:
     }
 }
 
-/// What is wrong with a command's arguments, in one line.
+/// Converts an error in a command's arguments to one line.
 fn told(error: clap::Error) -> anyhow::Error {
     let text = error.to_string().replace("\n\n  tip: ", "; ");
     let said: Vec<&str> = text.split("\n\nUsage:").next().unwrap_or_default().split_whitespace().collect();
@@ -128,14 +128,14 @@ fn told(error: clap::Error) -> anyhow::Error {
     anyhow::anyhow!("{}", said.strip_prefix("error: ").unwrap_or(&said))
 }
 
-/// The program's arguments. The flags of every verb may stand before it, too.
+/// Returns the program's command. The flags common to all verbs may also precede the verb.
 fn command() -> Command {
-    // Its arguments alone: what they say of themselves isn't the program's description.
+    // Only the arguments: the description of `Common` must not become that of the program.
     let common = Common::augment_args(Command::new("common"));
     Spharm::command().args(common.get_arguments().cloned())
 }
 
-/// A command line, and what it was parsed by and to.
+/// A parsed command line, with the command that parsed it.
 struct Parsed {
     command: Command,
     matches: ArgMatches,
@@ -146,7 +146,7 @@ impl Parsed {
     fn of<T: Into<OsString> + Clone>(arguments: impl IntoIterator<Item = T>) -> Result<Self, clap::Error> {
         let mut command = command();
         let matches = command.try_get_matches_from_mut(arguments)?;
-        // Conflicts are looked for before the verb and after it, not between the two.
+        // clap checks conflicts among the arguments before the verb and among those after it, but not across the verb.
         let mut verb = &matches;
         while let Some((_, next)) = verb.subcommand() {
             verb = next;
@@ -159,15 +159,15 @@ impl Parsed {
         Ok(Self { spharm: Spharm::from_arg_matches(&matches)?, command, matches })
     }
 
-    /// Checks the files that were named, then runs the verb.
+    /// Checks the files given, then runs the verb.
     fn run(&self) -> anyhow::Result<()> {
         roles::check_arguments(&self.command, &self.matches)?;
         self.spharm.verb.run()
     }
 }
 
-/// Runs the program with these arguments, the program's name first, and returns its exit code, also where the
-/// arguments are wrong, or ask for help.
+/// Runs the program with these arguments, the program's name first, and returns its exit code, also if the arguments
+/// are wrong or request help.
 pub fn main(given: impl IntoIterator<Item = OsString>) -> u8 {
     ask_for_free_memory(available_memory);
     let given = arguments(given);
@@ -180,7 +180,7 @@ pub fn main(given: impl IntoIterator<Item = OsString>) -> u8 {
     exit::run(|| parsed.run(), || exit::command_of(command(), verb))
 }
 
-/// The arguments with the verb in front, also where this program was called by a verb's name, through a link.
+/// Returns the arguments, with the verb inserted if this program was called by a verb's name, through a link.
 fn arguments(given: impl IntoIterator<Item = OsString>) -> Vec<OsString> {
     let mut arguments: Vec<OsString> = given.into_iter().collect();
     let name = arguments.first().and_then(|name| Path::new(name).file_stem()).unwrap_or_default().to_owned();

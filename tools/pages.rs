@@ -1,4 +1,4 @@
-//! `completions` and `man`: what shells and `man` know of this program, made from its arguments.
+//! `completions` and `man`: shell completions and manual pages, generated from the program's arguments.
 
 use std::path::PathBuf;
 
@@ -7,17 +7,17 @@ use clap::{Args, Command};
 use clap_complete::Shell;
 use spharm_cli::output::print;
 
-/// Print the completions of a shell
+/// Print completions for a shell
 #[derive(Debug, Args)]
 pub(crate) struct Completions {
-    /// The shell to complete in
+    /// Shell to generate completions for
     shell: Shell,
 }
 
 /// Write the manual pages, one for each verb
 #[derive(Debug, Args)]
 pub(crate) struct Man {
-    /// Folder to write to; made where it isn't there
+    /// Folder to write to; created if it doesn't exist
     #[arg(value_name = "DIR")]
     folder: PathBuf,
 }

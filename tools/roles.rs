@@ -1,14 +1,14 @@
-//! What each argument that names a file is: an input, an output, or a report beside it.
+//! The role of each argument that names a file: an input, an output, or an additional report.
 
 use clap::{ArgMatches, Command};
 use spharm_cli::roles::{Role, check, given};
 
-/// Refuses outputs that are inputs, and reports that are outputs, among the arguments of any verb.
+/// Refuses arguments in which an output is also an input, or a report is also an output.
 pub(crate) fn check_arguments(command: &Command, matches: &ArgMatches) -> anyhow::Result<()> {
     check(&given(command, matches, &role))
 }
 
-/// The role of an argument by its verb and its name.
+/// Returns the role of an argument from its verb and its name.
 fn role(verb: &str, name: &str) -> Option<Role> {
     Some(match (verb, name) {
         ("generate", "surface" | "sphere" | "study") => Role::Output,
@@ -21,8 +21,8 @@ fn role(verb: &str, name: &str) -> Option<Role> {
         (_, "output" | "output_dir" | "surface_output" | "mean" | "scores" | "maps" | "animation" | "curves") => {
             Role::Output
         }
-        // Weights are a file or a word, and "minus" is a folder or a column; a file of that name isn't written to
-        // either.
+        // Weights are a file or a keyword, and "minus" is a folder or a column; as inputs in all cases, because a file
+        // of that name must not be written to either.
         (_, "surface" | "surfaces" | "sphere" | "manifest" | "moments" | "mask" | "weights" | "original")
         | (_, "reconstruction" | "model" | "models" | "files" | "file" | "samples" | "parts" | "map" | "fit_report")
         | (_, "modes" | "test" | "a" | "b" | "minus" | "to" | "from" | "among" | "study" | "volumes" | "landmarks") => {

@@ -11,10 +11,10 @@ use spharm_cohort::Shard;
 
 /// Fit the cortices of a BIDS dataset, as a BIDS app does
 ///
-/// Surfaces are those of derivatives/smriprep, derivatives/fmriprep, derivatives/freesurfer or sourcedata/freesurfer,
-/// or of --freesurfer; each is fitted over its subject's registered sphere, so that coefficients of subjects
-/// correspond. `participant` writes for each subject models, their spectra, surfaces and errors, and a page; `group`
-/// gathers all models.
+/// Surfaces are read from derivatives/smriprep, derivatives/fmriprep, derivatives/freesurfer or sourcedata/freesurfer,
+/// or from --freesurfer. Each is fitted over its subject's registered sphere, so that coefficients of subjects
+/// correspond. `participant` writes models, spectra, surfaces, errors and a page for each subject; `group` gathers all
+/// models.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -54,7 +54,7 @@ pub(crate) struct Cli {
     /// Degree of the models
     #[arg(long, value_name = "L", default_value_t = 60, help_heading = METHOD)]
     pub(super) max_degree: usize,
-    /// Subdivisions of the icosphere that models are evaluated on
+    /// Subdivisions of the icosphere on which models are evaluated
     #[arg(long, value_name = "N", default_value_t = 6, value_parser = clap::value_parser!(u32).range(0..=8), help_heading = METHOD)]
     pub(super) icosphere: u32,
     /// Fit one part of the surfaces: I/N, counted from 0, or slurm
@@ -63,7 +63,7 @@ pub(crate) struct Cli {
     /// Replace models of another degree, and surfaces on another icosphere
     #[arg(long, help_heading = OUTPUT)]
     pub(super) force: bool,
-    /// Leave the pages out
+    /// Don't write pages
     #[arg(long, help_heading = OUTPUT)]
     pub(super) no_pages: bool,
     #[command(flatten)]
@@ -90,7 +90,7 @@ pub(super) enum Surface {
 }
 
 impl Surface {
-    /// The suffix of BIDS, and FreeSurfer's name but for the middle one.
+    /// Returns the BIDS suffix, which is also FreeSurfer's name, except for the middle surface.
     pub(super) fn name(self) -> &'static str {
         match self {
             Self::Pial => "pial",
@@ -108,7 +108,7 @@ pub(super) enum Hemi {
 }
 
 impl Hemi {
-    /// The label of BIDS.
+    /// Returns the BIDS label.
     pub(super) fn label(self) -> &'static str {
         match self {
             Self::L => "L",
@@ -116,7 +116,7 @@ impl Hemi {
         }
     }
 
-    /// FreeSurfer's prefix.
+    /// Returns FreeSurfer's prefix.
     pub(super) fn prefix(self) -> &'static str {
         match self {
             Self::L => "lh",

@@ -1,4 +1,5 @@
-//! What makes a folder a BIDS derivative: its description, its participants, and what validators are to leave alone.
+//! The files that make a folder a BIDS derivative: its description, its participants, and the files that validators
+//! must ignore.
 
 use std::path::Path;
 
@@ -9,15 +10,15 @@ use spharm_surface::io::write_new;
 
 /// Version of BIDS that the names follow.
 const VERSION: &str = "1.10.0";
-/// Names that aren't part of BIDS; fMRIPrep and sMRIPrep list theirs likewise.
+/// Patterns of file names that aren't part of BIDS; fMRIPrep and sMRIPrep list theirs in the same way.
 const IGNORED: &str = "*.surf.gii\n*.shape.gii\n*.npz\n*_spectrum.tsv\n*_pial.json\n*_white.json\n*_midthickness.json\n*.html\nlogs/\ngroup_*\n";
 const DESCRIPTION: &str = "dataset_description.json";
 
-/// Writes the files at the top of a derivative dataset, unless they are there.
+/// Writes the top-level files of a derivative dataset, unless they exist.
 ///
 /// # Errors
 ///
-/// When the folder has the description of something else, or can't be written.
+/// If the folder has the description of another dataset, or can't be written.
 pub(super) fn prepare(output: &Path, source: &Path, subjects: &[&str]) -> Result<()> {
     std::fs::create_dir_all(output.join("logs")).with_context(|| output.display().to_string())?;
     let path = output.join(DESCRIPTION);
@@ -62,11 +63,11 @@ fn is_ours(text: &str) -> bool {
     by.is_some_and(|by| by.iter().any(|tool| tool["Name"] == "spharm"))
 }
 
-/// Writes a text whole or not at all; a file that has it already stays.
+/// Writes a text atomically; leaves the file untouched if it already has this text.
 ///
 /// # Errors
 ///
-/// When it can't be written.
+/// If it can't be written.
 pub(super) fn text(path: &Path, text: &str) -> Result<()> {
     if spharm_files::read(path, text.len() as u64).is_ok_and(|found| found == text.as_bytes()) {
         return Ok(());

@@ -11,7 +11,7 @@ use super::args::{Cli, Hemi, Surface};
 pub(super) struct Found {
     /// The subject's label, without `sub-`.
     pub(super) subject: String,
-    /// The session's label, where the surfaces are of one.
+    /// The session's label, if the surfaces belong to a session.
     pub(super) session: Option<String>,
     pub(super) hemi: Hemi,
     pub(super) surface: Surface,
@@ -19,27 +19,27 @@ pub(super) struct Found {
     pub(super) sphere: PathBuf,
 }
 
-/// Surfaces, and what was looked for in vain.
+/// Surfaces found, and surfaces missing.
 #[derive(Debug, Default)]
 pub(super) struct Dataset {
     pub(super) found: Vec<Found>,
-    /// What each would be called in status files, and why it isn't there.
+    /// Id in the status files, and reason, of each missing surface.
     pub(super) missing: Vec<(String, String)>,
 }
 
-/// Where surfaces come from.
+/// Source of the surfaces.
 enum Source {
-    /// GIfTI files named as BIDS has it, in `anat` folders.
+    /// GIfTI files with BIDS names, in `anat` folders.
     Derivative(PathBuf),
-    /// A folder of FreeSurfer's subjects.
+    /// A folder of FreeSurfer subjects.
     FreeSurfer(PathBuf),
 }
 
-/// Finds the surfaces that are asked for.
+/// Finds the requested surfaces.
 ///
 /// # Errors
 ///
-/// When the dataset has no folder of surfaces, or none of a subject's are there.
+/// If the dataset has no folder of surfaces, or no requested surface is found in any subject.
 pub(super) fn discover(cli: &Cli) -> Result<Dataset> {
     let source = source(cli)?;
     let root = match &source {
@@ -102,7 +102,7 @@ fn source(cli: &Cli) -> Result<Source> {
     }
 }
 
-/// Whether a derivative has surfaces of any subject.
+/// Returns whether a derivative has surfaces of any subject.
 fn has_surfaces(folder: &Path) -> bool {
     let is_surface = |path: &PathBuf| path.to_string_lossy().ends_with(".surf.gii");
     let subjects = names(folder).unwrap_or_default();
@@ -112,7 +112,7 @@ fn has_surfaces(folder: &Path) -> bool {
     })
 }
 
-/// Labels of the subjects: those that are asked for, else all.
+/// Returns the labels of the requested subjects, or of all subjects if none is requested.
 fn subjects(cli: &Cli, root: &Path) -> Result<Vec<String>> {
     if cli.participant_label.is_empty() {
         let mut labels: Vec<String> = names(root)?
@@ -139,7 +139,7 @@ fn subjects(cli: &Cli, root: &Path) -> Result<Vec<String>> {
     cli.participant_label.iter().map(label).collect()
 }
 
-/// The `anat` folders of a subject, each with its session's label.
+/// Returns the `anat` folders of a subject, each with its session's label.
 fn anatomies(subject: &Path) -> Result<Vec<(Option<String>, PathBuf)>> {
     let mut folders = vec![(None, subject.join("anat"))];
     let mut sessions = names(subject)?;
@@ -154,8 +154,7 @@ fn anatomies(subject: &Path) -> Result<Vec<(Option<String>, PathBuf)>> {
 }
 
 fn freesurfer(folder: &Path, hemi: Hemi, surface: Surface) -> Option<(PathBuf, PathBuf)> {
-    // FreeSurfer calls the surface half way between white and pial one `graymid`; sMRIPrep puts `midthickness` beside
-    // them.
+    // FreeSurfer calls the surface halfway between white and pial `graymid`; sMRIPrep adds it as `midthickness`.
     let names: &[&str] = match surface {
         Surface::Midthickness => &["midthickness", "graymid"],
         other => &[other.name()],
@@ -165,7 +164,7 @@ fn freesurfer(folder: &Path, hemi: Hemi, surface: Surface) -> Option<(PathBuf, P
     Some((mesh, at("sphere.reg"))).filter(|(_, sphere)| sphere.is_file())
 }
 
-/// A subject's own surface, which has no `space`, and its sphere in register with fsaverage's or fsLR's.
+/// Finds a subject's own surface, whose name has no `space`, and its sphere registered to fsaverage or fsLR.
 fn derivative(
     folder: &Path,
     subject: &str,

@@ -14,7 +14,7 @@ use spharm_model::arrays::{Entry, write_arrays};
 use super::args::{Cli, Hemi, Surface};
 use super::dataset::text;
 
-/// Gathers the models that the participant level has made.
+/// Gathers the models made by the participant level.
 pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result<()> {
     let logs = cli.output.join("logs");
     if !logs.is_dir() {
@@ -56,7 +56,7 @@ pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result
     print_line(&format!("{}: {}", cli.output.display(), counted(models, "model")))
 }
 
-/// Writes what became of each surface of all calls.
+/// Writes the outcome of each surface over all calls.
 fn status(cli: &Cli, logs: &Path) -> Result<()> {
     let mut files: Vec<PathBuf> = listed(logs)?;
     files.retain(|path| path.to_string_lossy().ends_with("_status.tsv"));
@@ -77,7 +77,7 @@ fn status(cli: &Cli, logs: &Path) -> Result<()> {
     text(&cli.output.join("group_status.tsv"), &String::from_utf8(writer.into_inner()?)?)
 }
 
-/// The models of a surface, in the order of their names.
+/// Returns the models of a hemisphere's surface, sorted by path.
 fn gather(output: &Path, hemi: Hemi, surface: Surface) -> Result<Vec<PathBuf>> {
     let ending = format!("_hemi-{}_desc-spharm_{}.npz", hemi.label(), surface.name());
     let mut models = Vec::new();
@@ -93,7 +93,8 @@ fn gather(output: &Path, hemi: Hemi, surface: Surface) -> Result<Vec<PathBuf>> {
     Ok(models)
 }
 
-/// Writes coefficients (s, K, 3), to the lowest degree of the models, and the models' names, a line each.
+/// Writes the coefficients, shape (subjects, (L + 1)^2, 3) with L the lowest degree of the models, and the models'
+/// names, one per line.
 fn write(cli: &Cli, hemi: Hemi, surface: Surface, group: &[PathBuf]) -> Result<()> {
     let models = group.iter().map(Model::read).collect::<Result<Vec<_>, _>>()?;
     let degree = models.iter().map(|model| model.coefficients.max_degree()).min().unwrap_or(0);
@@ -111,7 +112,7 @@ fn write(cli: &Cli, hemi: Hemi, surface: Surface, group: &[PathBuf]) -> Result<(
     Ok(())
 }
 
-/// Brings the models together in space, whose parameters correspond, and writes their modes.
+/// Aligns the models in space, and writes their modes. Their parameters already correspond.
 fn variation(
     cli: &Cli,
     hemi: Hemi,

@@ -1,5 +1,5 @@
-//! `bids`: a BIDS app. `discover` finds surfaces, `participant` fits them and derives what is beside the models,
-//! `group` gathers the models, `dataset` writes what makes the output a dataset.
+//! `bids`: a BIDS app. `discover` finds surfaces, `participant` fits them and writes the derivatives of each model,
+//! `group` gathers the models, `dataset` writes the files that describe the output as a dataset.
 
 mod args;
 mod dataset;
@@ -16,7 +16,7 @@ use self::args::Level;
 
 /// Runs the verb; `spharm` runs another one.
 pub(crate) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result<()> {
-    // What other verbs are called with is text.
+    // Other verbs are called with arguments as text.
     [&cli.dataset, &cli.output].into_iter().try_for_each(|path| utf8(path).map(drop))?;
     match cli.level {
         Level::Participant => participant::run(cli, spharm),
@@ -24,7 +24,7 @@ pub(crate) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result
     }
 }
 
-/// The command line of another verb: its arguments and what all verbs share.
+/// Returns the command line of another verb: its arguments and the common ones.
 fn command(cli: &Cli, arguments: Vec<String>) -> Vec<String> {
     let mut command = vec!["spharm".to_owned()];
     command.extend(arguments);

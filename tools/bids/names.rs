@@ -1,11 +1,11 @@
-//! Names of derivatives, as BIDS has them.
+//! Names of derivatives, following BIDS.
 
 use std::path::{Path, PathBuf};
 
 use super::discover::Found;
 
 impl Found {
-    /// `sub-01`, or `sub-01_ses-a`.
+    /// Returns the start of all names: `sub-01`, or `sub-01_ses-a`.
     fn stem(&self) -> String {
         match &self.session {
             Some(session) => format!("sub-{}_ses-{session}", self.subject),
@@ -13,12 +13,13 @@ impl Found {
         }
     }
 
-    /// What the surface is called in status files.
+    /// Returns the surface's id in status files.
     pub(super) fn id(&self) -> String {
         format!("{}_hemi-{}_{}", self.stem(), self.hemi.label(), self.surface.name())
     }
 
-    /// A file of the surface, relative to the derivative dataset: `sub-01/anat/sub-01_hemi-L_MIDDLE_ENDING`.
+    /// Returns the path of a file of the surface, relative to the derivative dataset:
+    /// `sub-01/anat/sub-01_hemi-L_MIDDLE_ENDING`.
     fn file(&self, middle: &str, ending: &str) -> PathBuf {
         let mut folder = PathBuf::from(format!("sub-{}", self.subject));
         folder.extend(self.session.as_ref().map(|session| format!("ses-{session}")));
@@ -33,19 +34,20 @@ impl Found {
         self.file("desc-spharm", &format!("{}.json", self.surface.name()))
     }
 
-    /// The model's power in each degree. All surfaces of a hemisphere would have this name, but for their label.
+    /// Returns the path of the model's power in each degree. The surface is part of `desc`, because otherwise all
+    /// surfaces of a hemisphere would have the same name.
     pub(super) fn spectrum(&self) -> PathBuf {
         self.file(&format!("desc-spharm{}", self.surface.name()), "spectrum.tsv")
     }
 
-    /// The model on an icosphere of so many vertices, in thousands.
+    /// Returns the path of the model evaluated on an icosphere with this number of vertices.
     pub(super) fn evaluated(&self, subdivisions: u32, vertices: usize) -> PathBuf {
         let density = density(vertices);
         let middle = format!("space-icosphere{subdivisions}_den-{density}_desc-spharm");
         self.file(&middle, &format!("{}.surf.gii", self.surface.name()))
     }
 
-    /// The model on icospheres, as far as such files are there.
+    /// Returns the existing files of the model evaluated on icospheres.
     pub(super) fn evaluations(&self, output: &Path) -> Vec<PathBuf> {
         let start = format!("{}_hemi-{}_space-icosphere", self.stem(), self.hemi.label());
         let ending = format!("_desc-spharm_{}.surf.gii", self.surface.name());
@@ -66,7 +68,7 @@ impl Found {
     }
 }
 
-/// `41k` for 40,962 vertices, as TemplateFlow has it.
+/// Formats a number of vertices as TemplateFlow does: `41k` for 40,962.
 fn density(vertices: usize) -> String {
     if vertices < 1000 { vertices.to_string() } else { format!("{}k", (vertices + 500) / 1000) }
 }

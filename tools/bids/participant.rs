@@ -1,4 +1,4 @@
-//! The participant level: models, and what is derived from each.
+//! The participant level: models, and the derivatives of each.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -27,7 +27,7 @@ use crate::rows::{self, Options, icosphere_within};
 pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result<()> {
     let (started, monitor) = (Instant::now(), ConsoleMonitor::new(cli.common.console()));
     let console = monitor.console();
-    // Before the fits, which take long.
+    // Fail before the fits, which take long.
     let budget = cli.memory.budget(cli.threads.count());
     let sphere = icosphere_within(budget, "bids --icosphere ", cli.icosphere, cli.max_degree)?;
     let Dataset { found, missing } = discover(cli)?;
@@ -46,7 +46,7 @@ pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result
     let fitted = rows::run(&cohort, &Options::new(params, cli.threads), &monitor, started);
     let noted = || -> Result<Merged> {
         if !missing.is_empty() {
-            // For the group level, which sees the tables alone.
+            // For the group level, which reads only the tables.
             let mut file = StatusFile::open(&status)?;
             for (id, why) in &missing {
                 file.append(&Entry { error: why.clone(), ..Entry::new(id, State::Failed) })?;
@@ -56,7 +56,7 @@ pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result
     };
     let merged = match noted() {
         Ok(merged) => merged,
-        // Where the fits have ended for a reason of their own, such as a full disk, that is the one to show.
+        // If the fits ended for a reason that concerns all of them, such as a full disk, report that one.
         Err(error) => return fitted.and(Err(error)),
     };
     let failed = found.iter().filter(|found| is(&merged, found, &[State::Failed])).count();
@@ -87,7 +87,7 @@ pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result
     }
 }
 
-/// Refuses to replace what was made with another degree or on another icosphere, unless that is asked for.
+/// Refuses to replace models of another degree or surfaces on another icosphere, unless `--force` is given.
 fn check_earlier(cli: &Cli, found: &[Found]) -> Result<()> {
     let sampled = format!("_space-icosphere{}_", cli.icosphere);
     for found in found.iter().filter(|_| !cli.force) {
@@ -118,14 +118,14 @@ fn is(merged: &Merged, found: &Found, states: &[State]) -> bool {
     merged.entry(&found.id()).is_some_and(|entry| states.contains(&entry.state))
 }
 
-/// The table of a call's surfaces, and what becomes of them.
+/// Files of a call: the table of its surfaces, and that of their outcomes.
 struct Logs {
     manifest: PathBuf,
     status: PathBuf,
 }
 
 impl Logs {
-    /// Calls for different subjects have different files.
+    /// Writes the table. The names depend on its contents, so that calls for different subjects have different files.
     fn new(cli: &Cli, found: &[Found]) -> Result<Self> {
         let mut writer = csv::WriterBuilder::new().delimiter(b'\t').from_writer(Vec::new());
         writer.write_record(["id", "surface", "sphere", "output"])?;
@@ -145,8 +145,8 @@ impl Logs {
     }
 }
 
-/// Writes what is beside a model: how it was made, its spectrum, the surface on the icosphere, its distances from the
-/// vertices.
+/// Writes the derivatives of a model: its sidecar with the provenance, its spectrum, the surface on the icosphere, and
+/// its distances from the vertices.
 fn derive(cli: &Cli, found: &Found, sphere: &Sphere) -> Result<()> {
     let at = |path: PathBuf| cli.output.join(path);
     let model = Model::read(at(found.model()))?;
@@ -173,7 +173,7 @@ fn derive(cli: &Cli, found: &Found, sphere: &Sphere) -> Result<()> {
     evaluated.meta.anatomical_structure_primary.get_or_insert(cortex.to_owned());
     let path = at(found.evaluated(cli.icosphere, evaluated.vertices.len()));
     write_mesh(&path, &evaluated, &options)?;
-    // With --force; else there is none.
+    // Files on other icospheres exist only with --force.
     for other in found.evaluations(&cli.output).into_iter().filter(|other| *other != path) {
         std::fs::remove_file(&other).with_context(|| other.display().to_string())?;
     }
@@ -185,7 +185,7 @@ fn derive(cli: &Cli, found: &Found, sphere: &Sphere) -> Result<()> {
     Ok(())
 }
 
-/// A page for each subject with all of its models.
+/// Writes a page for each subject with all of its models.
 fn pages(cli: &Cli, done: &[&Found], console: &Console, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result<()> {
     for group in done.chunk_by(|a, b| a.subject == b.subject) {
         let subject = format!("sub-{}", group[0].subject);

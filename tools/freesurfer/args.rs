@@ -12,9 +12,9 @@ use crate::rows::CohortArgs;
 
 /// Fit the surfaces of FreeSurfer's subjects, each on its own registered sphere
 ///
-/// Each of a subject's surfaces is fitted over its sphere.reg, whose directions mean the same place in every subject,
-/// whatever the number of vertices: coefficients of different subjects correspond. Subjects that lack a file, or whose
-/// sphere isn't that of the surface, are named at the end, and don't stop the others.
+/// Each of a subject's surfaces is fitted over its sphere.reg. A direction on it is the same place in every subject,
+/// whatever the number of vertices, so coefficients of different subjects correspond. Subjects that lack a file, or
+/// whose sphere doesn't belong to the surface, are listed at the end and don't stop the others.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -28,19 +28,19 @@ pub(crate) struct Cli {
     /// Folder of the subjects, SUBJECTS_DIR
     #[arg(value_name = "SUBJECTS_DIR", help_heading = help::INPUT)]
     pub(super) subjects_dir: PathBuf,
-    /// Subjects to take [default: all but fsaverage*]
+    /// Subjects to fit [default: all except fsaverage*]
     #[arg(long, value_name = "NAME", num_args = 1.., help_heading = help::INPUT)]
     pub(super) subject: Vec<String>,
     /// Surfaces: lh.NAME and rh.NAME in each subject's surf/
     #[arg(long, value_name = "NAME", num_args = 1.., help_heading = help::INPUT, required_unless_present = "signal")]
     pub(super) surface: Vec<String>,
-    /// Values on the vertices, such as thickness, curv, sulc: a model each
+    /// Values on the vertices, such as thickness, curv, sulc: one model for each
     #[arg(long, value_name = "NAME", num_args = 1.., help_heading = help::INPUT)]
     pub(super) signal: Vec<String>,
-    /// Vertices whose values are read, by a label: lh.NAME.label in each subject's label/; none reads all
+    /// Label of the vertices whose values are read: lh.NAME.label in each subject's label/; none reads all
     ///
-    /// Values of the other vertices are continued from the label's edge: the medial wall's zeros are no thickness.
-    /// Surfaces are read whole. [default: cortex, where it is there]
+    /// Values at the other vertices are extrapolated from the label's edge: the zeros on the medial wall aren't a
+    /// thickness. Surfaces are always read entirely. [default: cortex, if it exists]
     #[arg(long, value_name = "NAME|none", requires = "signal", help_heading = help::INPUT)]
     pub(super) mask: Option<String>,
     /// Hemispheres
@@ -58,7 +58,7 @@ pub(crate) struct Cli {
     /// Smoothness penalty [default: 0]
     #[arg(long, value_name = "LAMBDA|auto", help_heading = help::METHOD)]
     pub(super) smoothness: Option<Smoothness>,
-    /// Don't measure how far model and surface are apart, which takes a second or so for each
+    /// Don't measure the distance between model and surface, which takes about a second for each
     #[arg(long, help_heading = help::METHOD)]
     pub(super) no_surface_distance: bool,
     /// Folder for the models, SUBJECT.HEMI.NAME.spharm.npz
@@ -66,25 +66,25 @@ pub(crate) struct Cli {
     pub(super) output: PathBuf,
     /// Also write each model's values at the vertices of one sphere
     ///
-    /// icosphere:6 has 40,962 vertices. Surfaces are SUBJECT.HEMI.NAME.ico6.surf.gii, values .shape.gii: what stands at
-    /// a vertex is the same place in every subject.
+    /// icosphere:6 has 40,962 vertices. Surfaces are SUBJECT.HEMI.NAME.ico6.surf.gii, values .shape.gii. Each vertex is
+    /// the same place in every subject.
     #[arg(long, value_name = "icosphere:N", value_parser = icosphere, help_heading = help::OUTPUT)]
     pub(super) evaluate_on: Option<u32>,
     /// Write a report to a JSON file
     #[arg(long, value_name = "FILE", help_heading = help::OUTPUT)]
     pub(super) report: Option<PathBuf>,
-    /// Print the report as JSON in place of the table
+    /// Print the report as JSON instead of the table
     #[arg(long, help_heading = help::OUTPUT)]
     pub(super) json: bool,
-    /// Replace outputs that exist
+    /// Replace existing outputs
     #[arg(long, help_heading = help::OUTPUT)]
     pub(super) force: bool,
-    /// Leave out surfaces whose model exists, of the same input with the same settings
+    /// Skip surfaces that have a model of the same input with the same settings
     #[arg(long, conflicts_with = "force", help_heading = help::OUTPUT)]
     pub(super) skip_existing: bool,
     #[command(flatten)]
     pub(super) cohort: CohortArgs,
-    /// Memory that may be used [default: half of what is free]
+    /// Memory to use [default: half of the free memory]
     #[arg(long, value_name = "SIZE", help_heading = help::RESOURCES)]
     pub(super) memory: Option<Size>,
     #[command(flatten)]

@@ -1,4 +1,4 @@
-//! Whether a sphere is that of the hemisphere that is fitted over it.
+//! Checks that a sphere belongs to the hemisphere that is fitted over it.
 
 use std::path::Path;
 
@@ -11,15 +11,16 @@ use spharm_surface::geometry::{cross, dot};
 
 use super::other_hemisphere;
 
-/// Surfaces that a hemisphere's values are on, of which FreeSurfer writes all; the first that is there is taken.
+/// Surfaces that share the vertices of a hemisphere's values. FreeSurfer writes all of them; the first one found is
+/// used.
 const SURFACES: [&str; 4] = ["white", "pial", "smoothwm", "orig"];
 
-/// Refuses a surface whose orientation its sphere turns round, and says of one that doesn't fit its sphere whether that
-/// is the other hemisphere's.
+/// Refuses a surface whose orientation its sphere reverses. If a target doesn't match its sphere, the error says
+/// whether the sphere matches the other hemisphere.
 ///
-/// A sphere keeps the side of its surface that is outside. A mirrored one, as another hemisphere's is, turns it inside
-/// out: the volumes that the triangles enclose on the two have different signs. Values say nothing of that: the
-/// hemisphere's own surface does, and is held against the sphere in their place.
+/// A sphere has the same outside as its surface. A mirrored sphere, such as the other hemisphere's, turns the surface
+/// inside out: the volumes enclosed by the triangles of the two have different signs. Values have no orientation, so
+/// the hemisphere's own surface is compared with the sphere instead.
 pub(super) fn hemisphere(row: &Row, sphere: &Sphere, target: Result<Target, RunError>) -> Result<Target, RunError> {
     match target {
         Ok(target) if !sphere.faces.is_empty() => {
@@ -43,7 +44,7 @@ pub(super) fn hemisphere(row: &Row, sphere: &Sphere, target: Result<Target, RunE
         Err(error) => {
             let vertices = sphere.directions.len();
             let other = other_hemisphere(&row.surface).map(|(_, path)| path);
-            // A signal has no vertices of its own to count.
+            // The vertices are counted in a mesh, because a signal has none.
             match other.filter(|path| read_mesh(path).is_ok_and(|mesh| mesh.vertices.len() == vertices)) {
                 Some(path) => {
                     let (sphere, path) = (sphere.name().display(), path.display());
@@ -57,28 +58,29 @@ pub(super) fn hemisphere(row: &Row, sphere: &Sphere, target: Result<Target, RunE
     }
 }
 
-/// Whether a target was refused because it is of another sphere, in place of being broken.
+/// Returns whether a target was refused because it belongs to another sphere, rather than because it is malformed.
 fn is_of_another(error: &RunError) -> bool {
     use SurfaceError::{OtherTriangles, VertexCount};
     matches!(error, RunError::Fit(Error::Surface(VertexCount { .. } | OtherTriangles { .. })))
 }
 
-/// The surface that values are on, of their hemisphere, where there is one that can be read.
+/// Returns the vertex positions of the surface that values belong to, in the hemisphere of their file name, if a
+/// readable one exists.
 ///
 /// # Errors
 ///
-/// When the sphere isn't that of the surface, so that it isn't that of the values either.
+/// If the sphere doesn't belong to the surface, and so not to the values either.
 fn of_values(path: &Path, sphere: &Sphere) -> Result<Option<Vec<f64>>, RunError> {
     let Some((hemi, _)) = other_hemisphere(path) else { return Ok(None) };
     let mut refused = None;
     for name in SURFACES {
         let surface = path.with_file_name(format!("{}.{name}", hemi.name()));
-        // One that is damaged says nothing.
+        // A damaged surface proves nothing: try the next one.
         let Ok(mesh) = read_mesh(&surface) else { continue };
         if mesh.vertices.len() == sphere.directions.len() && mesh.faces == sphere.faces {
             return Ok(Some(mesh.vertices.into_flattened()));
         }
-        // Its triangles may be the same in another order; else this says how they differ.
+        // The triangles may be the same in another order; otherwise the error says how they differ.
         match read_target(&surface, sphere) {
             Ok(target) => return Ok(Some(target.values)),
             Err(error) => refused = refused.or(Some(RunError::from(error))),
@@ -90,7 +92,7 @@ fn of_values(path: &Path, sphere: &Sphere) -> Result<Option<Vec<f64>>, RunError>
     }
 }
 
-/// Six times the volume that triangles enclose, positive where they are counter-clockwise seen from outside.
+/// Returns six times the volume enclosed by triangles, positive if they are counter-clockwise seen from outside.
 fn volume(vertices: &[[f64; 3]], faces: &[[u32; 3]]) -> f64 {
     let origin = vertices.first().copied().unwrap_or_default();
     let from_origin = |v: u32| vertices.get(v as usize).map_or([0.0; 3], |p| std::array::from_fn(|k| p[k] - origin[k]));

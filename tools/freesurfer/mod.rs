@@ -66,15 +66,15 @@ fn options(cli: &Cli, left_out: &[String]) -> Result<Options> {
     })
 }
 
-/// The icosphere on which models are evaluated.
+/// Returns the icosphere on which models are evaluated.
 fn evaluate(cli: &Cli, subdivisions: u32) -> Result<Evaluate> {
     let budget = Memory { memory: cli.memory }.budget(cli.threads.count());
     let sphere = icosphere_within(budget, "freesurfer --evaluate-on icosphere:", subdivisions, cli.max_degree)?;
     Ok(Evaluate { sphere, name: format!("ico{subdivisions}") })
 }
 
-/// The subjects: those that were named, or the folders with a folder `surf`, sorted by name; and the other folders, but
-/// for FreeSurfer's own averages.
+/// Returns the subjects and the folders left out. Subjects are those given by name, or else the folders that contain a
+/// folder `surf`, sorted by name. Folders left out are all others, except FreeSurfer's own averages.
 fn subjects(cli: &Cli, console: &Console) -> Result<(Vec<String>, Vec<String>)> {
     let folder = &cli.subjects_dir;
     let named = || format!("{}: cannot read the folder", folder.display());
@@ -84,7 +84,7 @@ fn subjects(cli: &Cli, console: &Console) -> Result<(Vec<String>, Vec<String>)> 
         for entry in std::fs::read_dir(folder).with_context(named)? {
             let entry = entry.with_context(named)?;
             let name = entry.file_name();
-            // FreeSurfer's own average is put there by its programs.
+            // FreeSurfer's programs put its own averages there.
             match name.to_str() {
                 Some(name) if name.starts_with("fsaverage") => others += 1,
                 Some(name) if entry.path().join("surf").is_dir() => found.push(name.to_owned()),
@@ -137,10 +137,10 @@ fn subjects(cli: &Cli, console: &Console) -> Result<(Vec<String>, Vec<String>)> 
     Ok((found, left_out))
 }
 
-/// The label whose values are read unless another is named.
+/// Label of the vertices whose values are read by default.
 const CORTEX: &str = "cortex";
 
-/// A row for each subject, hemisphere, and surface or signal; those on one sphere after another.
+/// Returns a row for each subject, hemisphere, and surface or signal. Rows on the same sphere are adjacent.
 fn rows_of(cli: &Cli, subjects: &[String], console: &Console) -> Vec<Row> {
     let (mut rows, mut whole) = (Vec::new(), Vec::new());
     for subject in subjects {
@@ -151,7 +151,7 @@ fn rows_of(cli: &Cli, subjects: &[String], console: &Console) -> Vec<Row> {
             let label = folder.join("label").join(format!("{}.{label}.label", hemi.name()));
             let region = match cli.mask.as_deref() {
                 Some("none") => None,
-                // One that was asked for has to be there.
+                // A label given explicitly must exist.
                 Some(_) => Some(label),
                 None => Some(label).filter(|label| label.exists()),
             };
@@ -182,7 +182,7 @@ fn rows_of(cli: &Cli, subjects: &[String], console: &Console) -> Vec<Row> {
     rows
 }
 
-/// The hemisphere of a file by its name, and the file of the other one.
+/// Returns the hemisphere in a file's name, and the corresponding file of the other hemisphere.
 fn other_hemisphere(path: &Path) -> Option<(Hemi, std::path::PathBuf)> {
     let name = path.file_name()?.to_str()?;
     let (hemi, rest) = [Hemi::Lh, Hemi::Rh]

@@ -4,10 +4,10 @@ use std::path::PathBuf;
 
 use spharm_cli::{Common, help};
 
-/// Add up what the processes of a cohort have done
+/// Summarise the progress of a cohort over all of its processes
 ///
-/// Reads the tables that fit --status and others wrote. A row that several of them have counts as done where its model
-/// is there.
+/// Reads the tables written with --status by fit and other verbs. A row that is in several tables is done if its model
+/// exists.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -20,16 +20,16 @@ pub(crate) struct Cli {
     /// Status files, or folders of them
     #[arg(required = true, value_name = "FILE|DIR", help_heading = help::INPUT)]
     pub(super) files: Vec<PathBuf>,
-    /// The cohort's manifest: tells which rows were never begun
+    /// The cohort's manifest: shows which rows were never started
     #[arg(long, value_name = "TABLE.tsv", help_heading = help::INPUT)]
     pub(super) manifest: Option<PathBuf>,
     /// Write a manifest of the rows without a model
     #[arg(long, value_name = "OUT.tsv", requires = "manifest", help_heading = help::OUTPUT)]
     pub(super) failed: Option<PathBuf>,
-    /// Print JSON in place of the table, with every failure
+    /// Print JSON instead of the table, with every failure
     #[arg(long, help_heading = help::OUTPUT)]
     pub(super) json: bool,
-    /// Replace an output that exists
+    /// Replace an existing output
     #[arg(long, help_heading = help::OUTPUT)]
     pub(super) force: bool,
     #[command(flatten)]

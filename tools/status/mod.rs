@@ -1,4 +1,4 @@
-//! `status`: adds up what the processes of a cohort have done.
+//! `status`: summarises the progress of a cohort over all of its processes.
 
 mod args;
 
@@ -14,7 +14,7 @@ use spharm_surface::io::write_new;
 
 pub(crate) use self::args::Cli;
 
-/// Failures that the table shows.
+/// Largest number of failures printed below the table.
 const SHOWN: usize = 20;
 
 pub(crate) fn run(cli: &Cli) -> Result<()> {
@@ -25,7 +25,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         console.warn(format!("{} cut off or overwritten; left out", counted(merged.damaged, "line")));
     }
     let manifest = cli.manifest.as_deref().map(Manifest::read).transpose()?;
-    // Of a manifest's rows alone, in its order.
+    // With a manifest, only its rows, in its order.
     let entries: Vec<&Entry> = match &manifest {
         Some(manifest) => manifest.rows.iter().filter_map(|row| merged.entry(&row.id)).collect(),
         None => merged.entries().iter().collect(),
@@ -63,7 +63,8 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     Ok(())
 }
 
-/// The files given, and those of folders that are status files: a manifest may lie beside them.
+/// Returns the files given, and the status files in the folders given. Folders may contain other tables, such as a
+/// manifest.
 fn status_files(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
     let mut files = Vec::new();
     for path in paths {
@@ -85,8 +86,8 @@ fn status_files(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
     Ok(files)
 }
 
-/// Ids of rows whose model was made and isn't there any more. Where none of the models is there by a relative path,
-/// this is another folder than that of the fits, which is said.
+/// Returns the ids of rows whose model was made but no longer exists. If none of the models exists and paths are
+/// relative, the current folder is probably not that of the fits: prints a note and returns nothing.
 fn gone(entries: &[&Entry], console: &Console) -> HashSet<String> {
     let made: Vec<&&Entry> =
         entries.iter().filter(|entry| entry.state.is_there() && !entry.output.is_empty()).collect();

@@ -12,9 +12,9 @@ use spharm_cli::threads::Threads;
 
 /// Make a model of every label of label volumes, and one table
 ///
-/// Each label's surface is mapped to a sphere of its own and fitted; model, surface and sphere go to the folder, and a
-/// row to the table: voxels, volume, area, residual, descriptors that rotations don't change. A label that fails costs
-/// no other one its model: its row says why, and the exit status is 1.
+/// Each label's surface is mapped to its own sphere and fitted. Model, surface and sphere are written to the folder,
+/// and a row to the table: voxels, volume, area, residual, rotation-invariant descriptors. A label that fails doesn't
+/// affect the others: its row has the reason, and the exit status is 1.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -27,26 +27,26 @@ use spharm_cli::threads::Threads;
 pub(crate) struct Cli {
     /// Label volumes
     ///
-    /// Files, folders, whose volumes are taken, or @LIST with a path a line.
+    /// Files, folders, of which all volumes are taken, or @LIST with one path per line.
     #[arg(value_name = "LABELS", required = true, help_heading = INPUT)]
     pub(super) volumes: Vec<PathBuf>,
     /// Labels; 0 is the background
     #[arg(long, value_name = "N|all", num_args = 1.., default_value = "all", allow_negative_numbers = true, help_heading = INPUT)]
     pub(super) label: Vec<Labels>,
-    /// Size of the voxels, in place of what the files say of it
+    /// Size of the voxels, instead of the size stated in the files
     ///
     /// Needed for arrays, and for TIFF stacks without OME-XML or ImageJ's spacing.
     #[arg(long, value_name = "X,Y,Z", help_heading = INPUT)]
     pub(super) voxel_size: Option<VoxelSize>,
     /// Repair labels whose surface isn't of genus zero
     ///
-    /// Keeps the largest piece, fills cavities and opens handles, in place of refusing the label.
+    /// Keeps the largest piece, fills cavities and opens handles, instead of refusing the label.
     #[arg(long, help_heading = INPUT)]
     pub(super) fix: bool,
     /// Cut labels that have handles along short loops, and fill both sides
     ///
-    /// The model, and its row, are of the cut surface, NAME.cut.surf.gii. The model keeps the seams, so that
-    /// reconstruct gives the surface back as it was.
+    /// The model and its row describe the cut surface, NAME.cut.surf.gii. The model keeps the seams, so that
+    /// reconstruct restores the original surface.
     #[arg(long, help_heading = INPUT)]
     pub(super) cut_handles: bool,
     /// Highest degree, inclusive
@@ -60,17 +60,17 @@ pub(crate) struct Cli {
     pub(super) table: Option<PathBuf>,
     /// Names of the models
     ///
-    /// From each volume's path alone: {stem} is its name without folder and format, {label} the label, {parent} the
+    /// Built from each volume's path alone: {stem} is its name without folder and format, {label} the label, {parent} the
     /// folder that it is in, {parent2} the one above, links resolved.
     #[arg(long, value_name = "TEMPLATE", default_value = "{stem}", help_heading = OUTPUT)]
     pub(super) name_template: NameTemplate,
-    /// Keep models that are there and were made of the same label with the same settings
+    /// Keep existing models that were made of the same label with the same settings
     #[arg(long, conflicts_with = "force", help_heading = OUTPUT)]
     pub(super) skip_existing: bool,
-    /// Replace outputs that exist
+    /// Replace existing outputs
     #[arg(long, help_heading = OUTPUT)]
     pub(super) force: bool,
-    /// Memory of a fit [default: half of what is free]
+    /// Memory of a fit [default: half of the free memory]
     #[arg(long, value_name = "SIZE", help_heading = RESOURCES)]
     pub(super) memory: Option<Size>,
     #[command(flatten)]

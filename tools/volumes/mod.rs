@@ -25,9 +25,9 @@ use spharm_surface::io::write_new;
 pub(crate) use self::args::Cli;
 use self::table::{Outcome, Row};
 
-/// Relative change of the area that ends its quadrature: far below what voxels tell.
+/// Relative change of the area at which its quadrature ends: far below the accuracy of a surface made of voxels.
 const AREA: f64 = 1e-5;
-/// Most bytes of a table of an earlier call.
+/// Largest size of an earlier call's table, in bytes.
 const LARGEST: u64 = 1 << 30;
 
 /// Runs the verb.
@@ -80,7 +80,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let failed = rows.iter().filter(|row| matches!(row.outcome, Outcome::Failed(_))).count();
     let models = rows.len() - failed;
     print_line(&format!("{}: {}, {failed} failed", table.display(), counted(models, "model")))?;
-    // What interrupted it, after the table of what is finished.
+    // The table of finished rows is written; now report an interruption.
     done?;
     if failed > 0 {
         bail!("{}: {failed} of {} failed, see column error", table.display(), counted(rows.len(), "row"));
@@ -92,13 +92,13 @@ fn counted_were(models: usize) -> String {
     format!("{} {}", counted(models, "model"), if models == 1 { "was" } else { "were" })
 }
 
-/// Whether a table is that of a call whose labels have all failed: nothing is lost with it.
+/// Returns whether a table is of a call whose labels all failed, so that nothing is lost by replacing it.
 fn is_without_models(table: &Path) -> bool {
     let text = if table.is_file() { read_text(table, "table", LARGEST).unwrap_or_default() } else { String::new() };
     text.starts_with("file\tlabel\tstate\t") && !table::has_models(&text)
 }
 
-/// The table that an earlier call has written, of the same columns.
+/// Reads the table of an earlier call, which must have the same columns.
 fn earlier(table: &Path, max_degree: usize) -> Result<String> {
     let text = read_text(table, "table", LARGEST)?;
     let (found, expected) = (text.lines().next().unwrap_or_default(), table::head(max_degree));
@@ -116,7 +116,7 @@ fn earlier(table: &Path, max_degree: usize) -> Result<String> {
     Ok(text)
 }
 
-/// The files that are meant: of a folder the volumes in it.
+/// Returns the files given, with each folder replaced by the volumes in it.
 fn volumes(given: &[PathBuf]) -> Result<Vec<PathBuf>> {
     let mut found = Vec::new();
     for path in expand_lists(given)? {
@@ -149,9 +149,9 @@ struct Call<'a> {
     params: RunParams,
     monitor: &'a ConsoleMonitor,
     found: Mutex<Found>,
-    /// Models of this call, each of which belongs to one label.
+    /// Paths of the models of this call; two labels must not share one.
     names: HashSet<PathBuf>,
-    /// The labels that were looked at.
+    /// Labels processed so far.
     inputs: Inputs,
 }
 
@@ -159,14 +159,14 @@ struct Call<'a> {
 #[derive(Default)]
 struct Found {
     rows: Vec<Row>,
-    /// Number of models that exist and were made with other settings or of another input.
+    /// Number of existing models that were made with other settings or of another input.
     refused: usize,
 }
 
-/// The labels of a volume, as an observer of their run.
+/// Observer of the run of a volume's labels.
 struct OfVolume<'a> {
     call: &'a Call<'a>,
-    /// A row for each of the run's, without its outcome.
+    /// A table row for each row of the run, without its outcome.
     rows: Vec<Row>,
 }
 
@@ -196,7 +196,7 @@ impl Call<'_> {
             let record = FileRecord { label: Some(label), ..record.clone() };
             let row = Row {
                 voxels: there.get(&label).copied(),
-                // Nothing is known of a label that is missing.
+                // Unknown if the label doesn't exist.
                 border: there.contains_key(&label).then(|| volume.touches_border(label)),
                 ..row(Some(label), Outcome::default())
             };
@@ -224,7 +224,7 @@ impl Call<'_> {
         let observer = OfVolume { call: self, rows };
         let cohort = Cohort::new(fits, PathBuf::new());
         match run::run(&cohort, &self.params, &observer, self.monitor) {
-            // Each volume's disk may be full; its rows say so.
+            // Failures such as a full disk are in the rows; continue with the next volume.
             Err(error) if !error.is_interrupted() => Ok(()),
             done => Ok(done?),
         }
@@ -234,7 +234,7 @@ impl Call<'_> {
         self.found.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Adds a row without a model; an interruption is passed on.
+    /// Adds a row without a model; returns an error only if interrupted.
     fn failed(&self, row: Row, error: &anyhow::Error) -> Result<()> {
         self.monitor.check()?;
         let text = exit::line_with_advice(error.as_ref());
@@ -243,7 +243,7 @@ impl Call<'_> {
         Ok(())
     }
 
-    /// The table's figures of a model.
+    /// Returns the table's values for a model.
     fn model(&self, path: &Path, name: &str, fitted: Option<f64>) -> Result<table::Model> {
         let model = Model::read(path)?;
         let recorded = || model.provenance.distances.as_ref().map(|distances| distances.rms());

@@ -7,13 +7,13 @@ use spharm::parametrize::volume::VoxelSteps;
 use spharm::shape::{Descriptors, Measures};
 use spharm_cohort::guarded;
 
-/// A label, or a volume that couldn't be read.
+/// A row of the table: a label, or a volume that couldn't be read.
 #[derive(Clone)]
 pub(super) struct Row {
     pub(super) file: String,
     pub(super) label: Option<i64>,
     pub(super) voxels: Option<usize>,
-    /// Whether the label reaches the border of the volume, which may have cut it.
+    /// Whether the label touches the border of the volume and so may be cut off.
     pub(super) border: Option<bool>,
     pub(super) outcome: Outcome,
 }
@@ -23,7 +23,7 @@ pub(super) struct Row {
 pub(super) enum Outcome {
     /// Fitted now, or by an earlier call.
     Model(Box<Model>),
-    /// Not fitted, and why.
+    /// Not fitted, with the reason.
     Failed(String),
 }
 
@@ -33,15 +33,15 @@ impl Default for Outcome {
     }
 }
 
-/// The table's figures of a model.
+/// The table's values for a model.
 #[derive(Clone)]
 pub(super) struct Model {
     pub(super) file: String,
     /// Whether an earlier call made it.
     pub(super) kept: bool,
-    /// What was changed in the label, or cut, in few words; empty where nothing was.
+    /// Short description of repairs and cuts of the label; empty if there were none.
     pub(super) repair: String,
-    /// The voxels' steps, if the model follows them.
+    /// Steps of the voxels, if the model follows them.
     pub(super) steps: Option<VoxelSteps>,
     pub(super) measures: Measures,
     /// Root mean square distance at the surface's vertices.
@@ -65,28 +65,29 @@ const COLUMNS: [&str; 13] = [
     "error",
 ];
 
-/// What a cell without a value has, as in BIDS.
+/// Text of a cell without a value, as in BIDS.
 const NONE: &str = "n/a";
 
-/// Text of the table: a line a row, tabs between cells, the powers of the degrees up to `max_degree` last.
+/// Returns the text of the table: one line per row, tab-separated, with the powers of the degrees up to `max_degree`
+/// last.
 pub(super) fn lines(rows: &[Row], max_degree: usize) -> String {
     let lines = rows.iter().map(|row| cells(row, max_degree).join("\t") + "\n");
     std::iter::once(head(max_degree) + "\n").chain(lines).collect()
 }
 
-/// The table's first line.
+/// Returns the header line of the table.
 pub(super) fn head(max_degree: usize) -> String {
     let powers = (1..=max_degree).map(|degree| format!("power_{degree}"));
     let head: Vec<String> = COLUMNS.iter().map(|&name| name.to_owned()).chain(powers).collect();
     head.join("\t")
 }
 
-/// Whether a table has the row of a model.
+/// Returns whether a table has a row with a model.
 pub(super) fn has_models(table: &str) -> bool {
     table.lines().any(|line| matches!(line.split('\t').nth(2), Some("fitted" | "kept")))
 }
 
-/// A table of the same columns with the models of an earlier one whose file and label it doesn't have, after its own.
+/// Appends to a table those models of an earlier one, with the same columns, whose file and label it doesn't have.
 pub(super) fn with_earlier(earlier: &str, table: &str) -> String {
     fn key(line: &str) -> Vec<&str> {
         line.splitn(3, '\t').take(2).collect()
@@ -102,7 +103,7 @@ pub(super) fn with_earlier(earlier: &str, table: &str) -> String {
     table.to_owned() + &earlier.lines().filter(|line| !own.contains(&key(line))).filter_map(kept).collect::<String>()
 }
 
-/// A cell of one line, which no spreadsheet takes for a formula.
+/// Returns a cell without line breaks that no spreadsheet interprets as a formula.
 fn text(cell: &str) -> String {
     guarded(&plain(cell)).into_owned()
 }
@@ -136,7 +137,7 @@ fn cells(row: &Row, max_degree: usize) -> Vec<String> {
     cells.into_iter().chain(powers).collect()
 }
 
-/// What a model's provenance says was changed in the label, or cut, in few words.
+/// Returns a short description of the repairs and cuts recorded in a model's provenance.
 pub(super) fn repair(provenance: &Provenance) -> String {
     let of = |name: &str| provenance.repair.as_ref().and_then(|repair| repair[name].as_u64()).unwrap_or(0);
     let cut = provenance.handles.as_ref().and_then(|handles| handles["genus_before"].as_u64()).unwrap_or(0);
@@ -147,7 +148,7 @@ pub(super) fn repair(provenance: &Provenance) -> String {
     let way = if filled { "added" } else { "removed" };
     let pieces = counted(of("pieces_dropped"), "piece", "pieces");
     let cavities = counted(of("cavities_filled"), "cavity", "cavities");
-    // The others are for bare contacts alone.
+    // Voxels are also changed at mere contacts, without opening a handle.
     let opened = if of("handles") > 0 { format!(" to open {}", handles(of("handles"))) } else { String::new() };
     let parts = [
         (of("pieces_dropped"), format!("{pieces} dropped ({})", voxels("voxels_dropped"))),
@@ -158,7 +159,7 @@ pub(super) fn repair(provenance: &Provenance) -> String {
     parts.into_iter().filter(|(count, _)| *count > 0).map(|(_, text)| text).collect::<Vec<_>>().join(", ")
 }
 
-/// A text without what would end its cell.
+/// Replaces control characters, which could end the cell, with spaces.
 fn plain(text: &str) -> String {
     text.replace(|c: char| c.is_control(), " ")
 }
