@@ -60,8 +60,8 @@ pub(crate) struct Cli {
     pub(super) table: Option<PathBuf>,
     /// Names of the models
     ///
-    /// Built from each volume's path alone: {stem} is its name without folder and format, {label} the label, {parent} the
-    /// folder that it is in, {parent2} the one above, links resolved.
+    /// Built from each volume's path alone: {stem} is its name without folder and format, {label} the label, {parent}
+    /// the folder that it is in, {parent2} the one above, links resolved.
     #[arg(long, value_name = "TEMPLATE", default_value = "{stem}", help_heading = OUTPUT)]
     pub(super) name_template: NameTemplate,
     /// Keep existing models that were made of the same label with the same settings
