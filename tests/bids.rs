@@ -120,7 +120,7 @@ fn what_is_missing_is_said_and_costs_nobody_else_s_model() {
     let status = fs::read_to_string(site.path().join("out/group_status.tsv")).expect("a table");
     assert!(status.contains("sub-a_hemi-R_pial\tfailed") && status.contains("sub-b_hemi-R_pial\tfailed"), "{status}");
     assert!(text(&group).contains("without a model: 2 surfaces"), "{}", text(&group));
-    assert!(text(&group).contains("hemi-L pial: no modes of 2 models, they are of 3 or more"), "{}", text(&group));
+    assert!(text(&group).contains("hemi-L pial: no modes of 2 models; they need at least 3"), "{}", text(&group));
     for (arguments, expected) in [
         (&["participant", "--participant-label", "c"][..], "no folder sub-c"),
         (&["participant", "--participant-label", "../a"][..], "letters and digits"),

@@ -99,7 +99,7 @@ fn signals_are_found_beside_the_surfaces_or_in_a_table() {
         assert!(!output.status.success() && !site.path().join("none").exists());
         text(&output)
     };
-    assert!(wrong("height").contains("in/height: there is no such file"), "{}", wrong("height"));
+    assert!(wrong("height").contains("in/height: no such file"), "{}", wrong("height"));
     assert!(wrong("{stem}.near.shape.gii:-1").contains("a weight above 0"));
     // Of other vertices: the surface is named.
     fs::copy(site.path().join("in/s01.near.shape.gii"), site.path().join("in/s03.near.shape.gii")).expect("a copy");

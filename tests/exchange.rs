@@ -191,7 +191,7 @@ fn channels_of_a_model_are_of_one_format_and_degree() {
         assert!(said.contains(expected), "{said}");
     }
     let two = finish(&mut site.run("import", &["a.x.sh", "a.y.sh", "-o", "y.npz"]));
-    assert!(text(&two).contains("2 channels: a model of values; a surface has 3"), "{}", text(&two));
+    assert!(text(&two).contains("2 channels: imported as a signal; a surface has 3"), "{}", text(&two));
     // A row is gone, and the end.
     let table = std::fs::read_to_string(site.path("c.csv")).expect("a table");
     let lines: Vec<&str> = table.lines().collect();
@@ -231,7 +231,7 @@ fn damaged_files_get_one_line_that_names_them() {
     for (name, contents) in [("text", "hello\n"), ("bytes", "\u{0}\u{1}\u{2}"), ("matrix", "1 2 3\n4 5 6\n")] {
         std::fs::write(site.path(name), contents).expect("written");
         let said = fail(&mut site.run("import", &[name, "-o", "y.npz"]));
-        assert!(said.contains(name) && said.contains("--from names it"), "{said}");
+        assert!(said.contains(name) && said.contains("give it with --from"), "{said}");
     }
     let said = fail(&mut site.run("import", &["nowhere.coef", "-o", "y.npz"]));
     assert!(said.contains("nowhere.coef"), "{said}");

@@ -156,7 +156,7 @@ fn a_sphere_that_a_broken_off_fit_left_is_used_again() {
     let model = std::fs::read(path("out/s.spharm.npz")).expect("a model");
     std::fs::remove_file(path("out/s.spharm.npz")).expect("it is there");
     let said = errors(&mut fit());
-    assert!(said.contains("s.sphere.surf.gii") && said.contains("used again"), "{said}");
+    assert!(said.contains("s.sphere.surf.gii: reusing the sphere"), "{said}");
     assert_eq!(std::fs::read(path("out/s.spharm.npz")).expect("a model"), model);
     // One that doesn't say what it was made of is somebody's file.
     write_mesh(path("out/s.sphere.surf.gii"), &icosphere(3), &OPTIONS).expect("a sphere");

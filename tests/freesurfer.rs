@@ -112,8 +112,8 @@ fn broken_subjects_are_named_and_stop_no_other() {
     };
     assert!(error("bert.rh.white").contains("rh.sphere.reg"));
     assert!(error("bert.lh.thickness").contains("642") && error("bert.lh.white").contains("2562"));
-    assert!(error("ernie b..rh.white").contains("inside out"), "{report}");
-    assert!(error("ernie b..rh.thickness").contains("inside out"), "{report}");
+    assert!(error("ernie b..rh.white").contains("reverses its orientation"), "{report}");
+    assert!(error("ernie b..rh.thickness").contains("reverses its orientation"), "{report}");
     assert!(subjects.out("ernie b..lh.white.spharm.npz").exists());
 }
 
@@ -133,7 +133,10 @@ fn values_are_held_against_the_surfaces_of_their_hemisphere() {
     write_mesh(bert("rh.sphere.reg"), &other, &OPTIONS).expect("a sphere");
     let output = finish(&mut subjects.run(&fit));
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(!output.status.success() && said.contains("rh.thickness: the sphere is not of its surface"), "{said}");
+    assert!(
+        !output.status.success() && said.contains("rh.thickness: the sphere doesn't belong to its surface"),
+        "{said}"
+    );
     std::fs::write(bert("rh.sphere.reg"), good).expect("a sphere");
     let mut mirrored = read_mesh(bert("rh.sphere.reg")).expect("a sphere");
     mirrored.vertices.iter_mut().for_each(|p| p[0] = -p[0]);
@@ -141,7 +144,11 @@ fn values_are_held_against_the_surfaces_of_their_hemisphere() {
     write_mesh(bert("rh.sphere.reg"), &mirrored, &OPTIONS).expect("a sphere");
     let output = finish(&mut subjects.run(&fit));
     assert!(error_line(&output).contains("1 of 1 surface"), "{}", text(&output));
-    assert!(text(&output).contains("rh.thickness: ") && text(&output).contains("inside out"), "{}", text(&output));
+    assert!(
+        text(&output).contains("rh.thickness: ") && text(&output).contains("reverses its orientation"),
+        "{}",
+        text(&output)
+    );
     assert!(!subjects.out("bert.rh.thickness.spharm.npz").exists());
     // A file that was cut off says nothing of hemispheres.
     let bytes = std::fs::read(bert("lh.white")).expect("a surface");
@@ -160,7 +167,7 @@ fn the_other_hemispheres_sphere_is_known_by_its_vertices() {
     std::fs::copy(bert("rh.sphere.reg"), bert("lh.sphere.reg")).expect("copied");
     let output = finish(&mut subjects.run(&["--surface", "white", "--subject", "bert", "--hemi", "lh"]));
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(said.contains("rh.white: is it of that hemisphere?"), "{said}");
+    assert!(said.contains("rh.white: does it belong to that hemisphere?"), "{said}");
     let missing = finish(&mut subjects.run(&["--surface", "white", "--subject", "oscar"]));
     assert!(error_line(&missing).contains("oscar: no such subject"));
 }

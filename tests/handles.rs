@@ -142,7 +142,7 @@ fn handles_are_refused_unless_asked_for_and_spheres_are_left_as_they_are() {
     let first = Model::read(&model).expect("a model");
     std::fs::remove_file(&model).expect("the model is there");
     let told = finish(&mut fit(&handle, &["--cut-handles", "--skip-existing"]));
-    assert!(String::from_utf8_lossy(&told.stderr).contains("used again"));
+    assert!(String::from_utf8_lossy(&told.stderr).contains("reusing the sphere"));
     assert_eq!(Model::read(&model).expect("a model").sphere.map(|s| s.seam), first.sphere.map(|s| s.seam));
 
     succeed(&mut fit(&ball, &["--cut-handles"]));

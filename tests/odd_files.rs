@@ -237,6 +237,6 @@ fn names_that_are_not_text_are_kept() {
     for line in ["study d?/s.toml", "bids d? out participant --max-degree 2"] {
         let output = finish(&mut site.run_words(line.split(' ').map(odd)));
         assert_eq!(output.status.code(), Some(1), "{line}: {}", text(&output));
-        assert!(text(&output).contains("expected a path of UTF-8 text"), "{line}: {}", text(&output));
+        assert!(text(&output).contains("expected a path in UTF-8"), "{line}: {}", text(&output));
     }
 }

@@ -304,7 +304,7 @@ fn models_are_evaluated_to_any_degree_on_any_sphere() {
     assert!(centre.vertices.iter().all(|v| v == &centre.vertices[0]), "degree 0 is a point");
     let error =
         fail(tool("reconstruct").arg("--model").arg(study.path("m.npz")).args(["--degree", "13", "-o", "x.ply"]));
-    assert!(error.contains("the model goes to degree 12"), "{error}");
+    assert!(error.contains("exceeds the model's degree 12"), "{error}");
 }
 
 #[test]

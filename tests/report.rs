@@ -223,7 +223,7 @@ fn what_makes_no_page_is_refused_before_anything_is_written() {
     for (report, noted) in [("fit.json", false), ("other.json", true)] {
         let arguments = ["report", "s.spharm.npz", "--fit-report", report, "-o", "page.html", "--force"];
         let said = text(&finish(&mut site.command(&arguments)));
-        assert_eq!(said.contains(&format!("{report}: left out")), noted, "{said}");
+        assert_eq!(said.contains(&format!("{report}: ignored")), noted, "{said}");
     }
     refuse(&["report", "s.spharm.npz", "-o", "page.html"], "--force");
 }

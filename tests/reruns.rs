@@ -170,5 +170,5 @@ fn what_is_left_out_is_noted_and_reported() {
     assert!(skipped["input"].as_str().is_some_and(|input| input.contains("sub-01")), "{skipped}");
     assert!(skipped["output"].as_str().is_some_and(|output| output.ends_with("sub-01.spharm.npz")), "{skipped}");
     assert_eq!(report(&[1, 2])["skipped"].as_array().map(Vec::len), Some(2));
-    assert!(errors(&mut fit(&[1, 2])).contains("2 outputs exist and are left alone"));
+    assert!(errors(&mut fit(&[1, 2])).contains("2 outputs exist and were skipped"));
 }

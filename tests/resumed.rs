@@ -90,7 +90,7 @@ fn a_group_that_is_killed_goes_on_and_ends_in_the_same_bits() {
     let output = finish(&mut site.align("killed", &resumed));
     let told = text(&output);
     assert!(output.status.success() && told.contains("MiB planned"), "{told}");
-    assert!(told.contains(&format!("goes on after {last} alignments of an earlier run")), "{told}");
+    assert!(told.contains(&format!("resuming after {last} alignments of an earlier run")), "{told}");
     assert!(site.bits("killed") == site.bits("undisturbed"));
     assert!(!state.exists(), "it isn't needed any more");
     // A run that was ended while it wrote: what it has written is its own, and stays.
@@ -106,7 +106,10 @@ fn a_group_that_is_killed_goes_on_and_ends_in_the_same_bits() {
     std::fs::write(&state, &kept).expect("written");
     std::fs::copy(site.path("models/004.spharm.npz"), site.path("killed/004.spharm.npz")).expect("copied");
     let refused = fail(&mut site.align("killed", &resumed));
-    assert!(refused.contains("killed/004.spharm.npz: the file exists and isn't what this run makes"), "{refused}");
+    assert!(
+        refused.contains("killed/004.spharm.npz: the file exists and differs from the result of this run"),
+        "{refused}"
+    );
     assert!(state.exists());
     succeed(site.align("killed", &resumed).arg("--force"));
     assert!(site.bits("killed") == site.bits("undisturbed") && !state.exists());
@@ -123,7 +126,7 @@ fn what_keeps_the_state_is_a_file_of_its_own() {
         let output = finish(command);
         assert!(output.status.code() == Some(2) && text(&output).contains(expected), "{}", text(&output));
     };
-    misused(&mut site.align("out", &["--resume", "./out.mean.npz"]), "--resume is a file of its own");
+    misused(&mut site.align("out", &["--resume", "./out.mean.npz"]), "--resume must not be an output");
     let alone = ["align", "a.npz", "--to", "b.npz", "-o", "c.npz", "--resume", "s"];
     misused(tool("shape").args(alone), "--group");
 }

@@ -121,7 +121,7 @@ fn numbers_that_may_be_codes_and_repeated_subjects_are_named() {
     let site = site.path();
     let table = ["--table", "t.csv", "--models", "year1", "--effect", "age", "--covariates", "site"];
     let output = finish(test(site, &table).args(["-o", "slope", "--report", "slope.json"]));
-    assert!(text(&output).contains("site: the numbers 1, 2, 3 are taken as amounts"), "{}", text(&output));
+    assert!(text(&output).contains("site: the numbers 1, 2, 3 are treated as quantities"), "{}", text(&output));
     let found: Value =
         serde_json::from_str(&fs::read_to_string(site.join("slope.json")).expect("a report")).expect("JSON");
     assert_eq!(found["numbers_that_may_be_codes"][0]["column"], "site");

@@ -86,12 +86,12 @@ fn a_study_runs_once_at_a_time() {
     lock.try_lock().expect("it is free");
     for arguments in [&["study.toml"][..], &["study.toml", "--shard", "0/2"]] {
         let error = fail(&mut study(site.path(), arguments));
-        assert!(error.contains("study.toml: the study is running already"), "{error}");
+        assert!(error.contains("study.toml: the study is already running"), "{error}");
     }
     lock.unlock().expect("it is held");
     lock.try_lock_shared().expect("it is free");
     succeed(&mut study(site.path(), &["study.toml", "--shard", "0/2"]));
-    assert!(fail(&mut study(site.path(), &["study.toml"])).contains("running already"));
+    assert!(fail(&mut study(site.path(), &["study.toml"])).contains("already running"));
     let output = finish(&mut study(site.path(), &["study.toml", "--shard", "5/3"]));
     assert!(output.status.code() == Some(2) && text(&output).contains("expected INDEX/COUNT, such as 0/10"));
 }

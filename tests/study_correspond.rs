@@ -131,13 +131,13 @@ fn landmarks_of_the_table_or_by_a_pattern_are_carried_and_shown() {
     succeed(&mut site.study(&[]));
     let guided = &site.json("out/.study/reports/correspond.json")["landmarks"];
     assert!(mean(guided) < 0.5 * mean(marks) && guided["guide"]["left_out"].is_array(), "{guided}");
-    assert!(site.text("out/report.html").contains("where they are left out"));
+    assert!(site.text("out/report.html").contains("if not used as a guide"));
 
     for (from, to, expected) in [
         ("landmarks = \"in/{id}.json\"", "[align]\nguide = true", "`guide` in [align] needs `landmarks` in [subjects]"),
         ("in/{id}.json", "in/marks.json", "`landmarks` in [subjects]: expected a pattern with {id}"),
-        ("in/{id}.json", "in/{id}.fcsv", "in/s01.fcsv: landmarks of s01: there is no such file"),
-        ("[modes]", "[align]\nmethod = \"joint\"\n[modes]", "`landmarks` in [subjects] is for method \"correspond\""),
+        ("in/{id}.json", "in/{id}.fcsv", "in/s01.fcsv: landmarks of s01: no such file"),
+        ("[modes]", "[align]\nmethod = \"joint\"\n[modes]", "`landmarks` in [subjects] needs method \"correspond\""),
     ] {
         site.write("study.toml", &study.replace(from, to));
         let error = fail(&mut site.study(&[]));
@@ -173,8 +173,8 @@ fn signals_are_matched_from_the_table_or_by_a_pattern() {
             "`signals` in [align]: expected a column of in/study.csv or a pattern with {id}, found \"far\"",
         ),
         (with("\"near:0\""), "a weight above 0"),
-        (with("\"in/{id}.gii\""), "in/s01.gii: a signal of s01: there is no such file"),
-        (with("\"near\"").replace("signals", "method = \"joint\"\nsignals"), "for method \"correspond\""),
+        (with("\"in/{id}.gii\""), "in/s01.gii: a signal of s01: no such file"),
+        (with("\"near\"").replace("signals", "method = \"joint\"\nsignals"), "needs method \"correspond\""),
     ] {
         site.write("study.toml", &study);
         let error = fail(&mut site.study(&[]));

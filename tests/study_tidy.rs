@@ -76,7 +76,7 @@ fn what_would_fail_after_the_fits_is_refused_before_them() {
         (
             &STUDY.replace("[modes]", "[align]\nmethod = \"fixed\"\n[modes]"),
             table.clone(),
-            "for spheres that correspond",
+            "needs spheres that correspond",
         ),
         (&STUDY.replace("[modes]", "[align]\nmethod = \"jiont\"\n[modes]"), table.clone(), "`method`: expected"),
         (
@@ -136,7 +136,7 @@ fn damaged_models_are_made_again_and_nothing_is_left_of_what_has_gone() {
     write(site.path(), "study.toml", &STUDY[..STUDY.find("[[test]]").expect("a test")]);
     let output = finish(&mut study(site.path()));
     assert!(error_line(&output).contains("1 subject of 5 failed"), "{}", text(&output));
-    assert!(text(&output).contains("a03: its model was damaged"), "{}", text(&output));
+    assert!(text(&output).contains("a03: the model was damaged"), "{}", text(&output));
     assert_eq!(fs::read(at("models/a03.spharm.npz")).expect("a model"), good);
     for gone in [
         "models/b03.spharm.npz",

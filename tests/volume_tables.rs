@@ -74,7 +74,7 @@ fn every_label_is_a_model_and_a_row() {
     assert!(none["state"] == "failed" && none["error"].contains("c.nii") && none["voxels"] == "n/a");
 
     // Again: nothing is replaced unless asked for, and what is there is kept.
-    assert!(error_line(&finish(&mut site.run(&["in"]))).contains("the file exists; --skip-existing goes on with it"));
+    assert!(error_line(&finish(&mut site.run(&["in"]))).contains("the file exists; --skip-existing resumes it"));
     let before = std::fs::read(site.path("out/a.17.spharm.npz")).expect("a model");
     finish(&mut site.run(&["in/a.nii", "in/b.nii", "--fix", "--skip-existing"]));
     let states: Vec<String> = site.table().iter().map(|row| row["state"].clone()).collect();
@@ -138,7 +138,7 @@ fn voxel_sizes_are_given_where_files_have_none() {
     std::fs::write(site.path("cube.npy"), file).expect("written");
     let output = finish(&mut site.run(&["cube.npy"]));
     assert!(
-        text(&output).contains("doesn't say how large its voxels are; --voxel-size X,Y,Z gives it"),
+        text(&output).contains("doesn't say how large its voxels are; give it with --voxel-size X,Y,Z"),
         "{}",
         text(&output)
     );

@@ -185,7 +185,7 @@ fn a_mesh_is_put_on_a_shared_sampling() {
     for (arguments, words) in [
         (&["--method", "equal-area"][..], "for volumes"),
         (&["--resample-to", "icosphere:2"], "--surface-output"),
-        (&["--method", "deform", "--resample-to", "icosphere:2"], "leave out --resample-to"),
+        (&["--method", "deform", "--resample-to", "icosphere:2"], "omit --resample-to"),
         (&["--label", "3"], "for volumes"),
     ] {
         let sphere = folder.path().join("refused.obj");

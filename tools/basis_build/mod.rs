@@ -107,7 +107,7 @@ fn factor_row(planned: &PlannedFactor<'_>, console: &Console) -> Result<FactorRo
     let report = planned.build(&ConsoleMonitor::new(*console))?;
     report.warnings.iter().for_each(|warning| console.warn(warning));
     if report.present {
-        console.note(format!("{}: the factor is there already", report.file.path().display()));
+        console.note(format!("{}: the factor already exists", report.file.path().display()));
     }
     if let Some(condition) = ill_conditioned(&report) {
         console.warn(format!(

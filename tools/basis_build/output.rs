@@ -49,16 +49,16 @@ pub(super) fn lines(report: &Report) -> Vec<Vec<String>> {
     if let Some(basis) = &report.basis {
         lines.extend([
             row("max degree", basis.max_degree.to_string()),
-            row("degrees built", format!("{} ({} were there)", basis.degrees_built, basis.degrees_present)),
+            row("degrees built", format!("{} ({} already existed)", basis.degrees_built, basis.degrees_present)),
             row("size", Size(basis.bytes as usize).to_string()),
             row("written", Size(basis.bytes_written as usize).to_string()),
         ]);
     }
     if let Some(factor) = &report.factor {
-        let there = if factor.present { " (was there)" } else { "" };
+        let there = if factor.present { " (already existed)" } else { "" };
         lines.extend([
             row("factor", format!("degree {}, {}{there}", factor.max_degree, factor.dtype)),
-            row("size of it", Size(factor.bytes as usize).to_string()),
+            row("factor size", Size(factor.bytes as usize).to_string()),
             row("condition", format!("{:.1e}", 1.0 / factor.reciprocal_condition)),
         ]);
     }

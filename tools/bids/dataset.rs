@@ -44,9 +44,9 @@ pub(super) fn prepare(output: &Path, source: &Path, subjects: &[&str]) -> Result
     text(&output.join(".bidsignore"), IGNORED)?;
     text(
         &output.join("README.md"),
-        "# spharm\n\nSpherical-harmonic models of cortical surfaces, fitted by `spharm bids`. Each model, a NumPy archive, has a \
-         .json beside it that says how it was made; its spectrum, the surface on a common sampling, and its distances from the \
-         vertices are files of the same name.\n",
+        "# spharm\n\nSpherical-harmonic models of cortical surfaces, fitted by `spharm bids`. Each model is a NumPy archive with a \
+         .json file that describes how it was made. Its spectrum, the surface on a common sampling, and its distances from the \
+         vertices are in files whose names begin in the same way.\n",
     )?;
     let mut rows: Vec<String> = subjects.iter().map(|subject| format!("sub-{subject}\n")).collect();
     if let Ok(found) = spharm_files::read_text(output.join("participants.tsv"), MOST_OWN) {

@@ -18,7 +18,7 @@ use super::dataset::text;
 pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result<()> {
     let logs = cli.output.join("logs");
     if !logs.is_dir() {
-        bail!("{}: expected what the participant level makes, found no folder of logs", cli.output.display());
+        bail!("{}: expected the output of the participant level, found no folder logs", cli.output.display());
     }
     status(cli, &logs)?;
     let (mut modes, mut models) = (Vec::new(), 0);
@@ -35,7 +35,7 @@ pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result
                 modes.push(variation(cli, hemi, surface, &group, spharm)?);
             } else {
                 let (hemi, surface, found) = (hemi.label(), surface.name(), counted(group.len(), "model"));
-                cli.common.console().warn(format!("hemi-{hemi} {surface}: no modes of {found}, they are of 3 or more"));
+                cli.common.console().warn(format!("hemi-{hemi} {surface}: no modes of {found}; they need at least 3"));
             }
         }
     }
@@ -72,7 +72,7 @@ fn status(cli: &Cli, logs: &Path) -> Result<()> {
     let lost = merged.entries().iter().filter(|entry| !entry.state.is_there()).count();
     if lost > 0 {
         let (lost, table) = (counted(lost, "surface"), cli.output.join("group_status.tsv"));
-        cli.common.console().warn(format!("without a model: {lost}; {} says why", table.display()));
+        cli.common.console().warn(format!("without a model: {lost}; see {} for the reasons", table.display()));
     }
     text(&cli.output.join("group_status.tsv"), &String::from_utf8(writer.into_inner()?)?)
 }

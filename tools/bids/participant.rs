@@ -83,7 +83,7 @@ pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result
     ))?;
     match failed + missing.len() {
         0 => Ok(()),
-        lost => bail!("{} could not be fitted; {} says why", counted(lost, "surface"), status.display()),
+        lost => bail!("{} could not be fitted; see {} for the reasons", counted(lost, "surface"), status.display()),
     }
 }
 
@@ -97,7 +97,7 @@ fn check_earlier(cli: &Cli, found: &[Found]) -> Result<()> {
         let degree = described.as_ref().and_then(|described| described["MaximalDegree"].as_u64());
         if let Some(degree) = degree.filter(|degree| *degree != cli.max_degree as u64) {
             bail!(
-                "{}: a model of degree {degree}, {} was asked for; give --force to replace what is there, or another OUT",
+                "{}: exists with degree {degree} (requested: {}); give --force to replace it, or another OUT",
                 model.display(),
                 cli.max_degree
             );
@@ -105,7 +105,7 @@ fn check_earlier(cli: &Cli, found: &[Found]) -> Result<()> {
         let name = |path: &PathBuf| path.file_name().is_some_and(|name| !name.to_string_lossy().contains(&sampled));
         if let Some(other) = found.evaluations(&cli.output).iter().find(|path| name(path)) {
             bail!(
-                "{}: on another icosphere than {}, which was asked for; give --force to replace what is there, or another OUT",
+                "{}: exists on another icosphere (requested: {}); give --force to replace it, or another OUT",
                 other.display(),
                 cli.icosphere
             );

@@ -22,7 +22,7 @@ use super::args::Cli;
 pub(super) fn run(cli: &Cli, path: &Path, params: &FitParams, monitor: &ConsoleMonitor) -> Result<()> {
     let started = Instant::now();
     if cli.input.weights != "uniform" {
-        return Err(Usage::conflict("--weights doesn't go with --moments, which have their weights").into());
+        return Err(Usage::conflict("--weights cannot be used with --moments, which include weights").into());
     }
     let params = FitParams { store: None, method: Method::Lsq, ..params.clone() };
     let inputs = [(path.to_owned(), None)];

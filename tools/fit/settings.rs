@@ -67,7 +67,7 @@ fn method(cli: &Cli) -> Result<Method, Usage> {
         (args.passes.is_some_and(|p| p > 1) && !repeated, "--passes", "; several passes of sirf are mirf"),
         (args.accelerate && !repeated, "--accelerate", "; use --method irf or mirf"),
         (args.objective == Some(Objective::Surface) && method != Lsq, "--objective surface", "; use --method lsq"),
-        (of_surface_in_store, "--objective surface", " over a --store, whose basis and factor are of the vertices"),
+        (of_surface_in_store, "--objective surface", " over a --store, whose basis and factor are for the vertices"),
         (args.smoothness.is_some() && method != Lsq, "--smoothness", "; use --method lsq"),
         (args.denoise && method != Lsq, "--denoise", "; use --method lsq"),
         (cli.output.stderr && method != Lsq, "--stderr", "; use --method lsq"),
@@ -76,7 +76,7 @@ fn method(cli: &Cli) -> Result<Method, Usage> {
         (of_basis && !streamed, "--dtype or --verify", ", which doesn't read a basis"),
     ];
     if let Some((_, flag, hint)) = conflicts.into_iter().find(|(conflict, ..)| *conflict) {
-        return Err(Usage::conflict(format!("{flag} doesn't go with --method {name}{hint}")));
+        return Err(Usage::conflict(format!("{flag} cannot be used with --method {name}{hint}")));
     }
     let accelerate = args.accelerate;
     let passes = args.passes.map_or(if accelerate { defaults::ACCELERATED_PASSES } else { 1 }, |p| p as usize);

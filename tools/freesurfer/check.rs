@@ -32,7 +32,7 @@ pub(super) fn hemisphere(row: &Row, sphere: &Sphere, target: Result<Target, RunE
             let of_surface = volume(positions.as_chunks::<3>().0, &sphere.faces);
             if of_surface * volume(sphere.directions.as_slice(), &sphere.faces) < 0.0 {
                 return Err(RunError::Check(format!(
-                    "{}: {} turns it inside out, as the sphere of the other hemisphere does; expected that of this one",
+                    "{}: {} reverses its orientation; is it the other hemisphere's sphere?",
                     row.surface.display(),
                     sphere.name().display()
                 )));
@@ -49,7 +49,7 @@ pub(super) fn hemisphere(row: &Row, sphere: &Sphere, target: Result<Target, RunE
                 Some(path) => {
                     let (sphere, path) = (sphere.name().display(), path.display());
                     Err(RunError::Check(format!(
-                        "{error}; {sphere} has the {vertices} vertices of {path}: is it of that hemisphere?"
+                        "{error}; {sphere} has the {vertices} vertices of {path}: does it belong to that hemisphere?"
                     )))
                 }
                 None => Err(error),
@@ -87,7 +87,7 @@ fn of_values(path: &Path, sphere: &Sphere) -> Result<Option<Vec<f64>>, RunError>
         }
     }
     match refused {
-        Some(error) => Err(error.of(format_args!("{}: the sphere is not of its surface", path.display()))),
+        Some(error) => Err(error.of(format_args!("{}: the sphere doesn't belong to its surface", path.display()))),
         None => Ok(None),
     }
 }

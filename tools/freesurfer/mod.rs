@@ -106,7 +106,7 @@ fn subjects(cli: &Cli, console: &Console) -> Result<(Vec<String>, Vec<String>)> 
             ));
         }
         if others > 0 {
-            console.note(format!("{} named fsaverage* left out; --subject takes them", counted(others, "folder")));
+            console.note(format!("{} named fsaverage* left out; --subject includes them", counted(others, "folder")));
         }
     }
     for name in cli.surface.iter().chain(&cli.signal).chain([&cli.sphere]).chain(&cli.mask) {
@@ -174,8 +174,7 @@ fn rows_of(cli: &Cli, subjects: &[String], console: &Console) -> Vec<Row> {
     if !whole.is_empty() {
         const NAMED: usize = 5;
         console.warn(format!(
-            "no label/?h.{CORTEX}.label of {}: the values of their medial walls are fitted, too; --mask names another \
-             label",
+            "no label/?h.{CORTEX}.label of {}: values on the medial wall are fitted as well; --mask selects another label",
             first_of(whole.iter().map(String::as_str), NAMED)
         ));
     }

@@ -22,7 +22,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let budget = cli.memory.budget(1);
     budget.check_inputs("import", cli.files.iter().chain(&cli.sphere).map(PathBuf::as_path))?;
     let found = import(&cli.files, &options).map_err(|error| match error {
-        ExchangeError::Unknown { .. } => anyhow!("{error}; --from names it"),
+        ExchangeError::Unknown { .. } => anyhow!("{error}; give it with --from"),
         error => error.into(),
     });
     let Imported { coefficients, sphere, format } = found?;
@@ -32,7 +32,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     };
     let (degree, channels) = (coefficients.max_degree(), coefficients.channels());
     if cli.files.len() > 1 && ![1, 3].contains(&channels) {
-        console.note(format!("{channels} channels: a model of values; a surface has 3, x, y and z"));
+        console.note(format!("{channels} channels: imported as a signal; a surface has 3, x, y and z"));
     }
     let kind = if channels == 3 && !cli.signal { Kind::Surface } else { Kind::Signal };
     let mut model = match sphere {

@@ -75,7 +75,7 @@ fn check(cli: &Cli, input: &Path) -> Result<()> {
             bail!("equal-area is for volumes (.nii, .mgz, .nrrd, .tif, .npy); use --method cald for meshes")
         }
         MethodName::Deform if cli.resample_to.is_some() => {
-            bail!("deform makes a sampling of its own; leave out --resample-to")
+            bail!("deform makes its own sampling; omit --resample-to")
         }
         MethodName::Deform => Ok(()),
         _ if cli.subdivisions.is_some() => {
@@ -90,7 +90,7 @@ fn new_surface(cli: &Cli, input: &Path) -> Option<&'static str> {
     match (cli.method, &cli.resample_to) {
         (MethodName::Deform, _) => Some("deform makes"),
         (_, Some(_)) => Some("--resample-to makes"),
-        _ if is_volume(input) => Some("a volume gets"),
+        _ if is_volume(input) => Some("a volume has"),
         _ if cli.cut_handles => Some("--cut-handles makes"),
         _ if cli.fix => Some("--fix makes"),
         _ => None,
@@ -103,7 +103,7 @@ fn single(cli: &Cli, input: &Path, label: Option<i64>) -> Result<Item> {
         (None, None) => None,
         (None, Some(why)) => match beside(&cli.output) {
             Some(path) => Some(path),
-            None => bail!("{why} a surface that the sphere belongs to: name a file for it with --surface-output"),
+            None => bail!("{why} a new surface, to which the sphere belongs: name its file with --surface-output"),
         },
     };
     Ok(Item { input: input.to_owned(), label, sphere: cli.output.clone(), surface })
@@ -121,7 +121,7 @@ fn several(cli: &Cli, inputs: Vec<(PathBuf, Option<i64>)>) -> Result<Vec<Item>> 
     for (path, flag) in folders.into_iter().flatten() {
         // A name that ends in a format's ending is that of a file.
         if !path.is_dir() && path.file_name().is_some_and(|name| stem(path) != name.to_string_lossy()) {
-            bail!("{}: a file for {} surfaces; {flag} must name a folder", path.display(), inputs.len());
+            bail!("{}: can't hold the results of {} surfaces; {flag} must name a folder", path.display(), inputs.len());
         }
     }
     let spheres = cli.name_template.outputs(&inputs, &cli.output, ".sphere.surf.gii")?;

@@ -75,10 +75,10 @@ fn one(
     if let Some(cut) = input.cut() {
         cut.mark(&mut found.sphere);
         if Seam::of(&found.sphere.meta).is_none() {
-            console.warn("the seams aren't those of the new sampling: its models lead back to the cut surface");
+            console.warn("the new sampling doesn't have the seams: its models reconstruct the cut surface");
         } else if !item.keeps_metadata() {
             console.warn(format_args!(
-                "{}: this format doesn't keep the seams, so that models over it lead back to the cut surface; write .surf.gii",
+                "{}: this format doesn't keep the seams, so models over it reconstruct the cut surface; write .surf.gii",
                 item.sphere.display()
             ));
         }

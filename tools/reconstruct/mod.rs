@@ -90,7 +90,7 @@ fn one(cli: &Cli, item: &Item, shared: Option<&Sphere>, budget: Budget, console:
     let highest = model.coefficients.max_degree();
     let degree = cli.max_degree.unwrap_or(highest);
     if degree > highest {
-        bail!("{}: the model goes to degree {highest}, --max-degree {degree} is above it", item.model.display());
+        bail!("{}: --max-degree {degree} exceeds the model's degree {highest}", item.model.display());
     }
     let named = || item.model.display().to_string();
     let sphere = match shared {
@@ -139,14 +139,11 @@ fn original(model: &Model, degree: usize, console: &Console) -> Result<Mesh> {
         let share = bounding_box_scale(&mesh.vertices).ok().map(|scale| gap / scale);
         let of_box = share.map(|share| format!(" ({share:.2e} of the box)")).unwrap_or_default();
         let text = format!(
-            "{} of the surface's vertices on the seams, where its handles were cut, are welded; they were up to {gap:.2e} \
-             apart{of_box}",
+            "welded {} vertices on the seams where handles were cut; they were up to {gap:.2e} apart{of_box}",
             copies.len(),
         );
         match share {
-            Some(share) if share > WIDE => {
-                console.warn(format!("{text}: a model of a higher degree brings them nearer"))
-            }
+            Some(share) if share > WIDE => console.warn(format!("{text}: a model of a higher degree narrows the gap")),
             _ => console.note(text),
         }
     }

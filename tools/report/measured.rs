@@ -52,7 +52,7 @@ pub(super) struct Correspondence {
 /// Columns of the members' table: their names, keys, factors and decimals.
 const MEMBERS: [(&str, &str, f64, usize); 7] = [
     ("pose distance", "pose_distance", 1.0, 4),
-    ("covered to, rms", "cover_rms", 1.0, 4),
+    ("coverage, rms", "cover_rms", 1.0, 4),
     ("99 %", "cover_most", 1.0, 4),
     ("farthest", "cover_farthest", 1.0, 4),
     ("not reached, %", "unreached", 100.0, 2),
@@ -85,7 +85,7 @@ pub(super) fn correspondence(path: &Path) -> Result<Correspondence> {
         };
         let rows = names.iter().zip(means).enumerate().map(row).collect();
         let mut columns = vec!["landmark", "mean distance, carried from subject to subject"];
-        columns.extend(left_out.map(|_| "from the group's place, where they are left out of guiding"));
+        columns.extend(left_out.map(|_| "distance from the group's place, if not used as a guide"));
         let columns = columns.into_iter().map(str::to_owned).collect();
         tables.push(Table { title: "Landmarks".to_owned(), columns, rows });
     }

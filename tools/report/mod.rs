@@ -24,7 +24,7 @@ pub(crate) use self::read::warnings;
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     let given = [&cli.models, &cli.modes, &cli.test, &cli.status, &cli.quality];
     if given.iter().all(|given| given.is_empty()) && cli.correspondence.is_none() {
-        let what = "models, --modes, --test, --quality, --correspondence or --status say what the page is of";
+        let what = "nothing to show: give models, --modes, --test, --quality, --correspondence or --status";
         return Err(Usage::missing(what).into());
     }
     check_outputs([OutputFile::with_ending(&cli.output, "--output", &[".html"])], cli.force)?;

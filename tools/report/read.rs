@@ -50,7 +50,7 @@ pub(super) fn models(cli: &Cli, console: &Console) -> Result<Vec<Shown>> {
     let surfaces = expand_lists(&cli.surface)?;
     if !surfaces.is_empty() && surfaces.len() != paths.len() {
         let (models, surfaces) = (counted(paths.len(), "model"), counted(surfaces.len(), "surface"));
-        bail!("expected a --surface for each model, in their order; found {models} and {surfaces}");
+        bail!("expected a --surface for each model, in the same order; found {models} and {surfaces}");
     }
     let reports = cli.fit_report.iter().map(|path| report(path)).collect::<Result<Vec<_>>>()?;
     let one = |(k, path): (usize, &PathBuf)| {
@@ -65,7 +65,7 @@ pub(super) fn models(cli: &Cli, console: &Console) -> Result<Vec<Shown>> {
     };
     for (report, entries) in cli.fit_report.iter().zip(&reports) {
         if !entries.iter().any(|entry| paths.iter().any(|path| is_of(entry, path))) {
-            console.note(format!("{}: left out: the report of other fits than these models'", report.display()));
+            console.note(format!("{}: ignored: it reports the fits of other models", report.display()));
         }
     }
     paths.iter().enumerate().map(one).collect()
@@ -77,7 +77,7 @@ fn fitted_to(model: &Model, path: &Path, console: &Console) -> Option<(String, M
     let input = Path::new(&record.path);
     let left_out = |why: &str| {
         console.note(format!(
-            "{}: without its surface, {}: {why}; --surface names it",
+            "{}: shown without its surface, {}: {why}; give it with --surface",
             path.display(),
             input.display()
         ));
@@ -89,11 +89,11 @@ fn fitted_to(model: &Model, path: &Path, console: &Console) -> Option<(String, M
         return match read_mesh(&beside) {
             Ok(mesh) => Some((shown(&beside), mesh)),
             Err(error) if beside.exists() => left_out(&error.to_string()),
-            Err(_) => left_out(&format!("a volume, and there is no {} beside the model", shown(&beside))),
+            Err(_) => left_out(&format!("it is a volume, and there is no {} beside the model", shown(&beside))),
         };
     }
     if !input.is_file() {
-        return left_out("there is no such file");
+        return left_out("no such file");
     }
     match FileRecord::of(input) {
         Ok(found) if found.same_contents(record) => {}

@@ -188,7 +188,7 @@ impl<'a> Rows<'a> {
         }
         drop(summary);
         if count == PRINTED {
-            self.console.warn("further warnings aren't shown");
+            self.console.warn("further warnings are suppressed");
         } else {
             self.console.warn(warning);
         }
@@ -197,7 +197,7 @@ impl<'a> Rows<'a> {
     fn mapped(&self, row: &Row, sphere: &std::path::Path, report: &Report, reused: bool) {
         let (input, path) = (row.surface.display(), sphere.display());
         self.console.note(match reused {
-            true => format!("{path}: the sphere that an earlier call made of {input} is used again"),
+            true => format!("{path}: reusing the sphere that an earlier call made of {input}"),
             false => {
                 let (by, seconds, area) = (&report.method, report.seconds, report.quality.area_rms);
                 format!(
@@ -239,7 +239,7 @@ impl<'a> Rows<'a> {
             (Outcome::Failed(_), _) if self.alone => {}
             (Outcome::Failed(_), 0..PRINTED) => self.console.warn(format!("{}: {}", row.id, entry.error)),
             (Outcome::Failed(_), PRINTED) => {
-                self.console.warn("further failures are in the table of --status and in the report alone");
+                self.console.warn("further failures are listed only in the --status table and in the report");
             }
             _ => {}
         }
@@ -252,8 +252,8 @@ impl Observer for Rows<'_> {
         match event {
             Event::OwnSpheres(_) if self.aligned_later => {}
             Event::OwnSpheres(_) => console.note(
-                "each surface gets a sphere of its own, turned arbitrarily: coefficients of different models don't \
-                 correspond; for that give a common --sphere",
+                "each surface is mapped to its own sphere, in an arbitrary rotation, so coefficients of different models \
+                 don't correspond; give a common --sphere if they should",
             ),
             Event::Started { row } => {
                 console.event(|| json!({ "event": "start", "id": row.id, "surface": shown(&row.surface) }));

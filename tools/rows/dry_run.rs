@@ -56,10 +56,10 @@ pub(crate) fn preview(cohort: &Cohort, options: &Options, monitor: &ConsoleMonit
     let keeps = if options.run.if_exists.keeps() { format!(" and {kept} would be kept") } else { String::new() };
     let mut lines = vec![format!("{}, of which {exist} exist{keeps}", counted(all, "model"))];
     lines.push(match (shared, own) {
-        (0, _) => "each surface is mapped to a sphere of its own".to_owned(),
+        (0, _) => "each surface is mapped to its own sphere".to_owned(),
         (_, 0) => format!("over {}", counted(shared, "sphere")),
         _ => format!(
-            "over {}; {} to spheres of their own",
+            "over {}; {} to their own spheres",
             counted(shared, "sphere"),
             if own == 1 { "1 surface is mapped".to_owned() } else { format!("{own} surfaces are mapped") }
         ),

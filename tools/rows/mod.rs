@@ -65,8 +65,8 @@ pub(crate) fn run(cohort: &Cohort, options: &Options, monitor: &ConsoleMonitor, 
     let summary = rows.summary(read);
     let skipped = summary.count(State::Skipped);
     if skipped > 0 {
-        let exist = if skipped == 1 { "exists and is" } else { "exist and are" };
-        console.note(format!("{} {exist} left alone", counted(skipped, "output")));
+        let exist = if skipped == 1 { "exists and was" } else { "exist and were" };
+        console.note(format!("{} {exist} skipped", counted(skipped, "output")));
     }
     finish(result.map_err(anyhow::Error::from), &summary, options, monitor, started)
 }
@@ -78,7 +78,7 @@ fn check_apart(cohort: &Cohort, options: &Options) -> Result<()> {
     for row in cohort.rows.iter().filter(|_| !beside.is_empty()) {
         for path in (ModelFiles { model: row.model(&cohort.folder) }).all() {
             if let Some((path, flag)) = beside.iter().find(|(other, _)| same_place(other, &path)) {
-                bail!("{}: a file of {}'s model has this name; choose another {flag}", path.display(), row.id);
+                bail!("{}: is the name of a file of {}'s model; choose another {flag}", path.display(), row.id);
             }
         }
     }
@@ -119,7 +119,7 @@ fn finish(
             let more = if failed > names.len() { format!(" and {} more", failed - names.len()) } else { String::new() };
             let others = match all - failed {
                 0 => "",
-                _ => "; the other models are there, and --skip-existing leaves them out next time",
+                _ => "; the other models are finished, and --skip-existing skips them next time",
             };
             bail!("{failed} of {} failed: {}{more}{others}", counted(all, "surface"), names.join(", "))
         }

@@ -84,7 +84,7 @@ pub(super) fn show(options: &Options, report: &Value, summary: &Summary, total: 
             print(&format!("{}\n{}\n{total:.2} s", table(&rows), columns.units()))
         }
         None => {
-            let mut rows = vec![["farthest off", "msd", "xsd", "file"].map(str::to_owned).to_vec()];
+            let mut rows = vec![["largest error", "msd", "xsd", "file"].map(str::to_owned).to_vec()];
             rows.extend(summary.worst.iter().map(|of| {
                 vec![of.id.clone(), number(Some(of.msd)), number(Some(of.xsd)), of.output.display().to_string()]
             }));

@@ -26,7 +26,7 @@ pub(super) fn journal(
     let journal = Journal::open(path, members, params)?;
     if journal.found() > 0 {
         let found = counted(journal.found(), "alignment");
-        monitor.console().note(format!("{}: goes on after {found} of an earlier run", path.display()));
+        monitor.console().note(format!("{}: resuming after {found} of an earlier run", path.display()));
     }
     Ok(journal)
 }
@@ -86,7 +86,7 @@ impl Again {
 fn same(path: &Path, bytes: &[u8]) -> Result<()> {
     if !spharm_files::read(path, bytes.len() as u64).is_ok_and(|found| found == bytes) {
         bail!(
-            "{}: the file exists and isn't what this run makes; choose another output or give --force",
+            "{}: the file exists and differs from the result of this run; choose another output or give --force",
             path.display()
         );
     }

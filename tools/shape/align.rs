@@ -147,7 +147,7 @@ impl Cli {
             (self.resume.is_some(), "--resume"),
         ];
         if let Some((_, flag)) = of_models.iter().find(|(given, _)| *given) {
-            return Err(Usage::conflict(format!("{flag} is for models, and the inputs are meshes")).into());
+            return Err(Usage::conflict(format!("{flag} is for models, but the inputs are meshes")).into());
         }
         Ok(align_meshes::Asked {
             paths,
@@ -181,7 +181,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         return Err(Usage::conflict("--resume is for --group").into());
     }
     if cli.pose == Some(PoseBy::Surfaces) && cli.method != How::Joint {
-        return Err(Usage::conflict("--pose surfaces searches the parameters: it is for --method joint").into());
+        return Err(Usage::conflict("--pose surfaces searches the parameters, which needs --method joint").into());
     }
     let paths = cli.models.paths()?;
     if are_meshes(paths.iter().map(PathBuf::as_path).chain(cli.target.to.as_deref()))? {
@@ -197,13 +197,13 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     check_beside(&paths, models_out.chain(mean_out).chain(json_out), &report_args)?;
     if cli.target.group && paths.len() < 3 {
         bail!(
-            "a group has at least 3 models, found {}; `align MODEL --to OTHER` brings one model to another",
+            "a group needs at least 3 models, found {}; `align MODEL --to OTHER` aligns one model to another",
             paths.len()
         );
     }
     let named = targets.iter().chain(&cli.mean).chain(&cli.transforms).chain(&cli.report.report);
     if named.into_iter().any(|path| cli.resume.as_deref().is_some_and(|state| same_place(path, state))) {
-        return Err(Usage::conflict("--resume is a file of its own").into());
+        return Err(Usage::conflict("--resume must not be an output").into());
     }
     let params = |method: Method| AlignParams {
         method,

@@ -126,7 +126,7 @@ fn outputs(asked: &Asked<'_>) -> Result<Vec<PathBuf>> {
     let named = to_write_mesh(asked.output).is_ok() && !asked.output.is_dir();
     match (asked.paths, named) {
         ([_], true) => Ok(vec![asked.output.to_owned()]),
-        (_, true) => Err(Usage::conflict("--output is the name of a folder where several files are written").into()),
+        (_, true) => Err(Usage::conflict("--output must name a folder if several files are written").into()),
         (paths, false) => {
             Ok(paths.iter().map(|path| asked.output.join(path.file_name().unwrap_or(path.as_os_str()))).collect())
         }
@@ -135,7 +135,7 @@ fn outputs(asked: &Asked<'_>) -> Result<Vec<PathBuf>> {
 
 fn surface(path: &Path) -> Result<PoseSurface> {
     let mesh: Mesh = read_mesh(path)?;
-    PoseSurface::new(&mesh).ok_or_else(|| anyhow!("{}: a surface without area, which has no pose", path.display()))
+    PoseSurface::new(&mesh).ok_or_else(|| anyhow!("{}: the surface has no area, and so no pose", path.display()))
 }
 
 fn to_target(asked: &Asked<'_>, target: &Path, monitor: &ConsoleMonitor) -> Result<Found> {

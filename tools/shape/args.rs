@@ -43,7 +43,7 @@ impl Models {
 pub(super) fn files(models: &[PathBuf]) -> Result<Vec<PathBuf>> {
     let files = expand(models, ".npz")?;
     match files.iter().find(|file| !file.exists()) {
-        Some(missing) => bail!("{}: there is no such file or folder", missing.display()),
+        Some(missing) => bail!("{}: no such file or folder", missing.display()),
         None => Ok(files),
     }
 }
@@ -128,7 +128,7 @@ pub(super) fn to_degree(model: &Model, path: &Path, degree: Option<usize>) -> Re
     let highest = model.coefficients.max_degree();
     match degree {
         Some(degree) if degree > highest => {
-            bail!("{}: the model goes to degree {highest}, --max-degree {degree} is above it", path.display())
+            bail!("{}: --max-degree {degree} exceeds the model's degree {highest}", path.display())
         }
         Some(degree) => Ok(Coefficients::new(model.coefficients.up_to(degree).to_owned())?),
         None => Ok(model.coefficients.clone()),

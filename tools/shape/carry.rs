@@ -61,7 +61,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         Some(index) => Ok(index),
         None => {
             let names = first_of(files.names().iter().map(String::as_str), 5);
-            bail!("{flag} {name}: there is no such member in {}; there are {names}", cli.group.display())
+            bail!("{flag} {name}: no such member in {}; its members are {names}", cli.group.display())
         }
     };
     let source = index("--from", &cli.from)?;
@@ -79,7 +79,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let endings = [".mrk.json", ".fcsv", ".json", ".csv", ".tsv"];
     let named = |path: &PathBuf| endings.iter().any(|ending| path.to_string_lossy().ends_with(ending));
     if let Some(path) = outputs.iter().find(|path| !named(path)) {
-        bail!("{}: expected a name of landmarks, which ends in {}", path.display(), endings.join(", "));
+        bail!("{}: expected the name of a landmark file, ending in {}", path.display(), endings.join(", "));
     }
     let of_report = cli.report.report.iter().map(|path| OutputFile::new(path, "--report"));
     let written = outputs.iter().map(|path| OutputFile::new(path, "--output")).chain(of_report);
@@ -104,7 +104,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         let unreached: Vec<&str> = unreached.map(|(name, _)| name.as_str()).collect();
         if !unreached.is_empty() {
             let names = first_of(unreached.iter().copied(), 5);
-            monitor.console().warn(format!("{name}: without a counterpart, guessed: {names}"));
+            monitor.console().warn(format!("{name}: no counterpart, positions guessed: {names}"));
         }
         rows.push(vec![name.clone(), found.len().to_string(), unreached.len().to_string()]);
         carried.push(json!({ "member": name, "output": shown(path), "landmarks": described(&landmarks, &found) }));

@@ -125,7 +125,7 @@ fn one(
     let degree = model.coefficients.max_degree();
     if file.max_degree < degree {
         monitor.console().warn(format!(
-            "{}: the degrees above {} are zeros and too many for so small a file; they are left out",
+            "{}: the degrees above {} are all zero and don't fit into a file this small; they are left out",
             path.display(),
             file.max_degree
         ));

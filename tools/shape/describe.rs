@@ -82,7 +82,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let mut warnings = Vec::new();
     if highest > degree {
         warnings.push(format!(
-            "the models go to degrees from {degree} to {highest}; the table has the degrees up to {degree}"
+            "the models have degrees from {degree} to {highest}; the table has the degrees up to {degree}"
         ));
         warnings.iter().for_each(|warning| monitor.console().warn(warning));
     }

@@ -88,7 +88,7 @@ fn one(cli: &Cli, path: &Path, target: &Path) -> Result<Value> {
     if let Some(wanted) = cli.max_degree
         && degree < wanted
     {
-        bail!("{}: the model goes to degree {degree}, --max-degree {wanted} is above it", path.display());
+        bail!("{}: --max-degree {wanted} exceeds the model's degree {degree}", path.display());
     }
     prepare(target)?;
     expanded.model.write_with(target, cli.report.force)?;
@@ -111,7 +111,7 @@ fn targets(cli: &Cli, paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
         return Ok(vec![output.clone()]);
     }
     if !output.is_dir() && output.to_string_lossy().ends_with(".npz") {
-        return Err(Usage::conflict("--output is the name of a folder where several files are written").into());
+        return Err(Usage::conflict("--output must name a folder if several files are written").into());
     }
     let name = |path: &PathBuf| {
         let name = Path::new(path.file_name().unwrap_or_default());

@@ -74,7 +74,7 @@ pub(super) fn of_surfaces(
     }
     let matched = Landmarks::matched(&subjects);
     if matched.names.is_empty() {
-        bail!("--landmarks: no name is in all {} files", files.len());
+        bail!("--landmarks: no name is common to all {} files", files.len());
     }
     for (file, alone) in files.iter().zip(&matched.alone).filter(|(_, alone)| !alone.is_empty()) {
         let names = first_of(alone.iter().map(String::as_str), 5);
@@ -91,7 +91,7 @@ pub(super) fn on_surface(file: &Path, surface: &Mesh) -> Result<(Landmarks, Vec<
     let extent = dot(sub(high, low), sub(high, low)).sqrt();
     let placed = Landmarks::read(file)?.laid_on(surface);
     if placed.turned {
-        warnings.push(format!("{}: turned from LPS to RAS, or back, to lie on its surface", file.display()));
+        warnings.push(format!("{}: converted between LPS and RAS to lie on its surface", file.display()));
     }
     let far = |(name, distance): (&String, &f64)| (*distance > OFF * extent).then(|| format!("{name} ({distance:.3})"));
     let off: Vec<String> = placed.landmarks.names.iter().zip(&placed.distances).filter_map(far).collect();

@@ -97,8 +97,9 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let highest = of_queries.iter().chain(&of_library).map(Descriptors::max_degree).max().unwrap_or(0);
     let mut warnings = Vec::new();
     if highest > degree {
-        warnings
-            .push(format!("the models go to degrees from {degree} to {highest}; they are compared to degree {degree}"));
+        warnings.push(format!(
+            "the models have degrees from {degree} to {highest}; they are compared up to degree {degree}"
+        ));
         warnings.iter().for_each(|warning| monitor.console().warn(warning));
     }
     let of_library: Vec<Descriptors> = of_library.iter().map(|model| model.up_to(degree)).collect();

@@ -45,7 +45,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let started = Instant::now();
     let paths = cli.models.paths()?;
     if paths.len() < 2 {
-        bail!("a mean is of 2 models or more, found {}", paths.len());
+        bail!("a mean needs at least 2 models, found {}", paths.len());
     }
     check_beside(&paths, [OutputFile::with_ending(&cli.output, "--output", &[".npz"])], &cli.report)?;
     let plan = Plan::new("mean", &paths, cli.resources.both())?;

@@ -123,7 +123,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         let found = pool.install(|| measure(&coefficients, &params, monitor)).with_context(named)?;
         let mut warnings: Vec<String> = found.warnings.iter().map(ToString::to_string).collect();
         if model.provenance.handles.is_some() {
-            warnings.push("handles were cut: measures count what fills their ends".to_owned());
+            warnings.push("handles were cut: measures include the caps that close them".to_owned());
         }
         let mut singular = None;
         if let Some(maps) = maps.as_ref().and_then(|maps| maps.get(number)) {

@@ -25,7 +25,7 @@ pub(super) fn outputs(models: &Models, paths: &[PathBuf], output: &Path, ending:
     if !output.is_dir()
         && ([".npz", ".sphz"].iter().any(|ending| name.ends_with(ending)) || to_write_mesh(output).is_ok())
     {
-        return Err(Usage::conflict("--output is the name of a folder where several files are written").into());
+        return Err(Usage::conflict("--output must name a folder if several files are written").into());
     }
     Ok(paths.iter().map(|path| with_ending(&output.join(model_file_name(path)), ending)).collect())
 }

@@ -90,7 +90,7 @@ impl Degree {
         };
         match degrees.iter().find(|degree| **degree > highest) {
             Some(degree) => {
-                bail!("{}: the model goes to degree {highest}, {flag} {degree} is above it", path.display())
+                bail!("{}: {flag} {degree} exceeds the model's degree {highest}", path.display())
             }
             None => Ok(degrees),
         }

@@ -86,7 +86,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         Some(_) => return Err(Usage::invalid("--translate takes three finite numbers").into()),
     };
     if !(cli.scale > 0.0 && cli.scale.is_finite()) {
-        return Err(Usage::invalid("--scale is a number above zero").into());
+        return Err(Usage::invalid("--scale must be a number above zero").into());
     }
     let turned = rotation(cli.object.as_ref(), "--object")?;
     let transform = Transform {
@@ -95,7 +95,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         similarity: Similarity { orthogonal: turned.matrix(), scale: cli.scale, translation },
     };
     if transform == Transform::default() {
-        return Err(Usage::missing("--parameters, --object, --scale or --translate says what to do").into());
+        return Err(Usage::missing("nothing to do: give --parameters, --object, --scale or --translate").into());
     }
     let targets = outputs(&cli.models, &paths, &cli.output, "spharm.npz")?;
     check_beside(&paths, targets.iter().map(|path| OutputFile::with_ending(path, "--output", &[".npz"])), &cli.report)?;

@@ -59,7 +59,7 @@ fn mode(text: &str) -> Result<(usize, f64), String> {
     let (mode, deviations) = text.split_once('=').ok_or("expected MODE=SD, such as 1=2")?;
     let mode = mode.trim().parse().ok().filter(|mode| *mode > 0).ok_or("modes are counted from 1")?;
     let deviations = deviations.trim().parse().ok().filter(|number: &f64| number.is_finite());
-    Ok((mode, deviations.ok_or("standard deviations are a number")?))
+    Ok((mode, deviations.ok_or("expected a number of standard deviations")?))
 }
 
 /// Runs the subcommand.

@@ -81,7 +81,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let transform = json!({ "heat_kernel": { "s": kernel.time(), "fwhm_degrees": fwhm } });
     check_each("smooth", &paths, cli.memory.budget(1))?;
     let mut models = Vec::new();
-    let mut rows = vec![["model", "degree", "left of the highest degree"].map(str::to_owned).to_vec()];
+    let mut rows = vec![["model", "degree", "factor at the highest degree"].map(str::to_owned).to_vec()];
     for (path, target) in paths.iter().zip(&targets) {
         spharm::Monitor::check(monitor)?;
         let model = Model::read(path)?;

@@ -29,7 +29,7 @@ impl Table {
             .from_reader(text.as_bytes());
         let header: Vec<String> = reader.headers().with_context(named)?.iter().map(str::to_owned).collect();
         if let Some(twice) = header.iter().enumerate().find(|(at, name)| header[..*at].contains(name)) {
-            bail!("{}: column {:?} is there twice", path.display(), twice.1);
+            bail!("{}: duplicate column {:?}", path.display(), twice.1);
         }
         if let ([whole], false) = (&header[..], tabs) {
             let other = [(';', "semicolons"), ('\t', "tabs")].into_iter().find(|(mark, _)| whole.contains(*mark));
@@ -67,7 +67,7 @@ impl Table {
     /// Returns the cells of a column, none of which may be missing.
     pub(super) fn cells(&self, name: &str) -> Result<Vec<&str>> {
         let Some(column) = self.header.iter().position(|other| other == name) else {
-            bail!("{}: there is no column {name:?}; there are {}", self.path.display(), self.header.join(", "));
+            bail!("{}: no column {name:?}; the columns are {}", self.path.display(), self.header.join(", "));
         };
         let cells: Vec<&str> = self.rows.iter().map(|row| row[column].as_str()).collect();
         if let Some(row) = cells.iter().position(|cell| cell.is_empty()) {
@@ -77,7 +77,7 @@ impl Table {
         if let Some(row) = cells.iter().position(|cell| is_missing(cell)) {
             let found = cells[row];
             bail!(
-                "{}: row {}: column {name:?} is {found}, no value; leave the subject out",
+                "{}: row {}: column {name:?} is {found}, a missing value; leave the subject out",
                 self.path.display(),
                 row + 1
             );
@@ -108,7 +108,7 @@ impl Table {
     pub(super) fn different(&self, name: &str) -> Result<Vec<&str>> {
         let cells = self.cells(name)?;
         if let Some(row) = (1..cells.len()).find(|row| cells[..*row].contains(&cells[*row])) {
-            bail!("{}: row {}: {:?} is in an earlier row, too", self.path.display(), row + 1, cells[row]);
+            bail!("{}: row {}: {:?} already is in an earlier row", self.path.display(), row + 1, cells[row]);
         }
         Ok(cells)
     }

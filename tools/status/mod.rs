@@ -22,7 +22,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     check_outputs(cli.failed.iter().map(|path| OutputFile::new(path, "--failed")), cli.force)?;
     let merged = Merged::read(&status_files(&cli.files)?)?;
     if merged.damaged > 0 {
-        console.warn(format!("{} cut off or overwritten; left out", counted(merged.damaged, "line")));
+        console.warn(format!("{} truncated or overwritten; ignored", counted(merged.damaged, "line")));
     }
     let manifest = cli.manifest.as_deref().map(Manifest::read).transpose()?;
     // With a manifest, only its rows, in its order.
@@ -40,7 +40,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         counts.push(("not started", manifest.rows.len() - entries.len()));
         let others = merged.entries().len() - entries.len();
         if others > 0 {
-            console.warn(format!("{} not in {}; left out", counted(others, "row"), manifest.path.display()));
+            console.warn(format!("{} not in {}; ignored", counted(others, "row"), manifest.path.display()));
         }
     }
     counts.push(("all", manifest.as_ref().map_or(entries.len(), |manifest| manifest.rows.len())));
@@ -80,7 +80,7 @@ fn status_files(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
             }
         }
         if files.len() == before {
-            bail!("{}: a folder without a status file", path.display());
+            bail!("{}: the folder has no status file", path.display());
         }
     }
     Ok(files)
@@ -93,9 +93,7 @@ fn gone(entries: &[&Entry], console: &Console) -> HashSet<String> {
         entries.iter().filter(|entry| entry.state.is_there() && !entry.output.is_empty()).collect();
     let gone: Vec<&&&Entry> = made.iter().filter(|entry| !Path::new(&entry.output).exists()).collect();
     if !made.is_empty() && gone.len() == made.len() && made.iter().any(|entry| Path::new(&entry.output).is_relative()) {
-        console.note(
-            "no model is where it was made: where that was in another folder, call it there to have them looked for",
-        );
+        console.note("none of the models was found; if they were made in another folder, run this command there");
         return HashSet::new();
     }
     gone.iter().map(|entry| entry.id.clone()).collect()
@@ -117,7 +115,7 @@ fn write_rest(
         return Ok(());
     }
     if path == manifest.path {
-        bail!("{}: that is the manifest itself; choose another --failed", path.display());
+        bail!("{}: is the manifest itself; choose another --failed", path.display());
     }
     let text = manifest.rest(path, |row| !is_there(&row.id))?;
     prepare(path)?;

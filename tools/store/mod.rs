@@ -67,7 +67,7 @@ fn verify_all(which: &Which, threads: Threads, console: &Console) -> Result<()> 
         problems.iter().for_each(|problem| console.warn(problem));
     }
     match problems.len() {
-        0 => print(&format!("{}, {}: all sound", counted(found.files, "file"), Size(found.bytes as usize))),
+        0 => print(&format!("{}, {}: all intact", counted(found.files, "file"), Size(found.bytes as usize))),
         1 => Err(problems.remove(0).into()),
         count => bail!("{count} of {} files are damaged; delete them and run spharm basis-build again", found.files),
     }

@@ -33,14 +33,14 @@ fn correspondence(plan: &Plan) -> Result<()> {
     }
     if plan.study.subjects.landmarks.is_some() {
         bail!(
-            "{}: `landmarks` in [subjects] is for method \"correspond\" in [align], found {:?}",
+            "{}: `landmarks` in [subjects] needs method \"correspond\" in [align], found {:?}",
             plan.file.display(),
             plan.method.name()
         );
     }
     if !plan.study.align.signals.is_empty() {
         bail!(
-            "{}: `signals` in [align] are for method \"correspond\", found {:?}",
+            "{}: `signals` in [align] needs method \"correspond\", found {:?}",
             plan.file.display(),
             plan.method.name()
         );
@@ -49,7 +49,7 @@ fn correspondence(plan: &Plan) -> Result<()> {
     match without.filter(|_| plan.method != Method::Joint && !plan.has_one_sphere()) {
         None => Ok(()),
         Some(row) => bail!(
-            "{}: method {:?} in [align] is for spheres that correspond, {} has none for {}; give `sphere`, or method \
+            "{}: method {:?} in [align] needs spheres that correspond, but {} has none for {}; give `sphere`, or method \
              \"correspond\"",
             plan.file.display(),
             plan.method.name(),
@@ -67,8 +67,8 @@ fn of_group(plan: &Plan) -> Result<()> {
     }
     if let Some(row) = plan.manifest.rows.iter().find(|row| row.id == "mean" || row.id.starts_with('.')) {
         bail!(
-            "{}: line {}: expected an id other than `mean` that begins with no point, found {:?}; or give method \"joint\" in \
-             [align]",
+            "{}: line {}: expected an id other than `mean` that doesn't begin with a dot, found {:?}; or give method \
+             \"joint\" in [align]",
             plan.table.display(),
             row.line,
             row.id
@@ -78,7 +78,7 @@ fn of_group(plan: &Plan) -> Result<()> {
     let rows = plan.signals.iter().zip(&plan.manifest.rows);
     let signals = rows.flat_map(|(files, row)| files.iter().map(move |file| ("a signal", file, row)));
     match marks.chain(signals).find(|(_, file, _)| !file.is_file()) {
-        Some((what, file, row)) => bail!("{}: {what} of {}: there is no such file", file.display(), row.id),
+        Some((what, file, row)) => bail!("{}: {what} of {}: no such file", file.display(), row.id),
         None => Ok(()),
     }
 }
@@ -104,7 +104,7 @@ fn tested(plan: &Plan, test: &Test) -> Result<()> {
     let question = question((&test.effect, &effect), &test.levels, &covariates);
     let question = question.with_context(|| plan.table.display().to_string())?;
     if test.welch && (question.levels.len() != 2 || !covariates.is_empty()) {
-        bail!("welch: it tests the difference of two groups without covariates; leave it out");
+        bail!("welch: tests only the difference of two groups without covariates; omit it");
     }
     Ok(())
 }

@@ -215,7 +215,7 @@ impl Study {
 
     fn check(&self) -> Result<()> {
         if self.output.as_os_str().is_empty() || self.subjects.table.as_os_str().is_empty() {
-            bail!("`output` and `table` in [subjects] are paths, and can't be empty");
+            bail!("`output` and `table` in [subjects] are paths and can't be empty");
         }
         if self.fit.max_degree == 0 {
             bail!("`max_degree` in [fit]: expected a degree of at least 1, found 0");
@@ -230,7 +230,7 @@ impl Study {
                 );
             }
             if self.test[..index].iter().any(|other| other.name == test.name) {
-                bail!("test {:?}: the name is there twice", test.name);
+                bail!("test {:?}: the name is used twice", test.name);
             }
             if let Some(name) =
                 test.categorical.iter().find(|name| **name != test.effect && !test.covariates.contains(name))

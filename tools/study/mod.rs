@@ -99,7 +99,7 @@ fn lock(plan: &Plan, shared: bool) -> Result<File> {
     let options = File::options().create(true).append(true).clone();
     let file = spharm_files::open_with(&path, &options).with_context(|| path.display().to_string())?;
     if let Err(TryLockError::WouldBlock) = if shared { file.try_lock_shared() } else { file.try_lock() } {
-        bail!("{}: the study is running already; wait for its end, or stop it", plan.file.display());
+        bail!("{}: the study is already running; wait for it to end, or stop it", plan.file.display());
     }
     Ok(file)
 }
@@ -145,7 +145,7 @@ impl Call<'_> {
         let subjects = self.plan.subjects(&merged);
         if subjects.len() < LEAST {
             bail!(
-                "{}: expected {LEAST} subjects or more that can be fitted, found {}; `spharm status {}` says why",
+                "{}: expected {LEAST} subjects or more that can be fitted, found {}; `spharm status {}` shows the reasons",
                 self.plan.table.display(),
                 subjects.len(),
                 self.plan.status().display()
@@ -153,7 +153,8 @@ impl Call<'_> {
         }
         let removed = tidy::models(self.plan, &merged, &failed)?;
         if removed > 0 {
-            self.console.note(format!("{} of subjects that have left or fail now: removed", counted(removed, "model")));
+            let removed = counted(removed, "model");
+            self.console.note(format!("removed {removed} of subjects no longer in the study, or now failing"));
         }
         self.plan.write_lists(&subjects)?;
         self.plan.write_status(&merged)?;
@@ -174,7 +175,7 @@ impl Call<'_> {
         let started = Instant::now();
         let shard = self.cli.shard.unwrap_or_default();
         for id in tidy::damaged(self.plan, shard.of(&self.plan.manifest.rows), &self.merged()?)? {
-            self.console.warn(format!("{id}: its model was damaged, and is made again"));
+            self.console.warn(format!("{id}: the model was damaged; fitting it again"));
         }
         self.console.note(format!("\n{}", stage.command()));
         let ran = (self.spharm)(&self.arguments(&stage));
@@ -195,7 +196,7 @@ impl Call<'_> {
             .collect();
         // Subjects that fail are listed at the end; any other error ends the study.
         if ran.as_ref().is_err_and(spharm_cli::exit::is_interrupted) {
-            let again = format!("interrupted: spharm study {} goes on from here", self.plan.file.display());
+            let again = format!("interrupted; resume with: spharm study {}", self.plan.file.display());
             return Err(anyhow::Error::from(spharm_monitor::Interrupted).context(again));
         }
         if failed.is_empty() {
@@ -257,7 +258,7 @@ impl Call<'_> {
         match failed.len() {
             0 => Ok(()),
             count => bail!(
-                "{} of {} failed: the page is of the others; `spharm status {}` lists them",
+                "{} of {} failed: the page shows the others; `spharm status {}` lists them",
                 counted(count, "subject"),
                 self.plan.manifest.rows.len(),
                 self.plan.status().display()

@@ -61,7 +61,7 @@ impl Plan {
         let (manifest, made_text) = subjects::manifest(&study.subjects, folder, &table, &made)?;
         if let Some(row) = manifest.rows.iter().find(|row| row.output.is_some()) {
             bail!(
-                "{}: line {}: a study names its models by the ids; leave the column `output` out",
+                "{}: line {}: a study names its models by the ids; remove the column `output`",
                 table.display(),
                 row.line
             );

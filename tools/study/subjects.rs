@@ -29,7 +29,7 @@ pub(super) fn manifest(
 ) -> Result<(Manifest, Option<Vec<u8>>)> {
     let Some(surface) = &subjects.surface else {
         if subjects.sphere.is_some() {
-            bail!("`sphere` in [subjects] is a pattern, and goes with a pattern `surface`");
+            bail!("`sphere` in [subjects] is a pattern, and needs a pattern `surface`");
         }
         return Ok((Manifest::read(table)?, None));
     };
@@ -104,7 +104,7 @@ fn text(subjects: &Subjects, folder: &Path, table: &Path, surface: &str) -> Resu
     };
     let reserved = ["id", "surface", "sphere", "weights", "output", "label"];
     if let Some(taken) = header.iter().enumerate().find(|(at, name)| *at != id && reserved.contains(name)) {
-        bail!("column {:?} doesn't go with a pattern `surface` in [subjects]", taken.1);
+        bail!("column {:?} cannot be used with a pattern `surface` in [subjects]", taken.1);
     }
     let mut writer = csv::WriterBuilder::new().delimiter(b'\t').from_writer(Vec::new());
     let others = |record: &csv::StringRecord| -> Vec<String> {
@@ -148,7 +148,7 @@ mod tests {
         assert_eq!(found.rows[1].sphere, Some(site.path().join("fs/sub-02/surf/lh.sphere.reg")));
         for (subjects, expected) in [
             (Subjects { surface: Some("lh.pial".to_owned()), ..subjects.clone() }, "{id}"),
-            (Subjects { surface: None, ..subjects.clone() }, "goes with"),
+            (Subjects { surface: None, ..subjects.clone() }, "needs a pattern"),
             (Subjects { id: "id".to_owned(), ..subjects.clone() }, "participant_id"),
         ] {
             let error = format!("{:#}", of(&subjects).unwrap_err());

@@ -37,7 +37,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let replaced = cli.force || cli.skip_existing || is_without_models(&table);
     if table.is_file() && !replaced {
         bail!(
-            "{}: the file exists; --skip-existing goes on with it, --force replaces it, --output or --table names another",
+            "{}: the file exists; --skip-existing resumes it, --force replaces it, --output or --table names another",
             table.display()
         );
     }
@@ -65,7 +65,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let text = earlier.map_or(text.clone(), |earlier| table::with_earlier(&earlier, &text));
     if refused > 0 && table.is_file() {
         bail!(
-            "{}: {} fitted otherwise, and the table stays as it was; give --force, or another --output",
+            "{}: {} fitted with other settings or inputs, and the table is unchanged; give --force, or another --output",
             table.display(),
             counted_were(refused)
         );
@@ -133,7 +133,7 @@ fn volumes(given: &[PathBuf]) -> Result<Vec<PathBuf>> {
             }
         }
         if files.is_empty() {
-            bail!("{}: a folder without a label volume (.nii, .mgz, .nrrd, .tif, .npy)", path.display());
+            bail!("{}: the folder has no label volume (.nii, .mgz, .nrrd, .tif, .npy)", path.display());
         }
         files.sort_unstable();
         found.extend(files);

@@ -89,7 +89,7 @@ fn of_store(error: &StoreError) -> Option<String> {
         StoreError::FactorMissing { .. } => "compute it with spharm basis-build --factor on the same sphere".to_owned(),
         StoreError::NoSuchScheme { .. } => "build it with spharm basis-build --sphere on the same sphere".to_owned(),
         StoreError::NoSchemes { .. } => "is it the folder that was given as --store?".to_owned(),
-        StoreError::KeyDigits { found: 0, .. } => "`spharm store list` shows what is there".to_owned(),
+        StoreError::KeyDigits { found: 0, .. } => "`spharm store list` shows its schemes".to_owned(),
         StoreError::KeyDigits { .. } => "give more digits".to_owned(),
         StoreError::DegreeMissing { store, scalar, wanted, .. } => {
             let dtype = if *scalar == Some(Scalar::F32) { " --dtype f32" } else { "" };
@@ -104,7 +104,7 @@ fn of_store(error: &StoreError) -> Option<String> {
         | StoreError::TileDamaged { .. }
         | StoreError::ChangedWhileRead { .. }
         | StoreError::ChunkRowsDiffer { .. } => "spharm basis-build builds what is missing".to_owned(),
-        StoreError::Interrupted(_) => "run the same command again to go on".to_owned(),
+        StoreError::Interrupted(_) => "run the same command again to resume".to_owned(),
         _ => return None,
     };
     Some(text)
@@ -116,9 +116,9 @@ fn of_space(what: &str, too_large: bool) -> String {
         _ => ("a lower --max-degree", "--dtype f32"),
     };
     if too_large {
-        format!("choose a --store with more room, {degree} or {dtype}, or go on all the same with --yes")
+        format!("choose a --store with more room, {degree} or {dtype}, or continue anyway with --yes")
     } else {
-        format!("go on with --yes, or choose {degree} or {dtype}")
+        format!("continue with --yes, or choose {degree} or {dtype}")
     }
 }
 
@@ -155,7 +155,7 @@ fn of_solver(error: &SolverError) -> Option<String> {
             Some("--max-degree L lowers it, --smoothness LAMBDA adds one".to_owned())
         }
         SolverError::Interrupted(_) => {
-            Some("the models that are finished stay, --skip-existing leaves them out next time".to_owned())
+            Some("finished models are kept, and --skip-existing skips them next time".to_owned())
         }
         _ => None,
     }
@@ -164,17 +164,17 @@ fn of_solver(error: &SolverError) -> Option<String> {
 fn of_parametrize(error: &ParametrizeError) -> Option<String> {
     match error {
         ParametrizeError::BadSurface { handles: 1.., .. } => {
-            Some("--cut-handles cuts and fills them, and reconstruct gives the surface back as it was".to_owned())
+            Some("--cut-handles cuts and fills them, and reconstruct restores the original surface".to_owned())
         }
         ParametrizeError::BadVolume { repairable: true, handles: 1.., .. } => {
-            Some("--fix repairs it; handles alone are kept by --cut-handles".to_owned())
+            Some("--fix repairs it; to keep handles, use --cut-handles".to_owned())
         }
         ParametrizeError::BadVolume { repairable: true, .. } => Some("--fix repairs it".to_owned()),
         ParametrizeError::VertexMap { .. } => {
-            Some("fit takes it together with the --sphere that its vertices are on".to_owned())
+            Some("fit accepts it together with the --sphere of its vertices".to_owned())
         }
-        ParametrizeError::NoVoxelSize { .. } => Some("--voxel-size X,Y,Z gives it".to_owned()),
-        ParametrizeError::NoLabel { .. } => Some("--label N takes one of them".to_owned()),
+        ParametrizeError::NoVoxelSize { .. } => Some("give it with --voxel-size X,Y,Z".to_owned()),
+        ParametrizeError::NoLabel { .. } => Some("choose one with --label N".to_owned()),
         ParametrizeError::SinglePrecision { .. } => Some(".surf.gii and .ply are such formats".to_owned()),
         ParametrizeError::Surface(error) => of_surface(error),
         ParametrizeError::Solver(error) => of_solver(error),
@@ -185,10 +185,10 @@ fn of_parametrize(error: &ParametrizeError) -> Option<String> {
 fn of_moments(error: &MomentsError) -> Option<String> {
     match error {
         MomentsError::Columns { .. } => {
-            Some("--angles, --lonlat or --vectors name the positions' columns, --values the others".to_owned())
+            Some("--angles, --lonlat or --vectors name the columns of positions, --values the others".to_owned())
         }
-        MomentsError::Memory { .. } => Some("--max-degree L lowers it, --memory SIZE allows for more".to_owned()),
-        MomentsError::Missing { .. } => Some("--partial adds what is there".to_owned()),
+        MomentsError::Memory { .. } => Some("--max-degree L lowers it, --memory SIZE raises the limit".to_owned()),
+        MomentsError::Missing { .. } => Some("--partial adds the parts that exist".to_owned()),
         MomentsError::Output(error) => of_surface(error),
         _ => None,
     }
@@ -204,7 +204,7 @@ fn of_model(error: &ModelError) -> Option<String> {
 
 fn of_shape(error: &ShapeError) -> Option<String> {
     match error {
-        ShapeError::NotASurface { .. } => Some("spharm shape smooth and describe take signals, too".to_owned()),
+        ShapeError::NotASurface { .. } => Some("spharm shape smooth and describe also accept signals".to_owned()),
         ShapeError::NoExtent { .. } => {
             Some("`spharm reconstruct` shows it; fit the surface again, to degree 1 or more".to_owned())
         }

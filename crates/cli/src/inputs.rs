@@ -70,7 +70,7 @@ pub fn expand_lists(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
         let before = expanded.len();
         expanded.extend(lines.map(|line| base.join(line)));
         if expanded.len() == before {
-            bail!("{}: the list names no file", list.display());
+            bail!("{}: the list contains no paths", list.display());
         }
     }
     Ok(expanded)

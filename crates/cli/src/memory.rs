@@ -80,7 +80,7 @@ impl fmt::Display for TooLarge {
         match (&self.nearest, self.given) {
             (Some((setting, needed)), _) => write!(f, ": {setting} needs {}", size(*needed)),
             (None, true) => f.write_str(": raise --memory"),
-            (None, false) => f.write_str(": run it where more is free, or raise the limit"),
+            (None, false) => f.write_str(": use a machine with more free memory, or raise the limit"),
         }
     }
 }

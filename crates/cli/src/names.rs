@@ -58,7 +58,7 @@ impl FromStr for NameTemplate {
         }
         let separators = |part: &Part| matches!(part, Part::Text(text) if text.contains(['/', '\\']));
         if parts.iter().any(separators) {
-            return Err("a name has no folders; give those with --output".to_owned());
+            return Err("a name can't contain folders; give them with --output".to_owned());
         }
         if parts.iter().all(|part| matches!(part, Part::Text(_))) {
             return Err("expected a placeholder, such as {stem}: without one every input has the same name".to_owned());
@@ -112,7 +112,10 @@ impl NameTemplate {
     pub fn outputs(&self, inputs: &[(PathBuf, Option<i64>)], folder: &Path, ending: &str) -> Result<Vec<PathBuf>> {
         let of_input = self.0.iter().any(|part| matches!(part, Part::Stem | Part::Parent(_)));
         if let (false, Some((input, _))) = (of_input, inputs.iter().find(|(_, label)| label.is_none())) {
-            bail!("{}: --name-template '{self}' names labels of volumes, and this isn't one", input.display());
+            bail!(
+                "{}: --name-template '{self}' has only {{label}}, but this isn't a label of a volume",
+                input.display()
+            );
         }
         let output = |(input, label): &(PathBuf, _)| {
             let mut name = self.file_name(input, *label);
@@ -127,7 +130,7 @@ impl NameTemplate {
             let paths: Vec<PathBuf> = inputs.iter().map(|(input, _)| input.clone()).collect();
             let remedy = match Self::distinguishing(&paths) {
                 Some(template) => format!("give --name-template '{template}'"),
-                None => "rename one or give them apart".to_owned(),
+                None => "rename one or give them in separate calls".to_owned(),
             };
             bail!("{first} and {second} would both be written to {}; {remedy}", outputs[pair[0]].display());
         }
@@ -183,10 +186,14 @@ pub fn model_files(
         _ if folder.is_dir() => {}
         [_] if ending == "npz" => return Ok(vec![folder.to_owned()]),
         several if ending == "npz" => {
-            bail!("{}: a file for {} surfaces; --output must name a folder", folder.display(), several.len());
+            bail!(
+                "{}: can't hold the models of {} surfaces; --output must name a folder",
+                folder.display(),
+                several.len()
+            );
         }
         _ if OTHER_FILES.contains(&ending.as_str()) => {
-            bail!("{}: --output is a folder, or a file that ends in .npz", folder.display());
+            bail!("{}: --output must name a folder, or a file ending in .npz", folder.display());
         }
         _ => {}
     }

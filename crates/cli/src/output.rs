@@ -104,16 +104,16 @@ impl<'a> OutputFile<'a> {
             return Ok(());
         }
         if is_stdout(path) {
-            bail!("{}: only {REPORT} goes to standard output; {flag} is the name of a file", path.display());
+            bail!("{}: only {REPORT} can go to standard output; {flag} must name a file", path.display());
         }
         if is_stream(path) {
-            bail!("{}: a pipe or a device; {flag} is the name of a file", path.display());
+            bail!("{}: is a pipe or a device; {flag} must name a file", path.display());
         }
         if let Some(holds) = holds {
             check_output(path, holds).context(flag)?;
         }
         if path.is_dir() {
-            bail!("{}: a folder; {flag} is the name of a file", path.display());
+            bail!("{}: is a folder; {flag} must name a file", path.display());
         }
         if path.exists() && !force {
             bail!("{}: the file exists; choose another {flag} or give --force", path.display());
@@ -206,7 +206,7 @@ pub fn check_not_inputs<'i, 'a>(
     let inputs: HashSet<FileId> = inputs.into_iter().filter_map(file_id).collect();
     for (output, id) in outputs {
         if inputs.contains(&id) {
-            bail!("{}: the input; choose another name for the output", output.display());
+            bail!("{}: is an input; choose another name for the output", output.display());
         }
     }
     Ok(())

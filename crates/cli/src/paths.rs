@@ -29,7 +29,7 @@ pub fn expand(paths: &[PathBuf], ending: &str) -> Result<Vec<PathBuf>> {
         let named = |file: &PathBuf| file.to_string_lossy().to_ascii_lowercase().ends_with(ending) && file.is_file();
         let mut files: Vec<PathBuf> = entries.iter().map(std::fs::DirEntry::path).filter(named).collect();
         if files.is_empty() {
-            bail!("{}: a folder without a file that ends in {ending}", path.display());
+            bail!("{}: the folder has no file ending in {ending}", path.display());
         }
         files.sort_unstable();
         expanded.extend(files);
@@ -75,7 +75,7 @@ pub fn serialize_shown<S: Serializer>(path: &Path, serializer: S) -> Result<S::O
 ///
 /// If the path isn't UTF-8.
 pub fn utf8(path: &Path) -> Result<&str> {
-    path.to_str().with_context(|| format!("{}: expected a path of UTF-8 text", path.display()))
+    path.to_str().with_context(|| format!("{}: expected a path in UTF-8", path.display()))
 }
 
 /// Adds an ending, with or without its dot, to a name that may have dots of its own.

@@ -67,7 +67,7 @@ pub fn check(given: &[Given]) -> Result<()> {
         let same = |&other: &usize| other != at && places[other] == places[at];
         if let Some(other) = (0..written.len()).find(same) {
             let (flag, other) = (&one.flag, &written[other].flag);
-            bail!("{}: the name of both {other} and {flag}; choose another {flag}", one.path.display());
+            bail!("{}: is given for both {other} and {flag}; choose another {flag}", one.path.display());
         }
     }
     let there: HashMap<FileId, &Given> =
@@ -89,7 +89,7 @@ pub fn check(given: &[Given]) -> Result<()> {
 }
 
 fn is_input(path: &Path, flag: &str) -> anyhow::Error {
-    anyhow::anyhow!("{}: an input; choose another {flag}", path.display())
+    anyhow::anyhow!("{}: is an input; choose another {flag}", path.display())
 }
 
 #[cfg(test)]

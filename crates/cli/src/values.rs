@@ -30,7 +30,7 @@ impl Dtype {
 pub fn at_least_one(text: &str) -> Result<usize, String> {
     match text {
         "inf" => Ok(usize::MAX),
-        _ => text.parse().ok().filter(|&n| n > 0).ok_or_else(|| "expected a whole number from 1, or inf".to_owned()),
+        _ => text.parse().ok().filter(|&n| n > 0).ok_or_else(|| "expected a positive whole number, or inf".to_owned()),
     }
 }
 

@@ -33,11 +33,11 @@ fn a_factor_is_built_once_listed_shown_and_verified() {
     let folder = tempfile::tempdir().expect("a folder");
     let (sphere, store) = (write_sphere(folder.path(), 500), folder.path().join("store"));
     let first = succeed(&mut builder(&store, &sphere, 10));
-    assert!(first.contains("degree 10, f64") && !first.contains("was there"), "{first}");
+    assert!(first.contains("degree 10, f64") && !first.contains("already existed"), "{first}");
     let path = store.join(only_scheme(&store).to_string()).join(&sound_factors(&store)[0]);
     let modified = |path: &Path| std::fs::metadata(path).and_then(|m| m.modified()).expect("a file");
     let before = modified(&path);
-    assert!(succeed(&mut builder(&store, &sphere, 10)).contains("was there"));
+    assert!(succeed(&mut builder(&store, &sphere, 10)).contains("already existed"));
     assert_eq!(modified(&path), before);
     // Beside it, another of f32 with a penalty, and a basis.
     let mut both = tool("basis-build");

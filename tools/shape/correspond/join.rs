@@ -25,7 +25,7 @@ const LACKING: f64 = 0.05;
 pub(super) fn run(cli: &Cli, group: &Path, surfaces: &[Surface], monitor: &ConsoleMonitor) -> Result<()> {
     let started = Instant::now();
     if same_place(&cli.output_dir.join("group.json"), &group.join("group.json")) {
-        return Err(Usage::conflict("--output-dir is another folder than that of --to, which stays as it is").into());
+        return Err(Usage::conflict("--output-dir must differ from the folder of --to, which isn't changed").into());
     }
     let files = GroupFiles::open(group)?;
     let template = files.template()?;
@@ -68,7 +68,7 @@ pub(super) fn run(cli: &Cli, group: &Path, surfaces: &[Surface], monitor: &Conso
     });
     finish("correspond", &report, &rows(done.iter().map(|found| (found.name.as_str(), &found.report))), &cli.report)?;
     if there > 0 {
-        monitor.console().note(format!("{} there already", counted(there, "member")));
+        monitor.console().note(format!("{} already present", counted(there, "member")));
     }
     Ok(())
 }
@@ -94,7 +94,7 @@ fn added(
         && let Some(origin) = GroupFiles::origin(&cli.output_dir, &name)?
     {
         if !origin.input.is_some_and(|found| found.same_contents(&input)) {
-            bail!("{name} there was made of another file; choose another folder or give --force");
+            bail!("the existing {name} was made of another file; choose another folder or give --force");
         }
         return Ok(None);
     }
@@ -121,8 +121,8 @@ fn warnings_of(found: &MemberReport, directions: usize) -> Vec<String> {
     let mut warnings = Vec::new();
     if found.unreached > LACKING {
         warnings.push(format!(
-            "the group's mean doesn't reach {:.1} % of it, by at most {:.4}: it may be of another kind, or have parts that the \
-             group lacks",
+            "the group's mean doesn't reach {:.1} % of its surface, by at most {:.4}: it may be of another kind, or have parts \
+             that the group lacks",
             100.0 * found.unreached,
             found.cover_farthest
         ));
@@ -130,7 +130,7 @@ fn warnings_of(found: &MemberReport, directions: usize) -> Vec<String> {
     let share = found.without_counterpart as f64 / directions.max(1) as f64;
     if share > LACKING {
         warnings
-            .push(format!("{:.1} % of the group's places have no counterpart on it: they are guesses", 100.0 * share));
+            .push(format!("{:.1} % of the group's places have no counterpart on it: they are guessed", 100.0 * share));
     }
     warnings
 }

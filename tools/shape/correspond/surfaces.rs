@@ -88,7 +88,7 @@ pub(super) fn find_signals(surfaces: &mut [Surface], with: &[With], table: Optio
             let path = of_column.as_ref().map_or_else(beside, |files| files[index].clone());
             if !path.is_file() {
                 let column = if table.is_some() { ", and no column of the table has this name" } else { "" };
-                bail!("--with {name}: {}: there is no such file{column}", path.display());
+                bail!("--with {name}: {}: no such file{column}", path.display());
             }
             surface.signals.push(path);
         }
@@ -107,7 +107,7 @@ impl Surface {
         let one = |path: &PathBuf| {
             let signal = read_signal(path)?;
             if signal.channels != 1 {
-                let (expected, found) = ("one value a vertex".to_owned(), signal.channels.to_string());
+                let (expected, found) = ("one value per vertex".to_owned(), signal.channels.to_string());
                 return Err(Error::GroupFile { path: path.clone(), expected, found });
             }
             Ok(signal.values)
@@ -154,7 +154,7 @@ pub(in crate::shape) fn surfaces(paths: &[PathBuf], template: &NameTemplate) -> 
         let name = if is_model(&path) { model_name(Path::new(&by_template)) } else { by_template };
         if let Some(other) = surfaces.iter().find(|other| other.name == name) {
             bail!(
-                "{} and {}: both have the name {name}; tell them apart by --name-template, such as {{parent}}_{{stem}}",
+                "{} and {}: both have the name {name}; distinguish them with --name-template, such as {{parent}}_{{stem}}",
                 other.path.display(),
                 path.display()
             );
@@ -182,7 +182,7 @@ fn check(path: &Path) -> Result<()> {
         bail!("{}: is a folder: give its files or @LIST", path.display());
     }
     if !path.exists() {
-        bail!("{}: there is no such file", path.display());
+        bail!("{}: no such file", path.display());
     }
     Ok(())
 }

@@ -34,7 +34,7 @@ impl Cli {
             return self.study_of_table(path);
         }
         if self.a.is_empty() {
-            return Err(Usage::missing("--a and --b, or --table, name the models").into());
+            return Err(Usage::missing("give the models with --a and --b, or with --table").into());
         }
         let (a, b) = (files(&self.a)?, files(&self.b)?);
         distinct(&a, &b)?;
@@ -119,7 +119,7 @@ impl Cli {
         if !table.has(&self.model_column) && table.has("id") {
             let (table, column) = (path.display(), &self.model_column);
             bail!(
-                "{table}: there is no column {column:?}; --models DIR names the folder of the models by the column \"id\""
+                "{table}: no column {column:?}; give the folder of models named by the column \"id\" with --models DIR"
             );
         }
         table.paths(&self.model_column)
@@ -147,8 +147,8 @@ impl Study {
                 String::new()
             };
             format!(
-                "{column}: the numbers {} are taken as amounts, with one slope; {sign}--categorical {column} takes them as \
-                 levels",
+                "{column}: the numbers {} are treated as quantities, with one slope; {sign}--categorical {column} treats \
+                 them as levels",
                 values.join(", ")
             )
         };

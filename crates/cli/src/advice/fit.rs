@@ -19,7 +19,7 @@ pub(super) fn of_fit(error: &Error) -> Option<String> {
         )),
         Error::Degree { .. } => Some("give a lower --max-degree".to_owned()),
         Error::Limit { .. } => Some("--threads N sets their number".to_owned()),
-        Error::NotConverged(_) => Some("without --strict that is a warning".to_owned()),
+        Error::NotConverged(_) => Some("without --strict this is only a warning".to_owned()),
         _ => None,
     }
 }
