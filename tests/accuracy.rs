@@ -1,4 +1,4 @@
-//! Fits of real surfaces against results that were computed without any of this code.
+//! Compares fits of real surfaces with results that were computed without any of this code.
 
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
@@ -9,7 +9,7 @@ use spharm_surface::io::read_signal;
 
 use crate::common::{reference, shared, succeed, tool};
 
-/// Runs a fit and gives its report.
+/// Runs a fit and returns its report.
 fn report(store: &Path, sphere: &Path, surface: &Path, arguments: &[&str]) -> Value {
     let folder = store.parent().expect("a folder");
     let mut command = tool("fit");
@@ -25,10 +25,10 @@ fn build(store: &Path, sphere: &Path, max_degree: usize) {
     succeed(command.args(["-q", "--max-degree", &max_degree.to_string()]));
 }
 
-/// Held by the test whose store of degree 100 is on disk: one at a time, for each takes gigabytes.
+/// Held by the test whose store of degree 100 is on disk: one at a time, because each takes gigabytes.
 static DISK: Mutex<()> = Mutex::new(());
 
-/// Compares with every irf and sirf line of the shared reference of a surface.
+/// Checks a surface against every irf and sirf line of its shared reference.
 fn meets_shared_reference(name: &str) {
     let Some(reference) = shared("reference.json") else { return };
     let (Some(sphere), Some(surface)) =
@@ -41,8 +41,8 @@ fn meets_shared_reference(name: &str) {
     meets_reference(name, (&sphere, &surface), &reference[name], &[1, 100, 200, 400], &[10, 20, 60, 100]);
 }
 
-/// msd to 1e-6 and xsd to 1e-4, relative, on every irf and sirf line of a reference: of IRF by blocks of so many
-/// functions, and of SIRF to these degrees.
+/// Checks msd to 1e-6 and xsd to 1e-4, relative, on every irf and sirf line of a reference: IRF for blocks of these
+/// granularities, and SIRF for these degrees.
 fn meets_reference(
     name: &str,
     (sphere, surface): (&Path, &Path),
@@ -90,7 +90,7 @@ fn the_head_meets_every_line_of_the_reference() {
     meets_shared_reference("head27618");
 }
 
-/// The reference that every clone has: IRF, SIRF and least squares of a body that is sampled unevenly.
+/// Checks the reference that every clone has: IRF, SIRF and least squares of an unevenly sampled body.
 #[test]
 fn a_body_meets_every_line_of_its_reference() {
     let [sphere, surface, results] = ["sphere.surf.gii", "surface.surf.gii", "reference.json"].map(reference);
@@ -110,7 +110,7 @@ fn a_body_meets_every_line_of_its_reference() {
     }
 }
 
-/// The magnetic field of the earth as another program evaluates it has the coefficients that were published of it.
+/// The earth's magnetic field, evaluated by another program, gives its published coefficients.
 #[test]
 fn least_squares_of_a_field_equals_published_coefficients() {
     const DEGREE: usize = 13;
@@ -135,7 +135,7 @@ fn least_squares_of_a_field_equals_published_coefficients() {
     assert!(found.values()[[0, 0]].abs() < 1e-6, "no monopole");
 }
 
-/// The least squares of three hippocampi at degree 15, as their authors published it.
+/// The least squares of three hippocampi at degree 15 match those published by their authors.
 #[test]
 fn full_least_squares_equals_published_coefficients() {
     for name in ["hippo_a01_l", "hippo_a02_l", "hippo_a03_l"] {

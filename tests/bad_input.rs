@@ -1,4 +1,4 @@
-//! What bad input gets: exit code 1, one line that names the file and what to do, nothing half-written, no panic.
+//! Bad input gives exit code 1 and one line that names the file and the remedy, without half-written files or panics.
 
 use std::path::Path;
 use std::process::Command;
@@ -9,7 +9,7 @@ use spharm_surface::io::{WriteOptions, read_mesh, write_mesh};
 use crate::common::{fail, shared, text, tool};
 use crate::pipeline::{Study, names};
 
-/// Fails, names `file` and `expected`, and leaves the study's folder as it was.
+/// Checks that a command fails, names `file` and `expected`, and leaves the study's folder unchanged.
 fn refuses(study: &Study, command: &mut Command, expected: &[&str]) {
     let before = names(&study.path(""));
     let error = fail(command);
@@ -67,7 +67,7 @@ fn coordinates_that_are_not_numbers() {
     refuses(&study, &mut build, &["nan.obj"]);
 }
 
-/// Warned of by `fit`, since the least squares is defined all the same; refused with `--strict`.
+/// `fit` warns, since the least squares is still defined; `--strict` refuses.
 #[test]
 fn surfaces_that_are_not_closed_spheres() {
     let study = Study::new();

@@ -1,4 +1,4 @@
-//! `fit` and `parametrize` on surfaces that come without a sphere.
+//! `fit` and `parametrize` on surfaces without a sphere.
 
 use serde_json::Value;
 use spharm_parametrize::Quality;
@@ -37,7 +37,8 @@ fn a_bare_mesh_is_mapped_fitted_and_its_sphere_kept() {
     assert!(fail(&mut fit()).contains("bare.sphere.surf.gii"));
 }
 
-/// A few large triangles and many small ones: to a model of high degree the large ones are holes.
+/// Returns a surface with a few large triangles and many small ones: for a model of high degree the large ones are
+/// holes.
 fn uneven() -> Mesh {
     let (mut mesh, _) = cortex(&Cortex { subdivisions: 4, variant: 2 });
     let flat = |p: &[f64; 3]| p[2] < 0.0;

@@ -1,4 +1,4 @@
-//! The BIDS app: a derivative dataset of FreeSurfer's subjects and of sMRIPrep's, and what is missing in them.
+//! The BIDS app: derivative datasets of FreeSurfer's and sMRIPrep's subjects, and missing files in them.
 
 use std::fs;
 use std::path::Path;
@@ -11,7 +11,7 @@ use spharm_surface::io::{read_mesh, read_signal};
 use crate::common::{error_line, fail, finish, succeed, text, tool};
 use crate::store::namespace;
 
-/// Writes a subject's hemispheres as FreeSurfer has them.
+/// Writes a subject's hemispheres in FreeSurfer's layout.
 fn freesurfer(subjects: &Path, subject: &str, hemispheres: &[&str], variant: u64) {
     let folder = subjects.join(subject).join("surf");
     fs::create_dir_all(&folder).expect("a folder");

@@ -42,7 +42,7 @@ impl Study {
         std::fs::write(self.path(name), text).expect("written");
     }
 
-    /// `fit` of a manifest into a folder.
+    /// Returns a `fit` of a manifest into a folder.
     fn fit(&self, manifest: &str, out: &str, arguments: &[&str]) -> Command {
         let mut fit = tool("fit");
         fit.arg("--manifest").arg(self.path(manifest)).arg("-o").arg(self.path(out));
@@ -61,7 +61,7 @@ impl Study {
     }
 }
 
-/// The models of a folder with their bytes.
+/// Returns the models of a folder with their bytes.
 fn models(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     let entries =
         std::fs::read_dir(folder).map(|entries| entries.map(|entry| entry.expect("an entry").path()).collect());
@@ -99,7 +99,7 @@ fn shards_make_the_models_of_one_call_and_of_each_alone() {
     assert_eq!((&found["done"], &found["not_started"], &found["all"]), (&7.into(), &0.into(), &7.into()));
 }
 
-/// A manifest with a row of each sort that can't be fitted among rows that can.
+/// Writes a manifest with a row for each reason of failure, among rows that can be fitted.
 fn with_bad_rows(study: &Study) {
     study.write("cut.ply", "");
     let whole = std::fs::read(study.path("s0.ply")).expect("a surface");
@@ -179,7 +179,7 @@ fn lists_keep_going_too() {
     assert_eq!(study.models("bare").len(), 1);
 }
 
-/// Waits until a file has so many lines.
+/// Waits until a file has this number of lines.
 fn wait_for_lines(path: &Path, lines: usize) {
     for _ in 0..6000 {
         if std::fs::read_to_string(path).is_ok_and(|text| text.lines().count() >= lines) {
@@ -330,7 +330,7 @@ fn manifests_that_are_wrong_are_refused_before_any_work() {
     assert_eq!(output.status.code(), Some(2), "{}", text(&output));
 }
 
-/// A full disk, as a limit on the size of files: every other row would fail alike.
+/// A full disk, simulated by a limit on the size of files: all other rows would fail in the same way.
 #[test]
 fn a_disk_that_is_full_ends_the_call_and_loses_nothing() {
     let study = Study::new(40);

@@ -1,4 +1,4 @@
-//! What the tests share: where things are, and running the tools.
+//! Helpers that the tests share: paths, and running the tools.
 
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
@@ -9,37 +9,37 @@ use rustix::process::{Pid, Signal, kill_process};
 
 pub(crate) use spharm_testdata::{reference, shared};
 
-/// The repository.
+/// Returns the root of the repository.
 pub(crate) fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
-/// How often a test repeats what is random; `./run soak` does it ten times as often.
+/// Returns the number of repetitions of a randomised test; `./run soak` uses ten times as many.
 pub(crate) fn times(count: usize) -> usize {
     if std::env::var_os("SPHARM_SOAK").is_some() { 10 * count } else { count }
 }
 
-/// `spharm` with a verb, ready to be given the verb's arguments.
+/// Returns the command `spharm` with a verb, to which the verb's arguments can be added.
 pub(crate) fn tool(verb: &str) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_spharm"));
     command.arg(verb).env_remove("SPHARM_STORE").env_remove("SLURM_CPUS_PER_TASK");
     command
 }
 
-/// Runs a command that must succeed and gives what it printed.
+/// Runs a command that must succeed and returns its output.
 pub(crate) fn succeed(command: &mut Command) -> String {
     let output = finish(command);
     assert!(output.status.success(), "{command:?}\n{}", text(&output));
     String::from_utf8(output.stdout).expect("stdout is UTF-8")
 }
 
-/// Runs a command that must fail with exit code 1, never by a signal, a panic or a hang, and one clear line, which is
-/// returned.
+/// Runs a command that must fail with exit code 1 and one clear line, never by a signal, a panic or a hang. Returns the
+/// line.
 pub(crate) fn fail(command: &mut Command) -> String {
     error_line(&finish(command))
 }
 
-/// The one line in which a command that failed with exit code 1 says why.
+/// Returns the single error line of a command that failed with exit code 1.
 pub(crate) fn error_line(output: &Output) -> String {
     assert_eq!(output.status.code(), Some(1), "{}", text(output));
     let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -49,14 +49,14 @@ pub(crate) fn error_line(output: &Output) -> String {
     errors[0].to_owned()
 }
 
-/// Runs a command that must come to an end on its own; one that hangs is killed and fails the test.
+/// Runs a command that must end on its own; a command that hangs is killed and fails the test.
 pub(crate) fn finish(command: &mut Command) -> Output {
     wait(command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the tool starts"))
 }
 
-/// Waits for a process to come to an end on its own.
+/// Waits for a process to end on its own.
 pub(crate) fn wait(child: Child) -> Output {
-    /// No test works this long on one command, however slow the machine.
+    /// Longer than any test works on one command, however slow the machine.
     const HANGS: Duration = Duration::from_secs(300);
     let pid = Pid::from_child(&child);
     let (ended, end) = std::sync::mpsc::channel::<()>();
@@ -74,7 +74,7 @@ pub(crate) fn wait(child: Child) -> Output {
     output
 }
 
-/// Both streams of a finished command.
+/// Returns both output streams of a finished command.
 pub(crate) fn text(output: &Output) -> String {
     let stream = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
     format!("{}\nstdout: {}\nstderr: {}", output.status, stream(&output.stdout), stream(&output.stderr))

@@ -1,5 +1,5 @@
-//! `shape compress` and `shape expand`: what they write, what bad files get, and a reader written from the format's
-//! page.
+//! `shape compress` and `shape expand`: their outputs, bad files, and a reader written from the documentation of the
+//! format.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -130,7 +130,7 @@ fn bad_files_and_settings_are_refused() {
     assert!(!site.path("b.npz").exists());
 }
 
-/// Python with NumPy, or `None` with a message where there is none.
+/// Returns Python with NumPy, or `None` with a message if it isn't available.
 fn python() -> Option<PathBuf> {
     let python = std::env::var_os("SPHARM_PYTHON").map(PathBuf::from);
     if python.is_none() {
@@ -146,7 +146,7 @@ fn reader(python: &Path, file: &Path, out: &Path) -> Command {
     command
 }
 
-/// The values of an .npy file of f64 in rows.
+/// Returns the rows of values in an .npy file of f64.
 fn npy(path: &Path) -> Vec<f64> {
     let bytes = std::fs::read(path).expect("the array");
     assert_eq!(bytes[..8], *b"\x93NUMPY\x01\x00");

@@ -1,5 +1,5 @@
-//! Every reader over `tests/data/hostile`: what the fuzzer of `./run attack` found once, and what reaches each of their
-//! branches. The readers and what they promise are those of the fuzzer.
+//! Runs every reader on `tests/data/hostile`: inputs that the fuzzer of `./run attack` found, and inputs that reach
+//! each branch of the readers. The readers and the properties checked are the fuzzer's.
 
 use crate::common::root;
 

@@ -1,4 +1,5 @@
-//! Groups that are made to correspond, through the program: places against the truth of generated groups, and outputs.
+//! Groups brought into correspondence through the program: places compared with the truth of generated groups, and
+//! outputs.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -15,7 +16,7 @@ use spharm_surface::nearest::TriangleTree;
 
 use crate::common::{error_line, fail, finish, succeed, text, tool, wait};
 
-/// Boxes with a bump that grows, some 30 x 20 x 10, in random poses, each with its landmarks.
+/// Boxes with a growing bump, about 30 x 20 x 10, in random poses, each with its landmarks.
 struct Site(tempfile::TempDir);
 
 impl Site {
@@ -26,7 +27,7 @@ impl Site {
         site
     }
 
-    /// The site with all but the third made to correspond.
+    /// Creates the site, with all boxes except the third brought into correspondence.
     fn with_group() -> Self {
         let site = Self::new();
         succeed(&mut site.correspond("group", &["--report", "group.json", "--landmarks", "in"]));
@@ -53,7 +54,7 @@ impl Site {
         serde_json::from_slice(&fs::read(self.path(name)).expect("a file")).expect("JSON")
     }
 
-    /// All files of a folder with their contents.
+    /// Returns all files of a folder with their contents.
     fn contents(&self, folder: &str) -> Vec<(PathBuf, Vec<u8>)> {
         fn add(folder: &Path, files: &mut Vec<(PathBuf, Vec<u8>)>) {
             for entry in fs::read_dir(folder).expect("a folder") {
@@ -71,7 +72,7 @@ impl Site {
         files
     }
 
-    /// The mean distance of landmarks that were carried from those of the truth.
+    /// Returns the mean distance of carried landmarks from the true ones.
     fn apart(&self, carried: &str, truth: &str) -> f64 {
         let [carried, truth] = [carried, truth].map(|name| Landmarks::read(self.path(name)).expect("landmarks"));
         assert_eq!(carried.names, truth.names);

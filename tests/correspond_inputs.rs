@@ -1,4 +1,4 @@
-//! Groups that are made to correspond with more than their surfaces: landmarks that guide, signals, labels of volumes.
+//! Groups brought into correspondence with more than their surfaces: guiding landmarks, signals, labels of volumes.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -13,7 +13,7 @@ use spharm_surface::io::{WriteOptions, read_mesh, write_signal};
 use crate::common::{fail, finish, succeed, text, tool};
 use crate::volumes::write_volume;
 
-/// Four boxes with a bump that grows, with landmarks.
+/// Four boxes with a growing bump, with landmarks.
 fn boxes() -> tempfile::TempDir {
     let site = tempfile::tempdir().expect("a folder");
     let group = ["--group", "growing-bump", "--members", "4", "--subdivisions", "4", "--output-dir", "in", "-q"];
@@ -21,8 +21,8 @@ fn boxes() -> tempfile::TempDir {
     site
 }
 
-/// Writes how near each vertex of a generated member of the folder `in` is to its first landmark; returns the file,
-/// beside its mesh.
+/// Writes the closeness of each vertex to the first landmark, for a generated member in the folder `in`; returns the
+/// file, which is beside the member's mesh.
 pub(crate) fn near_landmark(site: &Path, name: &str) -> String {
     let mesh = read_mesh(site.join(format!("in/{name}.ply"))).expect("a mesh");
     let mark = Landmarks::read(site.join(format!("in/{name}.json"))).expect("landmarks").points[0];

@@ -1,4 +1,4 @@
-//! Noise removed within fits, through the library and the program.
+//! Removal of noise in fits, through the library and the program.
 
 use ndarray::Array2;
 use spharm::{Error, FitParams, FitWarning, Kind, Model, Objective, Signal, Smoothness, SolverError, Sphere, fit};
@@ -11,13 +11,13 @@ use crate::full_least_squares::report_of;
 
 const DEGREE: usize = 24;
 
-/// Two values of a normal distribution by the method of Box and Muller.
+/// Returns a normally distributed value by the Box-Muller method.
 fn normal(random: &mut SplitMix64) -> f64 {
     let radius = (-2.0 * random.between(1e-300, 1.0).ln()).sqrt();
     radius * (std::f64::consts::TAU * random.between(0.0, 1.0)).cos()
 }
 
-/// A folded surface that the degree describes, one with noise, and their sphere.
+/// Returns a folded surface that the degree describes exactly, the same with noise, and their sphere.
 fn surfaces(sigma: f64) -> (Mesh, Mesh, Sphere) {
     let (surface, sphere) = cortex(&Cortex { subdivisions: 4, variant: 0 });
     let sphere = Sphere::from_mesh(&sphere).unwrap();
@@ -29,7 +29,7 @@ fn surfaces(sigma: f64) -> (Mesh, Mesh, Sphere) {
     (clean, noisy, sphere)
 }
 
-/// Mean square of the distance at the vertices.
+/// Returns the mean squared distance at the vertices.
 fn error(clean: &Mesh, sphere: &Sphere, found: spharm::Fit) -> f64 {
     let model = Model::new(sphere.clone(), found, Kind::Surface).reconstruct(sphere, DEGREE).unwrap();
     let differences = clean.vertices.iter().zip(&model.vertices).flat_map(|(a, b)| [0, 1, 2].map(|k| a[k] - b[k]));
@@ -64,7 +64,7 @@ fn noise_is_removed_from_vertices_and_from_surfaces() {
     }
 }
 
-/// Channels of a signal have noise of their own, in units of their own.
+/// Channels of a signal have their own noise, in their own units.
 #[test]
 fn channels_of_a_signal_are_denoised_apart() {
     let sphere = Sphere::icosphere(4);

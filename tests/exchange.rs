@@ -1,4 +1,4 @@
-//! `export` and `import`: there and back in every format, genuine files of other packages, and what bad ones get.
+//! `export` and `import`: round trips in every format, genuine files of other packages, and bad files.
 
 use std::path::PathBuf;
 use std::process::Command;
@@ -22,7 +22,7 @@ impl Site {
         self.0.path().join(name)
     }
 
-    /// A model whose coefficients fall off with the degree.
+    /// Writes a model whose coefficients decrease with the degree.
     fn model(&self, name: &str, degree: usize, channels: usize) -> Model {
         let values = Array2::from_shape_fn(((degree + 1).pow(2), channels), |(k, c)| {
             10.0 * ((k * 7 + c * 3 + 1) as f64 * 0.37).sin() / (1.0 + (k as f64).sqrt())
@@ -133,7 +133,7 @@ fn what_a_format_cannot_hold_is_refused_with_the_reason() {
     );
 }
 
-/// SPHARM-PDM evaluated its own coefficients on its icosphere, at the antipodes of its vertices, to six decimals.
+/// SPHARM-PDM evaluated its own coefficients on its icosphere, at the antipodes of the vertices, to six decimals.
 #[test]
 fn a_genuine_file_of_spharm_pdm_is_its_surface() {
     let (Some(coef), Some(meta)) =
@@ -155,7 +155,8 @@ fn a_genuine_file_of_spharm_pdm_is_its_surface() {
     }
 }
 
-/// The package's 20 hippocampi are published as models of SPHARM-MAT: fvec of the surface's vertices over its sphere.
+/// The package's 20 hippocampi are published as models of SPHARM-MAT, with fvec fitted to the surface's vertices over
+/// its sphere.
 #[test]
 fn a_genuine_file_of_spharm_mat_is_read_with_its_sphere() {
     let Some(mat) = shared("peers/a01_l_hippo.des.mat") else { return };

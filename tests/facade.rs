@@ -1,4 +1,4 @@
-//! The library's functions give the bits that the program gives.
+//! The library's functions give the same bits as the program.
 
 use spharm::parametrize::{CaldParams, parametrize};
 use spharm::{FitParams, Method, Model, Sphere, fit, fit_mesh};

@@ -1,4 +1,4 @@
-//! What people ran into who tried the program for the first time: names of outputs, runs that go on, left-overs.
+//! Problems of people who tried the program for the first time: names of outputs, resumed runs, leftovers.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -13,7 +13,7 @@ use crate::pipeline::names;
 
 pub(crate) const OPTIONS: WriteOptions = WriteOptions { overwrite: true, double: true };
 
-/// Subjects with files of the same names in folders of their own, on one sphere.
+/// Subjects whose files have the same names in different folders, on one sphere.
 pub(crate) struct Subjects {
     folder: tempfile::TempDir,
 }
@@ -39,7 +39,7 @@ impl Subjects {
         self.path(&format!("sub-{subject:02}/surf/lh.pial.ply"))
     }
 
-    /// `fit` of some subjects into the folder `out`.
+    /// Returns a `fit` of some subjects into the folder `out`.
     pub(crate) fn fit(&self, subjects: &[u32], arguments: &[&str]) -> Command {
         let mut fit = tool("fit");
         fit.arg("--sphere").arg(self.path("sphere.ply")).arg("--surface");
@@ -53,7 +53,7 @@ impl Subjects {
     }
 }
 
-/// What a command that must succeed says on stderr.
+/// Runs a command that must succeed and returns its stderr.
 pub(crate) fn errors(command: &mut Command) -> String {
     let output = finish(command);
     assert!(output.status.success(), "{}", text(&output));

@@ -1,4 +1,4 @@
-//! What `fit` says of its arguments: what doesn't go together, what is too small, what exists.
+//! Errors of `fit` about its arguments: conflicting arguments, values that are too small, existing outputs.
 
 use spharm_surface::io::read_mesh;
 

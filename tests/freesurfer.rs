@@ -1,4 +1,4 @@
-//! FreeSurfer's subjects, whole and broken.
+//! FreeSurfer subjects, complete and broken.
 
 use std::path::PathBuf;
 
@@ -117,8 +117,7 @@ fn broken_subjects_are_named_and_stop_no_other() {
     assert!(subjects.out("ernie b..lh.white.spharm.npz").exists());
 }
 
-/// Values of a hemisphere say nothing of the sphere; its surfaces do, be it the white one or, where that is missing,
-/// another.
+/// Values of a hemisphere don't determine the sphere; its surfaces do: the white one or, if that is missing, another.
 #[test]
 fn values_are_held_against_the_surfaces_of_their_hemisphere() {
     let subjects = Subjects::new();
@@ -172,7 +171,7 @@ fn the_other_hemispheres_sphere_is_known_by_its_vertices() {
     assert!(error_line(&missing).contains("oscar: no such subject"));
 }
 
-/// FreeSurfer's label of the vertices where `keep` holds.
+/// Writes a FreeSurfer label of the vertices for which `keep` is true.
 fn write_label(path: &std::path::Path, vertices: &[[f64; 3]], keep: impl Fn(&[f64; 3]) -> bool) {
     let kept: Vec<String> = (0..vertices.len())
         .filter(|&v| keep(&vertices[v]))
@@ -183,7 +182,7 @@ fn write_label(path: &std::path::Path, vertices: &[[f64; 3]], keep: impl Fn(&[f6
     std::fs::write(path, format!("{head}{}\n{}", kept.len(), kept.concat())).expect("a label");
 }
 
-/// Row 6 of what first-time users ran into: the medial wall has no thickness, and isn't read.
+/// Row 6 of the problems of first-time users: the medial wall has no thickness, and isn't read.
 #[test]
 fn values_outside_of_the_cortex_are_continued_from_its_edge() {
     let subjects = Subjects::new();
@@ -237,7 +236,7 @@ fn values_outside_of_the_cortex_are_continued_from_its_edge() {
     );
 }
 
-/// A value that isn't finite isn't filled in where values are to be read.
+/// A non-finite value isn't filled in if it is to be read.
 #[test]
 fn infinite_values_inside_of_the_cortex_are_refused() {
     let subjects = Subjects::new();
@@ -264,7 +263,7 @@ fn infinite_values_inside_of_the_cortex_are_refused() {
     assert!(output.status.success(), "{}", text(&output));
 }
 
-/// Row 5 of what first-time users ran into.
+/// Row 5 of the problems of first-time users.
 #[test]
 fn subjects_that_recon_all_did_not_finish_are_named_before_the_fits() {
     let subjects = Subjects::new();

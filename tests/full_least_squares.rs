@@ -17,14 +17,14 @@ use crate::pipeline::{Study, names};
 
 pub(crate) const DEGREE: [&str; 2] = ["--max-degree", "12"];
 
-/// `fit` of the vertices of a file of the study, without a store, to `m.npz`.
+/// Returns a `fit` of the vertices of a file of the study, without a store, to `m.npz`.
 pub(crate) fn lsq(study: &Study, arguments: &[&str]) -> Command {
     let mut command = fit_alone(study, arguments);
     command.args(["--objective", "vertices"]);
     command
 }
 
-/// `fit` of a file of the study, without a store, to `m.npz`.
+/// Returns a `fit` of a file of the study, without a store, to `m.npz`.
 pub(crate) fn fit_alone(study: &Study, arguments: &[&str]) -> Command {
     let mut command = tool("fit");
     command.arg("--sphere").arg(study.path("sphere.surf.gii")).arg("--surface").arg(study.path("s0.surf.gii"));
@@ -32,7 +32,7 @@ pub(crate) fn fit_alone(study: &Study, arguments: &[&str]) -> Command {
     command
 }
 
-/// The report of a fit that replaces `m.npz`.
+/// Returns the report of a fit that replaces `m.npz`.
 fn report(study: &Study, arguments: &[&str]) -> Value {
     report_of(lsq(study, arguments).args(["--json", "--force"]))
 }
@@ -45,7 +45,7 @@ fn model(study: &Study, name: &str) -> Array2<f64> {
     Model::read(study.path(name)).unwrap().coefficients.values().to_owned()
 }
 
-/// Of the difference, in relation to the second.
+/// Returns the norm of the difference relative to the norm of `b`.
 fn difference(a: &Array2<f64>, b: &Array2<f64>) -> f64 {
     let norm = |x: &Array2<f64>| x.iter().map(|x| x * x).sum::<f64>().sqrt();
     norm(&(a - b)) / norm(b)
@@ -59,7 +59,7 @@ fn meets(found: f64, expected: f64, relative: f64, what: &str) {
     assert!((found / expected - 1.0).abs() <= relative, "{what}: {found:e}, not {expected:e}");
 }
 
-/// What a command that succeeded says on stderr.
+/// Runs a command that must succeed and returns its stderr.
 fn said(command: &mut Command) -> String {
     let output = finish(command);
     assert!(output.status.success(), "{}", text(&output));
@@ -290,8 +290,8 @@ fn more_coefficients_than_vertices_are_said_to_be_undetermined() {
     assert!(norm < 10.0 * report["surfaces"][0]["scale"].as_f64().unwrap(), "{norm}");
 }
 
-/// A surface of degree 3, linear between the vertices of finer and finer spheres: the error falls with the square of
-/// the edges.
+/// A surface of degree 3 is approximated linearly between the vertices of finer and finer spheres: the error falls with
+/// the square of the edge length.
 #[test]
 fn quadrature_finds_a_surface_of_low_degree_to_the_error_of_interpolation() {
     let study = Study::new();
@@ -317,7 +317,7 @@ fn quadrature_finds_a_surface_of_low_degree_to_the_error_of_interpolation() {
     assert!(ratio > 3.3 && ratio < 4.7, "{errors:?}");
 }
 
-/// Where the transform is taken: the samples are those of the direct sums.
+/// If the transform is used, the samples equal those of the direct sums.
 #[test]
 fn reconstruction_by_transform_is_that_of_direct_sums() {
     let folder = tempfile::tempdir().unwrap();

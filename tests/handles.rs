@@ -1,4 +1,4 @@
-//! Surfaces with handles through the program: cut, fitted, and put together again.
+//! Surfaces with handles through the program: cut, fitted, and rejoined.
 
 use std::path::{Path, PathBuf};
 
@@ -20,8 +20,8 @@ fn written(folder: &Path, name: &str, surface: &Mesh) -> PathBuf {
     path
 }
 
-/// Fits a surface with handles and gives the original back; what is promised of it is checked. The sides of the seam
-/// are no further apart than a thousandth of the box, with a fifth to spare.
+/// Fits a surface with handles, reconstructs the original, and checks the guarantees. The sides of the seam are at most
+/// a thousandth of the box apart, with a margin of a fifth.
 fn there_and_back(name: &str, surface: &Mesh, genus: i64) {
     let folder = tempfile::tempdir().expect("a folder");
     let input = written(folder.path(), "in.ply", surface);
@@ -82,7 +82,7 @@ fn a_double_torus_comes_back_with_both_handles() {
     there_and_back("double torus", &double_torus(100), 2);
 }
 
-/// By three verbs, over files: the sphere keeps the seams.
+/// Uses three verbs with files between them: the sphere keeps the seams.
 #[test]
 fn a_cut_surface_and_its_sphere_are_files_that_a_fit_takes() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -151,7 +151,7 @@ fn handles_are_refused_unless_asked_for_and_spheres_are_left_as_they_are() {
     assert!(plain.provenance.handles.is_none() && !folder.path().join("ball.cut.surf.gii").exists());
 }
 
-/// The surface around a label, as triangles.
+/// A label with a handle: its surface, as triangles, is restored with the handle.
 #[test]
 fn a_label_with_a_handle_comes_back_with_it() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -197,7 +197,7 @@ fn a_label_with_a_handle_comes_back_with_it() {
     assert_eq!(report["handles"]["genus_before"], 1);
 }
 
-/// Many volumes, in one call.
+/// Many volumes in one call.
 #[test]
 fn labels_with_handles_are_rows_like_others_where_they_are_cut() {
     let folder = tempfile::tempdir().expect("a folder");

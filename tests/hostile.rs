@@ -1,5 +1,5 @@
-//! Files from others, through the program: whatever they claim or expand to, the answer is one line of text with the
-//! file's name, exit code 1, and memory within a limit that the system enforces. Stores have tests of their own.
+//! Untrusted files through the program: whatever they claim or expand to, the result is one line of text with the
+//! file's name, exit code 1, and memory within a limit enforced by the system. Stores have their own tests.
 
 use std::fs::File;
 use std::io::{Cursor, Write};
@@ -15,7 +15,7 @@ use zip::write::SimpleFileOptions;
 
 use crate::common::{finish, root, text, tool};
 
-/// A folder with a surface, its sphere, and whatever a test puts beside them.
+/// A folder with a surface, its sphere, and the files that a test adds.
 struct Site(tempfile::TempDir);
 
 impl Site {
@@ -36,7 +36,7 @@ impl Site {
         std::fs::write(self.path(name), bytes).expect("written");
     }
 
-    /// Runs a verb within 192 MiB of data, of which threads' stacks and OpenBLAS's buffers take a part.
+    /// Runs a verb within 192 MiB of data, part of which is taken by threads' stacks and OpenBLAS's buffers.
     fn run(&self, arguments: &[&str]) -> Output {
         let program = tool(arguments[0]);
         let mut limited = Command::new("sh");
@@ -45,7 +45,7 @@ impl Site {
         finish(limited.current_dir(self.0.path()))
     }
 
-    /// The one line that refuses a file of this name.
+    /// Returns the single line that refuses a file of this name.
     fn refused(&self, name: &str, arguments: &[&str]) -> String {
         let output = self.run(arguments);
         let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -72,7 +72,7 @@ impl Site {
     }
 }
 
-/// An array of NumPy with this header.
+/// Returns a NumPy array file with this header.
 fn npy(header: &str, values: &[u8]) -> Vec<u8> {
     [b"\x93NUMPY\x01\x00", &(header.len() as u16).to_le_bytes()[..], header.as_bytes(), values].concat()
 }
@@ -81,7 +81,7 @@ fn plain(descr: &str, shape: &str) -> String {
     format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}\n")
 }
 
-/// An archive with right checksums.
+/// Returns an archive with correct checksums.
 fn npz(entries: &[(&str, Vec<u8>)], deflated: bool) -> Vec<u8> {
     let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
     let method = if deflated { zip::CompressionMethod::Deflated } else { zip::CompressionMethod::Stored };
@@ -99,7 +99,7 @@ fn gzip(pieces: impl IntoIterator<Item = Vec<u8>>) -> Vec<u8> {
     packed.finish().expect("packed")
 }
 
-/// Bytes that don't compress.
+/// Returns bytes that can't be compressed.
 fn noise(count: usize) -> Vec<u8> {
     let mut state = 1_u64;
     let mut next = || {
@@ -231,7 +231,7 @@ fn volumes_that_expand_or_claim_too_much_are_refused() {
     assert!(site.refused_volume("sparse.nii").contains("GiB of memory"));
 }
 
-/// A page of bytes that says it is so large, in one strip.
+/// Returns a page of bytes that claims this size, in one strip.
 fn tiff(width: u32, height: u32) -> Vec<u8> {
     let tags: [(u16, u32); 8] =
         [(256, width), (257, height), (258, 8), (259, 1), (262, 1), (273, 200), (278, height), (279, u32::MAX)];
@@ -293,7 +293,7 @@ fn tables_and_settings_that_lie_are_refused() {
     site.refused("claim.moments", &["fit", "--moments", "claim.moments", "--max-degree", "2", "-q", "-o", "o.npz"]);
 }
 
-/// Escape sequences, bells and line breaks of names and of files' contents reach neither a terminal nor a log.
+/// Escape sequences, bells and line breaks in names and in files' contents reach neither a terminal nor a log.
 #[test]
 fn what_a_terminal_obeys_is_shown() {
     let site = Site::new();

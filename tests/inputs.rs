@@ -1,4 +1,4 @@
-//! What files say beside their numbers goes through a fit, and files that don't belong together are noticed.
+//! Metadata of files is preserved by a fit, and files that don't belong together are detected.
 
 use std::path::Path;
 
@@ -8,7 +8,7 @@ use spharm_surface::{CoordinateSystem, Mesh, Signal, VolumeGeometry};
 use crate::common::{fail, succeed, text, tool};
 use crate::pipeline::Study;
 
-/// Writes the study's first surface under another name, changed.
+/// Writes the study's first surface under another name, modified.
 fn write(study: &Study, name: &str, edit: impl FnOnce(&mut Mesh)) {
     let mut mesh = read_mesh(study.path("s0.surf.gii")).unwrap();
     edit(&mut mesh);
@@ -27,7 +27,7 @@ fn fit(study: &Study, input: &str) {
     succeed(&mut study.fit(&[input], &["--max-degree", "6", "--force", "-o", output.to_str().unwrap()]));
 }
 
-/// Tools that add `c_ras` would show the reconstruction in another place.
+/// Tools that add `c_ras` would otherwise show the reconstruction in another place.
 #[test]
 fn a_reconstruction_lies_in_the_volume_of_its_input() {
     let study = Study::new();
@@ -52,7 +52,7 @@ fn a_reconstruction_lies_in_the_volume_of_its_input() {
     assert_eq!(reconstruct(&study, "again.surf.gii").meta.coordinate_system, Some(system));
 }
 
-/// Runs a fit that is warned of, and refused with `--strict`.
+/// Runs a fit that gives a warning, and is refused with `--strict`.
 fn warned_of(study: &Study, sphere: &Path, input: &str, expected: &str) {
     let command = |more: &[&str]| {
         let mut command = tool("fit");

@@ -1,4 +1,4 @@
-//! Models of labels: degrees that resolve the voxels, equal inputs, and the page that compares them with their
+//! Models of labels: degrees that resolve the voxels, equal inputs, and the page that compares models with their
 //! surfaces.
 
 use std::fs;
@@ -11,12 +11,12 @@ use spharm::fit_mesh::steps_of;
 use crate::common::{finish, succeed, text, tool};
 use crate::volumes::write_volume;
 
-/// A volume of one label, a ball of about this radius in voxels of 1 mm.
+/// Writes a volume with one label, a ball of about this radius in voxels of 1 mm.
 fn ball(path: &Path, radius: f64) {
     write_volume(path, |[x, y, z]| u8::from(x * x + y * y + z * z < radius * radius));
 }
 
-/// The warnings of a call that ends well.
+/// Returns the warnings of a call that succeeds.
 fn warnings(command: &mut std::process::Command) -> Vec<String> {
     let output = finish(command);
     assert!(output.status.success(), "{}", text(&output));
@@ -79,7 +79,7 @@ fn a_study_of_labels_says_on_its_page_that_they_follow_the_voxels() {
     }
 }
 
-/// The contents of a page's views.
+/// Returns the contents of a page's views.
 fn items(page: &str) -> Vec<Value> {
     let info = page.split_once("id=\"info\">").and_then(|(_, rest)| rest.split_once("</script>")).unwrap().0;
     let info: Value = serde_json::from_str(info).unwrap();

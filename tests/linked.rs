@@ -1,9 +1,9 @@
-//! What of OpenBLAS is linked, and what is left out (crates/link).
+//! The parts of OpenBLAS that are linked, and those that are left out (crates/link).
 
 use object::{Object, ObjectSymbol};
 
-/// Names of BLAS and LAPACK functions of other numbers than f64: `cblas_sgemm`, `cblas_icamax`, `LAPACKE_zpotrf`,
-/// `cpotrf_`.
+/// Returns whether a name is of a BLAS or LAPACK function for a scalar type other than f64: `cblas_sgemm`,
+/// `cblas_icamax`, `LAPACKE_zpotrf`, `cpotrf_`.
 fn is_of_another_precision(name: &str) -> bool {
     let c = name.strip_prefix("cblas_i").or(name.strip_prefix("cblas_")).or(name.strip_prefix("LAPACKE_"));
     let fortran = || name.strip_suffix('_').filter(|name| name.len() > 3 && !name.contains('_'));

@@ -1,4 +1,4 @@
-//! Memory that is kept to: a fit of 40,962 vertices from a store of 3.3 GB under limits that the system enforces.
+//! Memory budgets are respected: a fit of 40,962 vertices from a store of 3.3 GB under limits enforced by the system.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -62,7 +62,7 @@ fn fit(wrapper: &[String]) -> Command {
     command
 }
 
-/// Drops the store's pages and makes sure that they are gone; else a cold run would prove nothing.
+/// Drops the store's pages from the page cache and checks that they are gone; otherwise a cold run would prove nothing.
 fn drop_pages() -> bool {
     let scheme = fs::read_dir(STUDY.join("store")).unwrap().next().unwrap().unwrap().path();
     let files: Vec<PathBuf> = fs::read_dir(scheme).unwrap().map(|item| item.unwrap().path()).collect();
@@ -90,7 +90,7 @@ fn anonymous_memory_stays_below_the_budget() {
     assert!(peak < 256 << 20, "{peak} bytes");
 }
 
-/// The most anonymous memory that a command holds, which has to succeed.
+/// Returns the peak anonymous memory of a command, which must succeed.
 fn peak_anonymous(command: &mut Command) -> u64 {
     let mut child = command.stdout(Stdio::null()).spawn().unwrap();
     let status = PathBuf::from(format!("/proc/{}/status", child.id()));
@@ -106,7 +106,7 @@ fn peak_anonymous(command: &mut Command) -> u64 {
     peak
 }
 
-/// A factor of 172 MB, computed out of core in the least memory that it says it takes.
+/// A factor of 172 MB, computed out of core in the least memory that the program says it needs.
 #[test]
 fn a_factor_is_computed_in_less_memory_than_it_has() {
     let folder = tempfile::tempdir().unwrap();
@@ -146,7 +146,7 @@ fn a_limit_on_data_is_no_obstacle() {
     assert!(error.contains("ulimit -d"), "{error}");
 }
 
-/// Whether limits can be set; says it where they can't.
+/// Returns whether limits can be set; prints a message if they can't.
 fn has_prlimit() -> bool {
     let there = Command::new("prlimit").arg("--version").output().is_ok();
     if !there {
@@ -155,8 +155,8 @@ fn has_prlimit() -> bool {
     there
 }
 
-/// On a sampling that needs a factor, under a limit that leaves no room for OpenBLAS's buffers: it would wait for them
-/// for ever.
+/// Fits a sampling that needs a factor, under a limit that leaves no room for OpenBLAS's buffers, for which it would
+/// otherwise wait forever.
 #[test]
 fn a_fit_that_wants_a_factor_ends_under_a_limit_on_data() {
     if !has_prlimit() {
@@ -208,7 +208,7 @@ fn a_cold_fit_succeeds_in_a_cgroup_far_smaller_than_the_store() {
     succeed(&mut fit(&["sh".to_owned(), "-c".to_owned(), enter, "sh".to_owned()]));
 }
 
-/// A memory cgroup of `LIMIT` bytes, of either version.
+/// A memory cgroup of `LIMIT` bytes, version 1 or 2.
 struct Cgroup(PathBuf);
 
 impl Cgroup {
@@ -232,7 +232,7 @@ impl Drop for Cgroup {
     }
 }
 
-/// Asks for more than there is: refused in a line, before any work, with a setting that fits.
+/// Requests more memory than is available: refused in one line, before any work, with a setting that fits.
 #[test]
 fn what_does_not_fit_is_refused_with_the_nearest_setting_that_does() {
     let folder = tempfile::tempdir().unwrap();
@@ -292,7 +292,7 @@ fn what_does_not_fit_is_refused_with_the_nearest_setting_that_does() {
     assert_eq!(there.len(), 5, "nothing is left of what was refused: {there:?}");
 }
 
-/// A limit on data stands in for `--memory` where none is given.
+/// A limit on data replaces `--memory` if none is given.
 #[test]
 fn a_limit_on_data_is_a_budget() {
     if !has_prlimit() {

@@ -1,4 +1,4 @@
-//! Meshes that are mended with `--fix`, vertices that aren't read, and SPHARM-PDM's pairs.
+//! Meshes repaired with `--fix`, vertices left unread, and SPHARM-PDM's pairs of files.
 
 use std::path::PathBuf;
 use std::process::Command;
@@ -18,7 +18,7 @@ struct Site {
 }
 
 impl Site {
-    /// A folder with a surface and its sphere.
+    /// Creates a folder with a surface and its sphere.
     fn new() -> Self {
         let (surface, sphere) = cortex(&Cortex { subdivisions: 3, variant: 0 });
         let site = Self { folder: tempfile::tempdir().expect("a folder"), surface };
@@ -38,7 +38,8 @@ impl Site {
         command
     }
 
-    /// The surface as a soup of triangles with a hole, a triangle twice, one apart, and a loose vertex.
+    /// Writes the surface as a triangle soup with a hole, a duplicate triangle, a separate triangle, and an unused
+    /// vertex.
     fn soup(&self, name: &str) {
         let corners = self.surface.faces.iter().skip(1).chain(&self.surface.faces[5..6]);
         let mut vertices: Vec<[f64; 3]> = corners.flatten().map(|&v| self.surface.vertices[v as usize]).collect();
@@ -93,7 +94,7 @@ fn a_broken_mesh_is_mended_and_what_was_done_is_counted() {
     assert!(said.contains("--fix makes a surface") && said.contains("--surface-output"), "{said}");
 }
 
-/// The values at the vertices that aren't read change nothing, and the model is one over the whole sphere.
+/// Values at unread vertices have no effect, and the model still covers the entire sphere.
 #[test]
 fn masked_vertices_and_missing_values_are_not_read() {
     let site = Site::new();
@@ -151,7 +152,7 @@ fn masked_vertices_and_missing_values_are_not_read() {
     assert!(said.contains("infinite.csv") && said.contains("inf at vertex 3"), "{said}");
 }
 
-/// SPHARM-PDM's own surface and parameterisation, as a pair; our sphere of that surface distorts it no more.
+/// SPHARM-PDM's own surface and parameterisation, as a pair; our sphere of that surface is no more distorted.
 #[test]
 fn a_pair_of_spharm_pdm_is_surface_and_sphere() {
     let names = ["peers/a01_l_hippo.surf.meta", "peers/a01_l_hippo.para.meta"];

@@ -1,4 +1,4 @@
-//! `moments`, `moments merge` and `fit --moments`: from tables to models, by parts, and what bad ones get.
+//! `moments`, `moments merge` and `fit --moments`: from tables to models, in parts, and bad input.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ use spharm_model::Model;
 
 use crate::common::{error_line, fail, finish, succeed, text, tool, wait};
 
-/// A folder with a table of 4,000 samples of `2 + sin(lat)` and noise, with weights.
+/// A folder with a table of 4,000 weighted samples of `2 + sin(lat)` with noise.
 struct Survey(tempfile::TempDir);
 
 impl Survey {
@@ -101,7 +101,7 @@ fn shards_give_the_model_of_the_whole() {
     }
 }
 
-/// Weighted least squares of the same samples by the transforms of `fit --surface`.
+/// Compares with the weighted least squares of the same samples by the transforms of `fit --surface`.
 #[test]
 fn a_model_from_moments_is_that_of_the_samples() {
     let survey = Survey::new();

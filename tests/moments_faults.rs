@@ -1,4 +1,4 @@
-//! Files of moments on a disk that fills up, and of programs that are killed or asked to stop: whole or not there.
+//! Files of moments on a full disk, and from programs that are killed or interrupted: complete or absent.
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -9,16 +9,16 @@ use rustix::process::{Pid, Signal, kill_process};
 use crate::common::{fail, finish, succeed, text, times, tool, wait};
 use crate::store::{Random, namespace};
 
-/// Of files of 1.7 MB, whose writing takes a while.
+/// Degree whose files have 1.7 MB, which take a while to write.
 const MAX_DEGREE: &str = "200";
-/// Samples, of which reading and spreading take a while.
+/// Number of samples, which take a while to read and spread.
 const SAMPLES: usize = 300_000;
 
-/// A folder with a table, the moments of its halves, and what adding them gives.
+/// A folder with a table, the moments of its halves, and the expected result of adding them.
 struct Site {
     folder: tempfile::TempDir,
     expected: Vec<u8>,
-    /// What adding takes.
+    /// Time that adding takes.
     adding: Duration,
 }
 

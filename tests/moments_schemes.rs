@@ -1,4 +1,4 @@
-//! `moments --sphere` and `--icosphere`: a row for each vertex, and the key of the sampling scheme from table to model.
+//! `moments --sphere` and `--icosphere`: one row per vertex, and the key of the sampling scheme from table to model.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -12,10 +12,10 @@ use spharm_surface::io::{WriteOptions, write_mesh};
 
 use crate::common::{fail, finish, succeed, text, tool, wait};
 
-/// Vertices of an icosphere of 4 subdivisions.
+/// Number of vertices of an icosphere of 4 subdivisions.
 const N: usize = 2_562;
 
-/// A folder with a sphere of radius 100, and values at its vertices: alone, and beside them.
+/// A folder with a sphere of radius 100 and values at its vertices: separately, and together with the positions.
 struct Site(tempfile::TempDir);
 
 impl Site {
@@ -45,7 +45,7 @@ impl Site {
         command
     }
 
-    /// Over the icosphere; returns the report.
+    /// Computes moments over the icosphere; returns the report.
     fn over(&self, more: &[&str], output: &str) -> Value {
         let more = [&["--icosphere", "4"], more].concat();
         json(&succeed(&mut self.moments("thickness.npy", "0", &more, output)))
@@ -66,7 +66,7 @@ fn json(text: &str) -> Value {
     serde_json::from_str(text).expect("JSON")
 }
 
-/// The sums are equal to rounding.
+/// Checks that the sums are equal to rounding.
 fn assert_same(a: &Moments, b: &Moments) {
     assert_eq!((a.rows, a.sums.count, &a.occupied), (b.rows, b.sums.count, &b.occupied));
     let pairs = a.sums.moments.iter().zip(&b.sums.moments).chain(a.sums.right_sides.iter().zip(&b.sums.right_sides));
@@ -137,7 +137,7 @@ fn shards_of_a_scheme_make_up_the_whole_and_keep_its_key() {
     }
 }
 
-/// The sums of samples that are anywhere have the keys that they had before there were schemes.
+/// Sums of samples in arbitrary directions keep the keys that they had before schemes were introduced.
 #[test]
 fn keys_of_other_requests_stay() {
     let site = tempfile::tempdir().expect("a folder");

@@ -1,4 +1,4 @@
-//! Inputs that have no end or no data yet, and names that aren't UTF-8, through every verb that takes files.
+//! Endless inputs, inputs without data yet, and names that aren't UTF-8, through every verb that takes files.
 
 use std::ffi::{OsStr, OsString};
 use std::os::unix::ffi::OsStrExt;
@@ -13,7 +13,7 @@ use crate::common::{finish, succeed, text, tool};
 struct Site(tempfile::TempDir);
 
 impl Site {
-    /// Three surfaces, their sphere, and models of them in `models`.
+    /// Creates three surfaces, their sphere, and models of them in `models`.
     fn new() -> Self {
         let site = Self(tempfile::tempdir().expect("a folder"));
         for variant in 0..3 {
@@ -43,7 +43,7 @@ impl Site {
     }
 }
 
-/// Whatever is small and read whole: refused at once, in one line with its name.
+/// Pipes and devices in place of small files, which are read completely, are refused at once, in one line with the name.
 #[test]
 fn pipes_and_devices_are_refused_at_once() {
     let site = Site::new();
@@ -106,7 +106,7 @@ fn pipes_and_devices_are_refused_at_once() {
     }
 }
 
-/// A limit on the size of files is an error of the one that is written.
+/// A limit on the size of files gives an error that names the file being written.
 #[test]
 fn a_limit_on_the_size_of_files_is_an_error() {
     let site = Site::new();
@@ -119,7 +119,7 @@ fn a_limit_on_the_size_of_files_is_an_error() {
     }
 }
 
-/// Ids that spreadsheets would compute are text in tables, and found again.
+/// Ids that spreadsheets would evaluate are text in tables, and are still found.
 #[test]
 fn ids_that_are_formulas_are_text_in_tables() {
     let site = Site::new();
@@ -139,7 +139,7 @@ fn ids_that_are_formulas_are_text_in_tables() {
     assert!(measures.contains("\n'=1+1,") && measures.contains("\n'@SUM(1),"), "{measures}");
 }
 
-/// Reports name them as far as JSON can, and outputs exactly.
+/// Reports name such files as far as JSON can, and outputs have the exact names.
 #[test]
 fn names_that_are_not_text_are_kept() {
     let site = Site::new();

@@ -1,5 +1,4 @@
-//! Outputs take the place of nothing but what they are meant to replace: no input, no other output, whatever `--force`
-//! says.
+//! Outputs replace only what they are meant to replace: no input and no other output, even with `--force`.
 
 use std::path::PathBuf;
 use std::process::{Command, Output};
@@ -10,7 +9,7 @@ use spharm_surface::io::{WriteOptions, write_mesh};
 
 use crate::common::{error_line, finish, text, tool};
 
-/// A folder with a surface `in.ply`, its sphere, and a model of them.
+/// A folder with a surface `in.ply`, its sphere, and its model.
 struct Site(tempfile::TempDir);
 
 impl Site {
@@ -40,7 +39,7 @@ impl Site {
         output
     }
 
-    /// The names of the folder's files and their contents.
+    /// Returns the names of the folder's files and their contents.
     fn files(&self) -> Vec<(PathBuf, Vec<u8>)> {
         let folders = [self.0.path().to_owned(), self.path("models")];
         let entries = folders.iter().flat_map(|folder| std::fs::read_dir(folder).expect("a folder"));
@@ -146,7 +145,8 @@ fn modes_are_kept_and_new_files_follow_the_umask() {
     assert_eq!((mode("k.npz"), mode("k.json")), (0o600, 0o600));
 }
 
-/// `-` is standard output for every verb with a report, which then is all there is; pipes and devices are written to.
+/// `-` is standard output for every verb with a report, which is then the only output; pipes and devices are written
+/// to.
 #[test]
 fn reports_go_to_standard_output_and_to_devices() {
     let site = Site::new();
@@ -189,7 +189,7 @@ fn reports_go_to_standard_output_and_to_devices() {
     assert!(!site.path("-").exists());
 }
 
-/// A folder that can't be closed ends the call in words, where this machine can make that happen.
+/// A folder that can't be closed ends the call with an error line, if this machine can simulate that.
 #[test]
 fn a_folder_that_cannot_be_closed_is_a_failure_in_one_line() {
     if !Command::new("strace").args(["-qq", "true"]).output().is_ok_and(|output| output.status.success()) {

@@ -1,10 +1,10 @@
-//! The paper's experiments: everything is measured and written, and makes sense.
+//! The paper's experiments: everything is measured, written and plausible.
 
 use std::path::Path;
 
 use crate::common::{fail, succeed, tool};
 
-/// A CSV file's rows, each cell with its column's name.
+/// Returns the rows of a CSV file, each cell with its column's name.
 fn rows(path: &Path) -> Vec<Vec<(String, String)>> {
     let text = std::fs::read_to_string(path).expect("the result is there");
     let mut lines = text.lines().map(|line| line.split(',').map(str::to_owned).collect::<Vec<_>>());

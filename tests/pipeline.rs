@@ -1,4 +1,4 @@
-//! The whole way, through the binaries: sphere to basis to coefficients to surface.
+//! The complete pipeline through the binaries: sphere to basis to coefficients to surface.
 
 use std::path::{Path, PathBuf};
 
@@ -41,7 +41,7 @@ impl Study {
         command
     }
 
-    /// `fit` of the named files of this folder.
+    /// Returns a `fit` of the named files of this folder.
     pub(crate) fn fit(&self, surfaces: &[&str], arguments: &[&str]) -> std::process::Command {
         let mut command = tool("fit");
         command.arg("--sphere").arg(self.path("sphere.surf.gii")).arg("--store").arg(self.path("store"));
@@ -49,7 +49,7 @@ impl Study {
         command
     }
 
-    /// Fits into `output` of this folder and gives the report.
+    /// Fits into `output` in this folder and returns the report.
     pub(crate) fn report(&self, surfaces: &[&str], output: &str, arguments: &[&str]) -> Value {
         let mut command = self.fit(surfaces, arguments);
         let text = succeed(command.arg("--json").arg("-o").arg(self.path(output)));
@@ -149,7 +149,7 @@ fn a_batch_gives_what_each_gives_alone_and_lists_name_surfaces() {
     }
 }
 
-/// The least budget that the error names, in MiB.
+/// Returns the smallest budget that the error names, in MiB.
 fn smallest(study: &Study, surfaces: &[&str], arguments: &[&str]) -> u64 {
     let error = fail(study.fit(surfaces, arguments).args(["--memory", "1MiB"]).arg("-o").arg(study.path("none")));
     let (_, rest) = error.split_once("the smallest that works is ").expect("says the smallest that works");
@@ -329,7 +329,7 @@ fn outputs_are_kept_unless_force_is_given() {
     assert_ne!(std::fs::read(study.path("m.npz")).unwrap(), before);
 }
 
-/// What a NumPy user finds in a model.
+/// Checks the contents of a model as a NumPy user sees them.
 #[test]
 fn models_open_in_numpy() {
     let Some(python) = std::env::var_os("SPHARM_PYTHON") else {
@@ -351,7 +351,7 @@ fn models_open_in_numpy() {
     assert_eq!(printed.trim().parse::<f64>().unwrap(), expected);
 }
 
-/// A report that a script can rely on.
+/// Checks a report that scripts can rely on.
 #[test]
 fn reports_have_what_was_promised() {
     let study = Study::new();
@@ -370,7 +370,7 @@ fn reports_have_what_was_promised() {
     assert!(report["memory"]["peak_resident"].as_u64().unwrap() > 1 << 20);
 }
 
-/// A name for the folder of a path, for tests that look at what is left.
+/// Returns the sorted names of the files in a folder, for tests of leftovers.
 pub(crate) fn names(folder: &Path) -> Vec<String> {
     let mut names: Vec<String> = std::fs::read_dir(folder)
         .unwrap()

@@ -1,4 +1,4 @@
-//! Groups of known truth and the quality of their correspondence, through the program.
+//! Groups with a known truth and the quality of their correspondence, through the program.
 
 use std::fs;
 use std::path::Path;
@@ -7,7 +7,7 @@ use serde_json::Value;
 
 use crate::common::{error_line, fail, finish, succeed, text, tool};
 
-/// Ellipsoids of two half axes that vary, and models of them.
+/// Writes ellipsoids with two varying semi-axes, and their models.
 fn site() -> tempfile::TempDir {
     let site = tempfile::tempdir().expect("a folder");
     let group =

@@ -1,4 +1,4 @@
-//! Values and weights whose squares leave the range of f64, and meshes with vertices of high degree.
+//! Values and weights whose squares leave the range of f64, and meshes with vertices of high valence.
 
 use std::path::PathBuf;
 use std::process::Command;
@@ -16,7 +16,7 @@ use crate::common::{fail, root, succeed, tool};
 /// Exponents of scales around 1e-300, 1e-170, 1e154 and 1e300.
 const EXPONENTS: [i32; 4] = [-990, -564, 512, 990];
 
-/// A folder with a surface, `s0.ply`, the same at all scales, and their sphere with a store.
+/// A folder with a surface, `s0.ply`, the same surface at all scales, and their sphere with a store.
 struct Scales {
     folder: tempfile::TempDir,
 }
@@ -41,7 +41,7 @@ impl Scales {
         self.folder.path().join(name)
     }
 
-    /// A fit of a file over the sphere, to `m.npz`.
+    /// Returns a fit of a file over the sphere, to `m.npz`.
     fn fit(&self, file: &str, arguments: &[&str]) -> Command {
         let mut command = tool("fit");
         command.current_dir(self.folder.path()).args(["--sphere", "sphere.ply", "--surface", file, "-o", "m.npz"]);
@@ -59,7 +59,7 @@ fn scaled(mesh: &Mesh, exponent: i32) -> Mesh {
     mesh.with_vertices(mesh.vertices.iter().map(|vertex| vertex.map(|x| times(x, exponent))).collect())
 }
 
-/// The figures of the last sweep.
+/// Returns the results of the last pass.
 fn last(report: &Value) -> &Value {
     report["surfaces"][0]["passes"].as_array().and_then(|passes| passes.last()).expect("a sweep")
 }
@@ -256,7 +256,7 @@ fn degrees_far_above_what_vertices_determine_are_fitted_or_refused() {
     assert!(iterations < 60 && report["batches"][0]["stop"] == "converged", "{report}");
 }
 
-/// The methods of `fit` against least squares in 50 digits, on a few of the problems that `./run attack` has.
+/// The methods of `fit` compared with least squares in 50 digits, on a few of the problems in `./run attack`.
 #[test]
 fn every_method_holds_against_fifty_digits() {
     let Some(python) = std::env::var_os("SPHARM_PYTHON") else {

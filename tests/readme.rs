@@ -1,4 +1,4 @@
-//! The documentation's commands, run as they stand, and what it says about the repository.
+//! The documentation's commands, run as printed, and its statements about the repository.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -38,7 +38,7 @@ fn readme() -> String {
     fs::read_to_string(root().join("README.md")).unwrap()
 }
 
-/// All pages of the documentation.
+/// Returns all pages of the documentation.
 fn pages() -> Vec<PathBuf> {
     let named = |name: &str| root().join(name);
     let mut pages: Vec<_> = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", "store-format.md"].map(named).into();
@@ -49,7 +49,7 @@ fn pages() -> Vec<PathBuf> {
     pages
 }
 
-/// Output without what differs from run to run: every number is a `#`, and columns are as wide as they like.
+/// Normalises output that differs from run to run: every number becomes `#`, and column widths are ignored.
 fn shape(text: &str) -> String {
     let mut shape = String::new();
     let mut number = false;
@@ -68,8 +68,8 @@ fn shape(text: &str) -> String {
     shape.lines().map(str::trim).filter(|line| !line.is_empty()).collect::<Vec<_>>().join("\n")
 }
 
-/// The blocks marked `sh` run one after the other in an empty folder; a block marked `text` after one of them is what
-/// it prints, but for numbers.
+/// Runs the blocks marked `sh` one after the other in an empty folder. A block marked `text` after one of them must be
+/// its output, except for numbers.
 #[test]
 fn the_readmes_commands_run_and_print_what_it_says() {
     let folder = tempfile::tempdir().unwrap();
@@ -100,7 +100,7 @@ fn numbers_and_widths_do_not_count_in_output() {
     assert_ne!(shape("a 1"), shape("b 1"));
 }
 
-/// Every option that a page gives to a verb is one that the verb has.
+/// Every option in a command of the documentation exists.
 #[test]
 fn the_options_in_the_documentation_exist() {
     let mut checked = 0;
@@ -121,14 +121,14 @@ fn the_options_in_the_documentation_exist() {
     assert!(checked > 20, "{checked} options");
 }
 
-/// The anchor of a heading, as GitHub makes it.
+/// Returns the anchor of a heading, as made by GitHub.
 fn anchor(heading: &str) -> String {
     let kept = heading.trim().to_lowercase();
     let kept = kept.chars().filter(|c| c.is_alphanumeric() || matches!(c, ' ' | '-' | '_'));
     kept.map(|c| if c == ' ' { '-' } else { c }).collect()
 }
 
-/// Every link to a file of the repository, or to a heading of one, leads to something.
+/// Every link to a file of the repository, or to a heading in one, has a target.
 #[test]
 fn links_within_the_documentation_lead_somewhere() {
     let mut checked = 0;
@@ -153,7 +153,7 @@ fn links_within_the_documentation_lead_somewhere() {
     assert!(checked > 10, "{checked} links");
 }
 
-/// Every path of the repository that a page names in a code span is there.
+/// Every path of the repository that a page names in a code span exists.
 #[test]
 fn paths_in_code_spans_exist() {
     let mut checked = 0;
@@ -171,7 +171,7 @@ fn paths_in_code_spans_exist() {
     assert!(checked > 10, "{checked} paths");
 }
 
-/// The README is a first page; the rest is in docs/.
+/// The README is a short first page; the rest is in docs/.
 #[test]
 fn the_readme_is_short() {
     assert!(readme().lines().count() <= 120);

@@ -1,4 +1,4 @@
-//! Pages of models, through the program: what they are made of, what hostile names and bad input get.
+//! Pages of models, through the program: their contents, hostile names and bad input.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -12,7 +12,7 @@ struct Site {
 }
 
 impl Site {
-    /// A surface, its sphere and its model of degree 6, as `s.ply`, `sphere.surf.gii` and `s.spharm.npz`.
+    /// Creates a surface, its sphere and its model of degree 6, as `s.ply`, `sphere.surf.gii` and `s.spharm.npz`.
     fn new() -> Self {
         let site = Self { folder: tempfile::tempdir().expect("a folder") };
         site.run(&["generate", "--subdivisions", "3", "--surface", "s.ply", "--sphere", "sphere.surf.gii"]);
@@ -51,7 +51,7 @@ impl Site {
     }
 }
 
-/// The text of an element that has this id.
+/// Returns the text of the element with this id.
 fn element<'a>(html: &'a str, id: &str) -> &'a str {
     let from = html.find(&format!("id=\"{id}\">")).expect("the element");
     let rest = &html[from..];
@@ -62,7 +62,7 @@ fn info(html: &str) -> Value {
     serde_json::from_str(element(html, "info")).expect("JSON")
 }
 
-/// Every script that a page may run, and what its policy says.
+/// Checks that a page contains only its own script, and a policy that allows no other.
 fn assert_closed(html: &str) {
     assert!(html.contains("content=\"default-src 'none'; script-src 'sha256-"), "no policy");
     // Data, and one script.
@@ -228,7 +228,7 @@ fn what_makes_no_page_is_refused_before_anything_is_written() {
     refuse(&["report", "s.spharm.npz", "-o", "page.html"], "--force");
 }
 
-/// A degree of the surface in the page's size, on a sphere that is an icosphere in another order.
+/// Checks the size of the page of a large surface whose sphere is an icosphere in another order.
 #[test]
 fn a_cortex_of_the_papers_size_takes_two_megabytes() {
     let (Some(surface), Some(sphere)) = (shared("cort40962.surf.gii"), shared("cort40962.sphere.surf.gii")) else {

@@ -1,4 +1,4 @@
-//! What was done to a surface before its fit is a setting, too; and what a dry run says of what is there.
+//! Preparing a surface before its fit is a setting, too; and dry runs on existing outputs.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -16,7 +16,7 @@ use crate::volumes::write_volume;
 struct Site(tempfile::TempDir);
 
 impl Site {
-    /// A ball and a ball with a crumb, as volumes; a sphere, and one with a hole, as meshes.
+    /// Creates a ball and a ball with a crumb, as volumes; a sphere, and one with a hole, as meshes.
     fn new() -> Self {
         let site = Self(tempfile::tempdir().expect("a folder"));
         write_volume(&site.path("ball.nii"), |[x, y, z]| u8::from(x * x + y * y + z * z < 20.0));
@@ -50,7 +50,7 @@ impl Site {
         Model::read(self.path("out").join(name)).expect("a model")
     }
 
-    /// Writes a model as an earlier version did, which recorded none of it.
+    /// Writes a model as an earlier version did, without recording the preparation.
     fn forget(&self, name: &str) {
         let mut model = self.model(name);
         let provenance = &mut model.provenance;
@@ -151,7 +151,7 @@ fn an_input_whose_contents_have_changed_is_said_to_be_that() {
     assert!(text(&finish(&mut site.fit("whole.ply", &["--update"]))).contains("whole.spharm.npz"));
 }
 
-/// A manifest of three surfaces, one of which lacks its sphere.
+/// Writes a manifest of three surfaces, one of which lacks its sphere.
 fn cohort(folder: &Path) {
     for (name, variant) in [("a", 1), ("b", 2), ("c", 3)] {
         let (surface, sphere) = cortex(&Cortex { subdivisions: 2, variant });

@@ -1,4 +1,4 @@
-//! Fits that are run again: what is taken, what is replaced and what is refused.
+//! Repeated fits: outputs that are kept, replaced or refused.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -58,7 +58,7 @@ fn a_model_that_another_process_wrote_meanwhile_stays() {
     assert_eq!(std::fs::read(files.csv()).expect("a table"), table);
 }
 
-/// `fit` of a surface on a sphere of its own.
+/// Returns a `fit` of a surface on its own sphere.
 fn map(surface: &Path, out: &Path, arguments: &[&str]) -> Command {
     let mut fit = tool("fit");
     fit.arg("--surface").arg(surface).arg("-o").arg(out).args(arguments);

@@ -1,4 +1,4 @@
-//! Alignments of groups that are killed go on where they were.
+//! Group alignments that were killed resume where they stopped.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -12,14 +12,14 @@ use spharm_surface::{Kind, Sphere};
 
 use crate::common::{fail, finish, succeed, text, tool};
 
-/// Bytes of a file before its records, and of each record: crates/shape/src/procrustes/journal.rs.
+/// Size of a file before its records, and of each record, in bytes: crates/shape/src/procrustes/journal.rs.
 const HEADER: u64 = 64;
 const RECORD: u64 = 196;
 
 struct Site(tempfile::TempDir);
 
 impl Site {
-    /// A folder with so many models of degree 8, all alike, over spheres of their own.
+    /// Creates a folder with this number of equal models of degree 8, over their own spheres.
     fn new(members: u64) -> Self {
         let site = Self(tempfile::tempdir().expect("a folder"));
         std::fs::create_dir(site.path("models")).expect("a folder");
@@ -48,7 +48,7 @@ impl Site {
         command
     }
 
-    /// The bits of all models of a folder, and of their mean.
+    /// Returns the bits of all models of a folder, and of their mean.
     fn bits(&self, output: &str) -> Vec<u64> {
         let list = std::fs::read_dir(self.path(output)).expect("a folder");
         let mut files: Vec<PathBuf> = list.map(|entry| entry.expect("an entry").path()).collect();

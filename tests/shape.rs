@@ -1,4 +1,4 @@
-//! `shape`: what its subcommands write, and what bad models get.
+//! `shape`: outputs of its subcommands, and bad models.
 
 use std::f64::consts::PI;
 use std::path::PathBuf;
@@ -15,7 +15,7 @@ use spharm_surface::{Kind, Sphere};
 
 use crate::common::{fail, finish, succeed, tool};
 
-/// A folder with an ellipsoid of semi-axes 3, 2, 1, a bumpy model over its own sphere, and models that are none.
+/// A folder with an ellipsoid of semi-axes 3, 2, 1, a bumpy model over its own sphere, and invalid models.
 struct Site(tempfile::TempDir);
 
 impl Site {
@@ -144,7 +144,8 @@ fn smoothing_is_recorded_and_is_not_taken_for_a_fit() {
     assert_eq!(finish(&mut site.shape("smooth", &["bumpy"], &["-o", "bad.npz"])).status.code(), Some(2));
 }
 
-/// A model turned about the axis of its sphere by a quarter, mirrored and moved is found, and has the same descriptors.
+/// A model that is turned by a quarter about the axis of its sphere, mirrored and moved is found, and has the same
+/// descriptors.
 #[test]
 fn models_are_described_and_found_in_any_pose() {
     let site = Site::new();
@@ -187,7 +188,7 @@ fn models_are_described_and_found_in_any_pose() {
     assert!(printed.starts_with("model,size,power_1,power_2\n"), "{printed}");
 }
 
-/// Half a group mirrored: no member stands out, but the group does.
+/// With half of the group mirrored, no member stands out, but the group does.
 #[test]
 fn the_members_of_a_groups_smaller_side_are_named_by_their_files() {
     let site = Site::new();
@@ -299,7 +300,7 @@ fn short_help_stays_short_and_long_help_has_examples() {
     }
 }
 
-/// The library by way of the facade.
+/// Uses the library through the facade.
 #[test]
 fn the_facade_has_the_crate() {
     let directions = Directions::fibonacci(10).expect("directions");

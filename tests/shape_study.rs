@@ -1,4 +1,4 @@
-//! A study from bare meshes to a map of p values, through the program, and what bad studies get.
+//! A study from bare meshes to a map of p values, through the program, and bad studies.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -20,7 +20,7 @@ fn report(path: &Path) -> Value {
     serde_json::from_str(&fs::read_to_string(path).expect("a report")).expect("JSON")
 }
 
-/// The files of a folder whose names begin so, sorted.
+/// Returns the files of a folder whose names start like this, sorted.
 fn files(folder: &Path, start: &str) -> Vec<String> {
     let mut names: Vec<PathBuf> =
         fs::read_dir(folder).expect("a folder").map(|entry| entry.expect("an entry").path()).collect();

@@ -1,4 +1,4 @@
-//! A study from its file to its page: stages, what is done again, interruptions, bad files.
+//! A study from its file to its page: stages, reruns, interruptions, bad files.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -39,7 +39,7 @@ fn study(site: &Path, more: &[&str]) -> std::process::Command {
     command
 }
 
-/// All that a study has made, but for status files, which have times.
+/// Returns all outputs of a study, except status files, which contain times.
 fn made(site: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     fn list(folder: &Path, files: &mut BTreeMap<PathBuf, Vec<u8>>) {
         for entry in fs::read_dir(folder).expect("a folder") {
@@ -61,7 +61,7 @@ fn made(site: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
         .collect()
 }
 
-/// What became of each stage, as the table at the end has it.
+/// Returns the outcome of each stage from the table at the end.
 fn stages(stdout: &str) -> BTreeMap<String, String> {
     let table = stdout.rsplit_once("stage ").expect("a table of stages").1;
     let row = |line: &str| {

@@ -1,4 +1,4 @@
-//! Studies that are run again, from elsewhere, twice at once, or only looked at; and the tables that they are of.
+//! Studies that are run again, from another folder, twice at once, or as a dry run; and their tables.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -42,7 +42,7 @@ fn study(site: &Path, arguments: &[&str]) -> Command {
     command
 }
 
-/// Files by their times, which change where a file is made again.
+/// Returns files with their times, which change if a file is made again.
 fn times(folder: &Path, files: &mut BTreeMap<PathBuf, std::time::SystemTime>) {
     for entry in fs::read_dir(folder).expect("a folder") {
         let path = entry.expect("an entry").path();

@@ -1,4 +1,5 @@
-//! Studies whose subjects are made to correspond: what they find, their quality and landmarks, and when they do it.
+//! Studies whose subjects are brought into correspondence: results, quality and landmarks, and when this is the
+//! default.
 
 use std::fs;
 use std::path::PathBuf;
@@ -89,7 +90,7 @@ fn a_study_of_bare_meshes_finds_the_bump_and_shows_its_quality() {
     assert_eq!(&fs::read(site.path("out/quality/correspond.png")).expect("a picture")[1..4], b"PNG");
 }
 
-/// Ellipsoids whose ends are known, of the degree that is asked for.
+/// Ellipsoids with known ends, of the requested degree.
 fn ellipsoids(subjects: &str) -> Site {
     let rest = "\n[fit]\nmax_degree = 4\n[modes]\ncount = 2\n[quality]\nplain = false\n";
     let site = Site::new(&format!("output = \"out\"\n[subjects]\n{subjects}{rest}"));

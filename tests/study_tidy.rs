@@ -1,4 +1,4 @@
-//! What is wrong with a study before it is run, and what is left of earlier runs of it.
+//! Errors found before a study is run, and leftovers of its earlier runs.
 
 use std::fs;
 use std::path::Path;
@@ -175,7 +175,7 @@ fn a_row_whose_model_was_deleted_is_not_done() {
     assert_eq!(rest, "id,surface,group\nb01,meshes/b01.ply,b\n".replace("meshes/", &rest_folder(&rest)));
 }
 
-/// The folder that the rest's paths have, which are absolute where the table is elsewhere.
+/// Returns the folder of the paths in the rest's table, which are absolute if that table is in another folder.
 fn rest_folder(rest: &str) -> String {
     let path = rest.lines().nth(1).and_then(|line| line.split(',').nth(1)).unwrap_or_default();
     path.trim_end_matches("b01.ply").to_owned()

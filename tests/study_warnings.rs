@@ -1,4 +1,4 @@
-//! What a study says of subjects that are far from the others, of files that are there twice, and of poses.
+//! Warnings of a study about subjects that are far from the others, duplicate files, and poses.
 
 use std::fs;
 use std::path::Path;
@@ -44,7 +44,7 @@ fn run(site: &Path) -> Output {
     output
 }
 
-/// The warnings after the table of stages, on the terminal, and those of the page.
+/// Returns the warnings after the table of stages, on the terminal, and those of the page.
 fn warnings(site: &Path, output: &Output) -> (Vec<String>, Vec<String>) {
     let stderr = String::from_utf8_lossy(&output.stderr);
     let ends = stderr.lines().filter_map(|line| line.strip_prefix("warning: ")).map(str::to_owned).collect();

@@ -1,4 +1,4 @@
-//! Fits of surfaces in place of their vertices.
+//! Fits of surfaces instead of their vertices.
 
 use ndarray::{Array2, s};
 use serde_json::Value;
@@ -14,9 +14,9 @@ use crate::common::{fail, succeed, tool};
 use crate::full_least_squares::report_of;
 use crate::pipeline::Study;
 
-/// The least squares over the whole sphere, by many times more samples than the fit takes and with a basis that is
-/// formed: each triangle cut in 24^2 similar ones, a sample at each one's centre with its solid angle. Normal equations
-/// by Gauss.
+/// Returns the least squares over the entire sphere, from many times more samples than the fit takes and with an
+/// explicit basis: each triangle is divided into 24^2 similar ones, with a sample at each centre weighted by its solid
+/// angle. The normal equations are solved by Gaussian elimination.
 fn by_midpoints(surface: &Mesh, sphere: &Sphere, max_degree: usize) -> Array2<f64> {
     const CUTS: u32 = 24;
     let unit = sphere.directions.as_slice();
@@ -93,7 +93,7 @@ fn a_fit_minimises_the_integral_over_the_sphere() {
     assert!((vertices.coefficients.values() - &expected).iter().any(|x| x.abs() > 1e-2 * largest));
 }
 
-/// At a degree that vertices leave undetermined, a fit of the surface stays near it everywhere.
+/// At a degree that the vertices don't determine, a fit of the surface stays near it everywhere.
 #[test]
 fn more_functions_than_vertices_are_no_difficulty() {
     let (surface, sphere) = cortex(&Cortex { subdivisions: 2, variant: 0 });
@@ -147,7 +147,7 @@ fn settings_leave_the_objective_as_it_is() {
     assert_eq!((without.settings.objective, without.surface_distance), (Objective::Vertices, None));
 }
 
-/// The surface of degree 5 that a cortex is fitted by, with independent noise of the size `sigma` at its vertices.
+/// Returns the surface of degree 5 fitted to a cortex, with independent noise of size `sigma` added to its vertices.
 fn noisy(sphere: &Sphere, clean: &Mesh, sigma: f64, seed: u64) -> Mesh {
     let mut random = SplitMix64::new(seed);
     // The sum of twelve uniform numbers has the variance 1.
@@ -157,7 +157,7 @@ fn noisy(sphere: &Sphere, clean: &Mesh, sigma: f64, seed: u64) -> Mesh {
     Mesh::new(vertices, clean.faces.clone())
 }
 
-/// Standard errors are the spread of coefficients over surfaces that differ in their noise alone.
+/// Standard errors equal the spread of coefficients over surfaces that differ only in their noise.
 #[test]
 fn standard_errors_of_surfaces_are_the_spread_of_repeated_fits() {
     // Far above the surface's distance from its triangles, 0.1.
@@ -187,7 +187,7 @@ fn standard_errors_of_surfaces_are_the_spread_of_repeated_fits() {
     }
 }
 
-/// Cross-validation finds a penalty that brings a noisy surface nearer to the truth, within a few percent of the best.
+/// Cross-validation finds a penalty that brings a noisy surface closer to the truth, within a few percent of the best.
 #[test]
 fn the_smoothness_of_a_surface_is_near_the_best() {
     let (surface, sphere) = cortex(&Cortex { subdivisions: 3, variant: 0 });
@@ -210,7 +210,7 @@ fn the_smoothness_of_a_surface_is_near_the_best() {
     assert!(chosen > 0.0 && found < 0.9 * plain && found < 1.1 * best, "{found} with {chosen:e}; {plain}, {best}");
 }
 
-/// Vertices that are held out take no part in the fit, and are nearly as far from it as the others on a smooth surface.
+/// Held-out vertices take no part in the fit, and on a smooth surface are nearly as close to it as the others.
 #[test]
 fn vertices_of_surfaces_are_held_out() {
     let (surface, sphere) = cortex(&Cortex { subdivisions: 4, variant: 0 });
@@ -222,7 +222,7 @@ fn vertices_of_surfaces_are_held_out() {
     assert!((0.8..1.5).contains(&ratio), "{ratio}");
 }
 
-/// Surfaces and signals of one call are fitted as each of them alone would be.
+/// Surfaces and signals in one call are fitted as if each were fitted alone.
 #[test]
 fn surfaces_and_signals_go_together() {
     let (surface, sphere) = cortex(&Cortex { subdivisions: 2, variant: 0 });
@@ -244,8 +244,8 @@ fn surfaces_and_signals_go_together() {
     }
 }
 
-/// Weights of the vertices count on the surface as well, linear on each triangle, and don't change what a penalty
-/// means.
+/// Weights of the vertices also apply to the surface, linearly interpolated on each triangle, and don't change the
+/// meaning of a penalty.
 #[test]
 fn weights_say_what_counts() {
     let (surface, sphere) = cortex(&Cortex { subdivisions: 3, variant: 0 });
@@ -291,7 +291,7 @@ fn a_model_says_what_was_fitted_and_another_target_is_another_model() {
     assert!(quick["surfaces"][0]["surface_distance"].is_null());
 }
 
-/// On an icosphere of a sphere there is nothing to be said but zero.
+/// On an icosphere of a sphere, all distances are zero.
 #[test]
 fn a_sphere_is_its_own_model() {
     let mesh = icosphere(5);

@@ -1,4 +1,4 @@
-//! One test target for everything that goes through the binaries or across crates, so that OpenBLAS is linked once.
+//! A single test target for everything that uses the binaries or several crates, so that OpenBLAS is linked once.
 
 mod accuracy;
 mod bad_input;

@@ -1,4 +1,4 @@
-//! The one program: its verbs, and what a first-time user ran into with them.
+//! The verbs of the program, and the problems of a first-time user with them.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;

@@ -11,7 +11,7 @@ use crate::volumes::write_volume;
 struct Site(tempfile::TempDir);
 
 impl Site {
-    /// Two volumes: balls, a plate at the border, one in two pieces; and one that is none.
+    /// Creates two volumes with balls, a plate at the border, and a label in two pieces; and a malformed volume.
     fn new() -> Self {
         let site = Self(tempfile::tempdir().expect("a folder"));
         std::fs::create_dir(site.path("in")).expect("a folder");
@@ -36,7 +36,7 @@ impl Site {
         command
     }
 
-    /// The table as rows of cells by their columns' names.
+    /// Returns the rows of the table, with cells by column name.
     fn table(&self) -> Vec<std::collections::HashMap<String, String>> {
         let text = std::fs::read_to_string(self.path("out/volumes.tsv")).expect("a table");
         let mut lines = text.lines().map(|line| line.split('\t').map(str::to_owned).collect::<Vec<_>>());
@@ -126,7 +126,7 @@ fn a_table_without_a_model_is_no_obstacle_and_a_label_is_one_row() {
     assert!(repair.contains("to open 1 handle"), "{repair}");
 }
 
-/// An array says nothing of its voxels.
+/// An array has no information about its voxels.
 #[test]
 fn voxel_sizes_are_given_where_files_have_none() {
     let site = Site::new();

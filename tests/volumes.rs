@@ -1,4 +1,4 @@
-//! From label volumes and meshes to spheres that a fit takes.
+//! From label volumes and meshes to spheres that a fit accepts.
 
 use std::path::Path;
 
@@ -15,7 +15,7 @@ use spharm_surface::{Mesh, Signal};
 
 use crate::common::{fail, finish, succeed, tool};
 
-/// A NIfTI-1 file of 16^3 voxels of 1 mm.
+/// Writes a NIfTI-1 file of 16^3 voxels of 1 mm.
 pub(crate) fn write_volume(path: &Path, label: impl Fn([f64; 3]) -> u8) {
     let mut bytes = vec![0; 352];
     bytes[..4].copy_from_slice(&348_i32.to_le_bytes());
@@ -37,7 +37,7 @@ fn ball([x, y, z]: [f64; 3]) -> bool {
     x * x + y * y + z * z < 30.0
 }
 
-/// Runs the tool with outputs beside the input; what it reports, the surface and the sphere.
+/// Runs the tool with outputs beside the input; returns its report, the surface and the sphere.
 fn run(input: &Path, arguments: &[&str]) -> (Value, Mesh, Mesh) {
     let beside = |name: &str| input.with_file_name(name);
     let [surface, sphere, report] = ["out.surf.gii", "out.sphere.surf.gii", "out.json"].map(beside);
@@ -80,7 +80,7 @@ fn a_volume_becomes_a_surface_and_its_sphere() {
     assert_eq!((report["method"].as_str(), report["volume"]["label"].as_i64()), (Some("cald"), Some(9)));
 }
 
-/// Rows 14 and 21 of what first-time users ran into: one command from labels to models.
+/// Rows 14 and 21 of the problems of first-time users: one command from labels to models.
 #[test]
 fn each_label_of_a_volume_is_a_surface_to_fit() {
     let folder = tempfile::tempdir().unwrap();
@@ -142,7 +142,7 @@ fn a_volume_is_read_once_for_its_labels_and_their_surfaces() {
     reader.read(&path, Some(1), &Silent).unwrap();
 }
 
-/// Row 15 of what first-time users ran into: maps over a surface in a volume's format.
+/// Row 15 of the problems of first-time users: maps over a surface in a volume's format.
 #[test]
 fn a_map_over_a_surface_is_fitted_on_its_sphere() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! Weights of 0: values there are never read, by any method, and the same model is found whatever they are.
+//! Weights of 0: values there are never read, by any method, and don't affect the model.
 
 use spharm::generate::icosphere;
 use spharm::{Error, FitParams, FitWarning, Mesh, Objective, Signal, Smoothness, Sphere, Weights, fit};
@@ -8,14 +8,14 @@ use crate::pipeline::Study;
 
 const AXES: [f64; 3] = [30.0, 20.0, 10.0];
 
-/// An ellipsoid of 2,562 vertices and its sphere.
+/// Returns an ellipsoid of 2,562 vertices and its sphere.
 fn ellipsoid() -> (Mesh, Sphere) {
     let ball = icosphere(4);
     let surface = ball.with_vertices(ball.vertices.iter().map(|v| [0, 1, 2].map(|k| AXES[k] * v[k])).collect());
     (surface, Sphere::from_mesh(&ball).unwrap())
 }
 
-/// A cap of 20 vertices, or so.
+/// Returns whether a vertex is in a cap of about 20 vertices.
 fn is_bad(vertex: [f64; 3]) -> bool {
     vertex[2] > 0.985
 }
@@ -89,7 +89,7 @@ fn values_of_weight_zero_are_never_read() {
     assert!((found.values()[[3, 0]] - (4.0 * std::f64::consts::PI / 3.0_f64).sqrt()).abs() < 1e-9);
 }
 
-/// A weight near 0 differs from 0 by as little as it is.
+/// As a weight approaches 0, the model approaches that of weight 0.
 #[test]
 fn weights_fade_to_zero_without_a_jump() {
     let (surface, sphere) = ellipsoid();
@@ -130,7 +130,7 @@ fn without_store(study: &Study, surface: &str, arguments: &[&str]) -> std::proce
     fit
 }
 
-/// Intervals that assume more than the sampling gives are warned of.
+/// A warning is given for standard errors that assume more than the sampling provides.
 #[test]
 fn standard_errors_by_areas_are_warned_of() {
     let (surface, sphere) = ellipsoid();
@@ -141,7 +141,7 @@ fn standard_errors_by_areas_are_warned_of() {
     }
 }
 
-/// `--mask`, `--weights` with zeros, and both of a method over a store.
+/// Tests `--mask`, `--weights` with zeros, and both with a method over a store.
 #[test]
 fn the_program_reads_no_masked_vertex_of_a_surface() {
     let study = Study::new();
