@@ -43,7 +43,8 @@ impl Site {
     }
 }
 
-/// Pipes and devices in place of small files, which are read completely, are refused at once, in one line with the name.
+/// Pipes and devices in place of small files, which are read completely, are refused at once, in one line with their
+/// name.
 #[test]
 fn pipes_and_devices_are_refused_at_once() {
     let site = Site::new();
