@@ -1,11 +1,11 @@
-"""Tests of groups: random designs beside statsmodels, every relabelling by brute force, and studies without an effect.
+"""Tests of groups: random designs against statsmodels, every relabelling by brute force, and studies without an effect.
 
     python3 tests/attack/designs.py PROGRAM [--seed 31] [--seconds 60]
 
 Needs the Python package, NumPy, SciPy and statsmodels, which `./run attack statistics` installs into `target/python`. A third of
 the time goes to random designs, the rest to the fifteen designs of `benches/nulls.py`, in turn: the share of studies with a
-family-wise p of at most 0.05 must not be significantly outside of 0.03 to 0.07. The last line is a JSON object: `name`, what was
-done, `failures`.
+family-wise p of at most 0.05 must not be significantly outside of 0.03 to 0.07. The last line is a JSON object: `name`, counts of
+the checks, `failures`.
 """
 
 import argparse
@@ -36,7 +36,7 @@ RARE = 1e-5
 
 
 def design_of(rng):
-    """A random design of full rank, and a contrast of one row or several."""
+    """Returns a random design of full rank, and a contrast of one or more rows."""
     columns = int(rng.integers(1, 5))
     n = int(rng.integers(columns + 3, 30))
     kinds = [np.ones(n), rng.normal(size=n), (np.arange(n) % 2).astype(float), rng.uniform(100, 110, n),
@@ -44,7 +44,7 @@ def design_of(rng):
     while True:
         design = np.column_stack([kinds[k] for k in rng.permutation(len(kinds))[:columns]])
         scaled = design / np.linalg.norm(design, axis=0)
-        # Beyond this condition two correct programs differ in digits that matter.
+        # Beyond this condition number two correct programs differ in significant digits.
         if np.linalg.cond(scaled) < 1e4:
             break
         columns = max(1, columns - 1)
@@ -57,7 +57,7 @@ def design_of(rng):
 
 
 def beside_statsmodels(rng):
-    """One random design; returns what is wrong."""
+    """Checks one random design; returns the failures."""
     design, contrast = design_of(rng)
     y = 10.0 ** rng.integers(-6, 7) * (rng.normal(size=(len(design), 6)) + 10 * rng.normal())
     found = sp.shape.test(y, design=design, contrast=contrast[0] if len(contrast) == 1 else contrast, permutations=0)
@@ -69,7 +69,7 @@ def beside_statsmodels(rng):
     # statsmodels inverts the covariance of the contrast's rows.
     covariance = contrast @ np.linalg.inv(design.T @ design) @ contrast.T
     exact = max(1e-9, 1e-14 * np.linalg.cond(covariance))
-    # A mean that is far from 0 in units of the residual loses digits in both.
+    # A mean that is far from 0 relative to the residual loses digits in both programs.
     absolute = 1e-11
     failures = []
     for name, mine, theirs in (("statistic", found.statistic, statistic), ("p", found.p, p)):
@@ -79,7 +79,7 @@ def beside_statsmodels(rng):
 
 
 def brute_force(rng):
-    """A mean with a covariate, or two groups, of eight subjects: every relabelling by hand; returns what is wrong."""
+    """Checks a mean with a covariate, or two groups, of eight subjects against every relabelling by hand; returns the failures."""
     n, flips = 8, rng.random() < 0.5
     y = rng.normal(size=(n, 20)) + 0.5
     age = rng.uniform(20, 80, n)
@@ -91,13 +91,13 @@ def brute_force(rng):
     else:
         group = np.repeat([1.0, -1.0], n // 2)
         found = sp.shape.test(y, groups=["a"] * (n // 2) + ["b"] * (n // 2))
-        # Every choice of the first group once.
+        # Every choice of the first group, once.
         relabel = []
         for first in itertools.combinations(range(n), n // 2):
             relabel.append(np.eye(n)[[*first, *(k for k in range(n) if k not in first)]])
         design, nuisance = np.column_stack([group, np.ones(n)]), np.ones((n, 1))
     inverse = np.linalg.inv(design.T @ design)
-    # Freedman and Lane: residuals of the reduced model, relabelled, tested in the full one.
+    # Freedman and Lane: residuals of the reduced model are relabelled and tested in the full one.
     residual = y - nuisance @ np.linalg.lstsq(nuisance, y, rcond=None)[0]
 
     def t_of(values):
@@ -113,7 +113,7 @@ def brute_force(rng):
 
 
 def unlikely(hits, studies, low, high):
-    """Whether a share of studies is outside the bounds, beyond chance."""
+    """Returns whether a share of studies is outside the bounds by more than chance."""
     share = hits / studies
     if low <= share <= high:
         return False

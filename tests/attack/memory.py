@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
-"""Every verb in little memory: done within its plan, or refused in words with exit status 1; never killed, no abort.
+"""Every verb with little memory: it finishes within its plan, or refuses with a message and exit status 1; it is never killed and
+never aborts.
 
     python3 tests/attack/memory.py PROGRAM [--limits 64,128,256,512] [--only VERB]
 
-PROGRAM is `spharm`. Each case runs at each limit (MiB) in up to four ways: with `--memory`, where its peak of resident memory
-may be above it by what the program's own pages take; under RLIMIT_DATA; under RLIMIT_AS; and in a memory control group of either
-version, where one can be made. The last line of the output is a row of a table as JSON. The exit status is 1 where a case failed.
+PROGRAM is `spharm`. Each case runs at each limit (MiB) in up to four ways: with `--memory`, which peak resident memory may exceed
+by the size of the program's own pages; under RLIMIT_DATA; under RLIMIT_AS; and in a memory control group of either version, if one
+can be created. The last line of the output is a row of a table as JSON. The exit status is 1 if a case failed.
 """
 
 import argparse
@@ -26,12 +27,12 @@ MIB = 1 << 20
 # Resident pages of the program's file, of its libraries, and of the stacks of two threads.
 BASE = 24 * MIB
 SECONDS = 120
-# A refusal says one of these.
+# Every refusal contains one of these.
 WORDS = ["of memory", "memory budget", "--memory", "ulimit", "bytes of memory", "are free"]
 MOMENTS = ["--samples", "samples.csv", "--angles", "theta", "phi", "--values", "value"]
-# They read their files in pieces.
+# These read their files in pieces.
 WITHOUT = {"store"}
-# What is resumed if it is there.
+# Outputs that are resumed if they exist.
 RESUMED = ("out.bids", "studies/results")
 GROUPS = [("/sys/fs/cgroup/memory", "memory.limit_in_bytes"), ("/sys/fs/cgroup", "memory.max")]
 
@@ -60,7 +61,7 @@ def run(command, folder, limit=None, kind="none", group=None):
 
 
 def ball(path, size):
-    """A label volume: a ball in a cube, as an array of bytes."""
+    """Writes a label volume: a ball in a cube, as an array of bytes."""
     middle, square = (size - 1) / 2, (0.4 * size) ** 2
     inside = (lambda x, y, z: (x - middle) ** 2 + (y - middle) ** 2 + (z - middle) ** 2 < square)
     voxels = bytes(inside(x, y, z) for x in range(size) for y in range(size) for z in range(size))
@@ -69,7 +70,7 @@ def ball(path, size):
 
 
 def make_inputs(program, folder):
-    """Meshes, models, a group, modes and maps, made without a limit."""
+    """Makes meshes, models, a group, modes and maps, without a limit."""
 
     def spharm(*arguments):
         done = subprocess.run([program, *arguments], cwd=folder, capture_output=True, text=True)
@@ -115,7 +116,7 @@ def make_inputs(program, folder):
 
 
 def cases():
-    """Commands by name: some that fit in anything, some that fit in nothing, some between."""
+    """Yields commands by name: some that fit into any limit, some that fit into none, some in between."""
     half = [f"group/v{k}.npz" for k in range(4)], [f"group/v{k}.npz" for k in range(4, 8)]
     test = ["shape", "test", "--a", *half[0], "--b", *half[1], "-o", "out"]
     fit = ["fit", "--force", "-o", "out.npz"]
@@ -188,20 +189,20 @@ def cases():
 
 
 def judge(code, peak, errors, limit, kind):
-    """Returns what became of a case, and why it failed if it did."""
+    """Returns the outcome of a case, and the reason if it failed."""
     last = errors.splitlines()[-1] if errors else ""
     if code == 0:
         if kind == "memory" and peak > limit + BASE:
             return "failed", f"{peak // MIB} MiB resident"
         return "done", ""
-    # Of many surfaces each row says for itself why it failed.
+    # If there are many surfaces, the reason for each failure is in its own row.
     if code == 1 and last.startswith("error:") and any(word in errors for word in WORDS):
         return "refused", ""
     return "failed", f"exit status {code}: {last[:200]}"
 
 
 def cgroup(limit):
-    """A new memory control group, of either version; none where it can't be made."""
+    """Creates a memory control group, of either version; returns None if that isn't possible."""
     for parent, file in GROUPS:
         group = Path(parent, cgroup_name(limit))
         try:
@@ -217,7 +218,7 @@ def cgroup(limit):
 
 
 def groups_of(limits):
-    """A memory control group for each limit; none where they can't be made."""
+    """Creates a memory control group for each limit; returns none if that isn't possible."""
     groups = {limit: cgroup(limit) for limit in limits}
     return {} if None in groups.values() else groups
 
@@ -227,7 +228,7 @@ def cgroup_name(limit):
 
 
 def to_do(program, folder, limits, groups, only, skipped):
-    """Every case under every limit, as (limit, kind, arguments)."""
+    """Yields every case under every limit, as (limit, kind, arguments)."""
     for limit in limits:
         for kind in ("memory", "data", "as", "cgroup"):
             if kind == "cgroup" and not groups:

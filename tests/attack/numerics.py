@@ -1,11 +1,11 @@
-"""Every method of `fit` against least squares in 50 digits, on small problems that are hard for 64 bits.
+"""Every method of `fit` compared with least squares in 50 digits, on small problems that are hard in 64-bit arithmetic.
 
     python3 tests/attack/numerics.py target/release/spharm [--problems 200] [--seed 14] [--verbose]
 
 Samplings of the whole sphere and of caps (conditions to 1e12 and beyond), weights over 20 decades, repeated and missing rows,
 fewer rows than coefficients, values from 1e-290 to 1e290, weights to 1e-300 and 1e300. The last line is a JSON object:
-`name`, `cases` (fits that were checked), `failures`, `worst` (by method, the largest error that was found) and `skipped`.
-Exits with 1 where there are failures. Standard library only.
+`name`, `cases` (number of fits checked), `failures`, `worst` (the largest error of each method) and `skipped`.
+Exits with 1 if there are failures. Standard library only.
 """
 
 import argparse
@@ -26,18 +26,18 @@ from typing import Any
 
 from reference.least_squares import NOTHING, ZERO, Problem, harmonics, norm
 
-# What a result that claims to be converged may be off by: the transforms' accuracy is 1e-12, the tolerance 1e-10.
+# Largest error of a result that claims to have converged: the transforms' accuracy is 1e-12, the tolerance 1e-10.
 OPTIMAL = 1e-9
-# Conditions of the basis up to which a method that solves blocks by their Gram matrices has digits to tell.
+# Largest condition of the basis at which a method that solves blocks by their Gram matrices still has correct digits.
 CLEAR = 1e5
-# What the fitted values of such a method may differ by from exact ones, relative to the targets, at condition 1; it grows
-# with the square.
+# Largest difference of the fitted values of such a method from exact ones, relative to the targets, at condition 1; it grows
+# with the square of the condition.
 FITTED = [1e-9, 1e-14]
 
 
 @dataclass
 class Case:
-    """A random problem, and where its files are."""
+    """A random problem, with the data of its files."""
 
     degree: int
     angles: list[tuple[float, float]]
@@ -58,7 +58,7 @@ class Case:
 
 
 def made(random: random.Random) -> Case:
-    """A problem: what makes it hard is drawn each on its own."""
+    """Returns a random problem; each source of difficulty is drawn independently."""
     degree = random.choice([1, 2, 3, 3, 4, 4, 5])
     size = (degree + 1) ** 2
     rows = random.choice([size + 3, 2 * size, 3 * size, 3 * size, max(4, size // 2)])
@@ -88,7 +88,7 @@ def made(random: random.Random) -> Case:
 
 
 class Program:
-    """The program on one case's files."""
+    """Runs the program on one case's files."""
 
     def __init__(self, program: Path, folder: Path, case: Case):
         self.program, self.folder, self.case = program, folder, case
@@ -102,7 +102,7 @@ class Program:
         (self.folder / name).write_text("\n".join(lines) + "\n")
 
     def run(self, *arguments: str) -> tuple[str, str]:
-        """What it printed, or the line in which it said why not; any other end is a failure."""
+        """Returns the output, or the error line; any other end is a failure."""
         command = [str(self.program), *arguments]
         done = subprocess.run(command, cwd=self.folder, capture_output=True, text=True, timeout=120, check=False)
         if done.returncode == 0:
@@ -113,7 +113,7 @@ class Program:
         return "", lines[0]
 
     def fit(self, *arguments: str) -> tuple[list[Decimal], dict[str, Any]] | str:
-        """Coefficients and report, or the refusal."""
+        """Returns coefficients and report, or the refusal."""
         (self.folder / "f.spharm.npz").unlink(missing_ok=True)
         given = [] if "--moments" in arguments else ["--sphere", "sphere.csv", "--surface", "f.csv", "--weights", "weights.csv"]
         degree = ["--max-degree", str(self.case.degree), "-o", "f.spharm.npz", "--json", "-q"]
@@ -122,7 +122,7 @@ class Program:
 
 
 class Failure(Exception):
-    """A wrong result, or none in words."""
+    """A wrong result, or a failure without an error message."""
 
 
 def coefficients(path: Path) -> list[Decimal]:
@@ -136,7 +136,7 @@ def coefficients(path: Path) -> list[Decimal]:
 
 
 def warned(report: dict[str, Any]) -> str:
-    """All that it warned of."""
+    """Returns all warnings of a report."""
     parts = [*report.get("surfaces", [report]), report.get("fit", {})]
     return " ".join(str(warning) for one in parts for warning in one.get("warnings", []))
 
@@ -146,14 +146,14 @@ def solver_report(report: dict[str, Any]) -> dict[str, Any]:
 
 
 def full(case: Case, found: list[Decimal], report: dict[str, Any], smoothness: float = 0.0) -> float:
-    """Holds a full least-squares fit against its own claim and against the least that there is."""
+    """Checks a full least-squares fit against its own claim and against the smallest possible residual."""
     problem = case.exact(smoothness)
     _, condition, rank = problem.solve()
     optimality = float(problem.optimality(found))
     told = warned(report)
     clear = rank == case.size() and condition < CLEAR
     said = any(word in told for word in ("determine", "optimality", "rank"))
-    # Coefficients are numbers of 53 bits: what rounding each of them leaves of the gradient.
+    # Coefficients have 53 bits: the effect of rounding each of them on the gradient.
     weight = sum(problem.weights, ZERO)
     scale = norm(problem.gradient([ZERO] * len(found)))
     rounding = float(norm(found) * (weight + max(problem.penalty)) / scale) * 1e-12 if scale else 0.0
@@ -173,7 +173,7 @@ def full(case: Case, found: list[Decimal], report: dict[str, Any], smoothness: f
 
 
 def blocks(case: Case, found: list[Decimal], report: dict[str, Any]) -> float:
-    """Holds the passes over blocks against the same passes in exact arithmetic, by the values that they fit."""
+    """Checks the passes over blocks against the same passes in exact arithmetic, by their fitted values."""
     batch = solver_report(report)
     ranges = [(b["first_degree"] ** 2, (b["last_degree"] + 1) ** 2) for b in batch["blocks"]]
     refinements = sum(sweep["refinement"] for sweep in batch["sweeps"])
@@ -200,7 +200,7 @@ def blocks(case: Case, found: list[Decimal], report: dict[str, Any]) -> float:
 
 
 def norms(case: Case, found: list[Decimal], report: dict[str, Any]) -> None:
-    """Holds the rms that is reported against the residual in 50 digits, out of the range of its square, too."""
+    """Checks the reported rms against the residual in 50 digits, also if its square is out of range."""
     if "surfaces" not in report:
         return
     last = report["surfaces"][0]["passes"][-1]
@@ -238,7 +238,7 @@ def check(program: Path, case: Case, tally: collections.Counter[str], worst: dic
         ]
         for name, arguments, judge in methods:
             if (name == "lsq moments" and no_moments) or ("--store" in arguments and refused):
-                # Squares of values beyond their range are refused where they are summed.
+                # Squares of values out of range are refused where they are summed.
                 tally["refused"] += 1
                 continue
             try:

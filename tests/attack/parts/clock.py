@@ -1,12 +1,12 @@
-"""Clocks that are wrong or jump: libfaketime beneath every verb. Results have no times but those of reports, and no lock, file
-name or order may depend on the clock."""
+"""Wrong or jumping clocks: every verb runs under libfaketime. Results contain no times except in reports, and no lock, file name or
+order may depend on the clock."""
 
 import threading
 
 import verbs
 from common import Row, in_turn, unpacked
 
-#: Where the clock stands, as libfaketime reads it; the last ones jump in the middle of the work.
+#: Clock settings in libfaketime's syntax; the last ones jump during the work.
 CLOCKS = ("@1970-01-01 00:00:01", "@2038-01-19 03:14:06", "-20y", "+20y", ("+0", "-3d"), ("+0", "+400d"))
 
 
@@ -34,7 +34,7 @@ def run_part(site, seconds):
         timers = [threading.Timer(0.5 * verb.seconds, file.write_text, [then + "\n"]) for then in later]
         for timer in timers:
             timer.start()
-        # The clock of elapsed time doesn't jump, in the kernel either.
+        # The monotonic clock doesn't jump in the kernel either.
         env = {"LD_PRELOAD": str(library), "FAKETIME_TIMESTAMP_FILE": str(file), "FAKETIME_NO_CACHE": "1",
                "FAKETIME_DONT_FAKE_MONOTONIC": "1", "DONT_FAKE_MONOTONIC": "1"}
         ended = place.run(verb, env=env)

@@ -1,4 +1,4 @@
-"""What the parts share: a row of the table, the log, and the program run under limits."""
+"""Shared by the parts: a row of the table, the log, and running the program under limits."""
 
 import dataclasses
 import os
@@ -12,9 +12,9 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[3]
-#: Logs, tools, corpora and what a failure left.
+#: Folder for logs, tools, corpora and leftovers of failures.
 KEPT = ROOT / "target" / "attack"
-#: A program that takes this long more than undisturbed hangs, seconds.
+#: A program that takes this many seconds longer than undisturbed is counted as hanging.
 HANG = 10
 #: The columns of the table that must be 0.
 KINDS = ("crashes", "hangs", "half", "wrong")
@@ -22,7 +22,7 @@ KINDS = ("crashes", "hangs", "half", "wrong")
 
 @dataclasses.dataclass
 class Row:
-    """A part's line of the table."""
+    """A part's row of the table."""
 
     part: str
     done: str = ""
@@ -46,11 +46,11 @@ class Site:
         self.random = random.Random(seed)
         self.lock = threading.Lock()
         self.workers = max(1, os.cpu_count() or 1)
-        #: What `verbs.learned` found.
+        #: Result of `verbs.learned`.
         self.learned = None
 
     def log(self, text):
-        """Writes to the log alone."""
+        """Writes to the log only."""
         with self.lock:
             self.log_file.write(text.rstrip() + "\n")
             self.log_file.flush()
@@ -61,18 +61,18 @@ class Site:
         print(text, file=sys.stderr, flush=True)
 
     def find(self, row, kind, text):
-        """Counts a failure of a kind, and says it."""
+        """Counts a failure of a kind, and reports it."""
         with self.lock:
             setattr(row, kind, getattr(row, kind) + 1)
         self.say(f"FAILED {row.part}: {kind}: {text}")
 
     def skip(self, row, text):
-        """Notes what can't be tried here, aloud."""
+        """Notes and reports a case that can't be tried here."""
         row.skipped.append(text)
         self.say(f"SKIPPED {row.part}: {text}")
 
     def folder(self, name):
-        """An empty folder."""
+        """Returns an empty folder."""
         path = KEPT / "work" / name
         shutil.rmtree(path, ignore_errors=True)
         path.mkdir(parents=True)
@@ -81,7 +81,7 @@ class Site:
 
 @dataclasses.dataclass
 class Ended:
-    """What became of a process."""
+    """Outcome of a process."""
 
     code: int
     out: bytes
@@ -95,7 +95,7 @@ class Ended:
 
     @property
     def crashed(self):
-        """Ended by a signal, or in a panic: `error: ...` and status 1 are how the program fails."""
+        """Whether it ended by a signal or in a panic: the program must fail with `error: ...` and status 1."""
         return self.code < 0 or self.code >= 101 or b"panicked" in self.err
 
     def last(self):
@@ -104,7 +104,7 @@ class Ended:
 
 
 def environment(extra=None):
-    """The environment without what changes the program's defaults."""
+    """Returns the environment without variables that change the program's defaults."""
     kept = {name: value for name, value in os.environ.items() if not name.startswith(("SPHARM_", "SLURM_", "RAYON_", "RUST_"))}
     return kept | {"LC_ALL": "C.UTF-8"} | (extra or {})
 
@@ -121,14 +121,14 @@ def run(command, cwd=None, limit=60.0, env=None, setup=None, signals=True):
         out, err = process.communicate(timeout=limit)
     except subprocess.TimeoutExpired:
         hung = True
-        # Its own session: none but it and its children.
+        # A session of its own, which contains only it and its children.
         os.killpg(process.pid, signal.SIGKILL)
         out, err = process.communicate()
     return Ended(process.returncode, out, err, time.monotonic() - started, hung)
 
 
 def missing(*names):
-    """Those of some programs that aren't there."""
+    """Returns those of the programs that aren't installed."""
     return [name for name in names if not shutil.which(name)]
 
 
@@ -137,7 +137,7 @@ def is_root():
 
 
 def unpacked(site, row, package, *others):
-    """Unpacks packages of Debian's into `target/attack/debian`; `None` where that can't be done, which is said."""
+    """Unpacks Debian packages into `target/attack/debian`; reports and returns `None` if that isn't possible."""
     folder = KEPT / "debian" / package
     if not (folder / "usr").is_dir():
         if missing("apt-get", "dpkg"):

@@ -1,7 +1,7 @@
-"""A file system that shows a folder as it is but for one fault; `media` mounts it: disk.py FOLDER MOUNTPOINT CONTROL.
+"""A file system that mirrors a folder with a single fault; `media` mounts it: disk.py FOLDER MOUNTPOINT CONTROL.
 
 CONTROL is a JSON file that is read at each access: `name` of a file, `offset` in it, and `kind`: `flip` a bit of the byte there,
-fail with `EIO` where it is read, or give `short` reads that end there.
+fail with `EIO` when it is read, or give `short` reads that end there.
 """
 
 import errno
@@ -13,7 +13,7 @@ import mfusepy
 
 
 class Disk(mfusepy.Operations):
-    """Read-only; files are opened anew for each read, which is slow enough for nobody to mind."""
+    """Read-only; files are opened anew for each read, which is fast enough here."""
 
     use_ns = True
 
@@ -40,7 +40,7 @@ class Disk(mfusepy.Operations):
     def open(self, path, info):
         if info.flags & (os.O_WRONLY | os.O_RDWR):
             raise mfusepy.FuseOSError(errno.EROFS)
-        # Past the page cache, else the system itself takes a short read for the end of the file.
+        # Bypass the page cache, else the system itself treats a short read as the end of the file.
         info.direct_io = self.fault(path).get("kind") == "short"
         return 0
 

@@ -1,7 +1,7 @@
 """Hostile files: libFuzzer over every reader, with seeds of every format; `fuzz` has the targets.
 
-They are built as cargo-fuzz does without a sanitizer, on the stable toolchain: `cargo fuzz run --sanitizer none NAME` runs one of
-them by hand. The corpora are kept in `target/attack/corpus`, and what fails in `target/attack/crashes`.
+The targets are built as by cargo-fuzz without a sanitizer, on the stable toolchain: `cargo fuzz run --sanitizer none NAME` runs one
+of them by hand. The corpora are kept in `target/attack/corpus`, and failing inputs in `target/attack/crashes`.
 """
 
 import re
@@ -15,20 +15,20 @@ import seeds
 from common import KEPT, ROOT, Row, in_turn, run
 
 TARGET = "x86_64-unknown-linux-gnu"
-#: Coverage, and comparisons that guide the mutations. Naming the target keeps them out of build scripts.
+#: Flags for coverage, and for comparisons that guide the mutations. Naming the target keeps them out of build scripts.
 FLAGS = (
     "--cfg fuzzing -Cpasses=sancov-module -Cllvm-args=-sanitizer-coverage-level=4 "
     "-Cllvm-args=-sanitizer-coverage-inline-8bit-counters -Cllvm-args=-sanitizer-coverage-pc-table "
     "-Cllvm-args=-sanitizer-coverage-trace-compares -Cllvm-args=-simplifycfg-branch-fold-threshold=0 -Cdebug-assertions"
 )
-#: Seconds an input may take, and MiB in all and at once.
+#: Seconds that an input may take, and MiB in total and in one allocation.
 LIMITS = ("-timeout=10", "-rss_limit_mb=1024", "-malloc_limit_mb=512", "-max_len=16384")
-#: The kinds of failure by the names that libFuzzer gives their files.
+#: Kinds of failure by libFuzzer's names for their files.
 FAILURES = {"crash": "crashes", "oom": "crashes", "leak": "crashes", "timeout": "hangs"}
 
 
 def build(site, row):
-    """Builds the targets; `None` where that can't be done."""
+    """Builds the targets; returns `None` if that isn't possible."""
     env = {"CARGO_TARGET_DIR": str(KEPT / "fuzz"), "RUSTFLAGS": FLAGS}
     site.say("building the fuzz targets (some minutes the first time)")
     ended = run(["cargo", "build", "-q", "--release", "--locked", "--target", TARGET], cwd=ROOT / "fuzz", limit=3600, env=env)
@@ -63,7 +63,7 @@ def run_part(site, seconds):
         before = set(crashes.iterdir())
         executions, end = 0, time.monotonic() + each
         with tempfile.TemporaryDirectory(dir=memory, prefix="spharm-attack.") as scratch:
-            # An input that fails ends libFuzzer: it is started again for the rest, a few times.
+            # A failing input ends libFuzzer, which is then restarted for the remaining inputs, a few times.
             for _ in range(4):
                 rest = [f"-runs={max(1, int(site.executions - executions))}"] if site.executions else [
                     f"-max_total_time={max(1, int(end - time.monotonic()))}"]

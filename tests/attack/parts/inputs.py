@@ -1,8 +1,8 @@
-"""Inputs that are no regular files, and names that aren't UTF-8, among the inputs of every verb.
+"""Inputs that aren't regular files, and names that aren't UTF-8, among the inputs of every verb.
 
-One input at a time is a pipe that nobody writes to, a device, a socket, a folder, an empty file, a link to nothing or to itself:
-the verb must end at once, with status 1 and a line that names the input, and leave nothing half-written. Then one at a time has
-bytes in its name that are no UTF-8: the verb must make as many outputs as undisturbed.
+One input at a time is a pipe without a writer, a device, a socket, a folder, an empty file, or a link to nothing or to itself:
+the verb must end at once, with status 1 and a line that names the input, and leave nothing half-written. Then one input at a time
+has a name that isn't UTF-8: the verb must write as many outputs as undisturbed.
 """
 
 import os
@@ -13,9 +13,9 @@ import socket
 import verbs
 from common import HANG, Row, in_turn, run
 
-#: Address space that a verb may take, bytes: /dev/zero read to its end takes all there is.
+#: Address space of a verb, in bytes: reading /dev/zero to the end would take all memory.
 MEMORY = 8 << 30
-#: Inputs that no argument names: patterns within the folder of the inputs.
+#: Inputs that aren't named by an argument: patterns within the folder of the inputs.
 UNNAMED = {
     "fit --manifest": ("a.ply", "b.ply"),
     "shape correspond --table": ("a.ply", "b.ply", "c.ply", "marks.csv", "?.near.csv"),
@@ -25,11 +25,11 @@ UNNAMED = {
 }
 #: Files of a store that its fit doesn't read.
 UNREAD = (".lock", "factor_")
-#: Folders of a group whose members' places and records nobody needs.
+#: Folders of a group whose members' places and records are not needed by the verbs below.
 OF_MEMBERS = {"members", "places"}
 #: Verbs that read such a group.
 WITHOUT_MEMBERS = {"shape correspond --to", "shape quality --mask"}
-#: What a name that isn't UTF-8 begins with.
+#: Beginning of a name that isn't UTF-8.
 BYTES = b"\xff\xe9 "
 
 
@@ -38,7 +38,7 @@ def pipe(path):
 
 
 def listening(path):
-    # Paths of sockets have at most 107 bytes: bound in its folder.
+    # Socket paths have at most 107 bytes, so bind within the folder.
     here = os.open(".", os.O_RDONLY)
     try:
         os.chdir(path.parent)
@@ -49,7 +49,7 @@ def listening(path):
         os.close(here)
 
 
-#: What stands in an input's place: a name, and a function that makes it.
+#: Replacements of an input: a name, and a function that makes it.
 ODD = {
     "a pipe": pipe,
     "/dev/zero": lambda path: path.symlink_to("/dev/zero"),
@@ -67,7 +67,7 @@ def limited():
 
 
 def files_of(verb, folder):
-    """The input files of a verb, relative to the folder of all inputs."""
+    """Returns the input files of a verb, relative to the folder of all inputs."""
     named = [word.partition("/")[2] for word in verb.arguments.split() if word.startswith(("in/", "INPUTS/"))]
     found = set()
     for pattern in [*named, *UNNAMED.get(verb.name, ())]:
@@ -132,13 +132,13 @@ def judge(site, row, place, verb, ended, file, odd):
     if not ended.hung:
         for kind, flaw in place.flaws(verb, ended.killed, False):
             if "/logs/participant-" in flaw:
-                # Named by a hash of the dataset's path, which is another one here.
+                # Named after a hash of the dataset's path, which differs here.
                 continue
             site.find(row, kind, f"{what}: {flaw}")
 
 
 def named(site, row, place, verb, file, kept):
-    """Runs a verb with an input of another name, where an argument names it."""
+    """Runs a verb with an input of another name, if an argument names it."""
     what = f"{verb.name}, {file} with bytes in its name"
     other = BYTES + os.fsencode(file.name)
     path = os.path.join(os.fsencode(place.inputs / file.parent), other)

@@ -1,6 +1,6 @@
 """Bad media: a file system whose files have flipped bits, unreadable places and short reads, under every verb that reads.
 
-What has check sums gives the right result or an error; what can't be read gives an error; a short read gives nothing away.
+Files with checksums give the right result or an error; unreadable ones give an error; a short read has no effect.
 """
 
 import json
@@ -13,7 +13,7 @@ import verbs
 from common import HANG, KEPT, Row, environment, is_root, missing, run
 
 KINDS = ("flip", "EIO", "short")
-#: Commands, the files that they read, and whether every bit of these has a check sum.
+#: Commands, the files that they read, and whether every bit of these is covered by a checksum.
 READERS = (
     ("fit over a store", "fit --store disk/store --sphere in/sphere.ply --surface in/a.ply --max-degree 4 -o out/m.npz --threads 1",
      "store/*/A_*", True),
@@ -31,7 +31,7 @@ READERS = (
 
 
 def python(site, row):
-    """A Python with mfusepy; `None` where there is none."""
+    """Returns a Python with mfusepy, or `None`."""
     venv = KEPT / "venv"
     path = venv / "bin/python"
     if run([path, "-c", "import mfusepy"]).code == 0 if path.exists() else False:
@@ -98,7 +98,7 @@ def attack(site, row, place, control, inputs, seconds):
         number += 1
         file = site.random.choice(files)
         if kind == "short" and "store" in file.parts:
-            # A file past the page cache can't be mapped.
+            # A file that bypasses the page cache can't be mapped.
             continue
         fault = {"name": str(file.relative_to(inputs)), "offset": site.random.randrange(file.stat().st_size), "kind": kind,
                  "bit": site.random.randrange(8)}
@@ -117,8 +117,8 @@ def attack(site, row, place, control, inputs, seconds):
             site.find(row, "wrong", f"{what}: status {ended.code}: {ended.last()}")
         elif ended.code == 1 and kind == "short":
             site.find(row, "wrong", f"{what}: a short read isn't an error: {ended.last()}")
-        # What has no check sums has another result where a digit of it is another: a label's may be other files, too, beside
-        # one that fails.
+        # A flipped bit in a file without checksums may change the result; with labels it may also change the other files,
+        # besides one that fails.
         sure = summed or kind != "flip"
         for problem, text in place.flaws(verb, False, ended.code == 0) if sure or ended.code == 1 and not verb.goes_on else ():
             site.find(row, problem, f"{what}: {text}")

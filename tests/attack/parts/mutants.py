@@ -1,9 +1,9 @@
-"""Mutations of our own code: what is broken must be caught by the tests of its own crate.
+"""Mutations of our own code, which must be caught by the tests of the mutated crate.
 
-cargo-mutants changes one place at a time in a copy of the repository, which is kept with all that is built of it: a mutant
-costs the build of its own crate and its tests. A full run takes a day or two, so that each run takes a random sample for its
-time, at least a few of every crate; `--seed` repeats it. `tests/attack/survivors.txt` has the mutants that no test can
-catch, and why.
+cargo-mutants changes one place at a time in a copy of the repository, which is kept together with its build: a mutant
+costs only the build of its own crate and its tests. A full run takes a day or two, so each run takes a random sample for its
+time, at least a few mutants of every crate; `--seed` repeats it. `tests/attack/survivors.txt` lists the mutants that no test
+can catch, with the reasons.
 """
 
 import json
@@ -18,11 +18,11 @@ from common import KEPT, ROOT, Row, run
 
 VERSION = "27.1.0"
 CRATES = ["spharm-store", "spharm-surface", "spharm-solver"]
-#: Mutants between two looks at the clock: so many of each crate are tried however little time there is.
+#: Number of mutants of each crate between two checks of the time: this many are tried however short the time.
 SHARD = 3
-#: The least part that is caught, where there are enough to say.
+#: Smallest share of mutants caught, and the number of mutants from which on it is required.
 LEAST, ENOUGH = 0.9, 20
-#: What cargo builds and runs of a crate: documentation's examples would take most of the time.
+#: Tests of a crate that are built and run: documentation examples would take most of the time.
 TESTS = ["--locked", "--lib", "--tests"]
 OUTCOMES = ["caught", "missed", "timeout", "unviable"]
 
@@ -72,7 +72,7 @@ def run_part(site, seconds):
 
 
 class Found:
-    """What became of some mutants: pairs of an outcome and a mutant's name."""
+    """Outcomes of some mutants: pairs of an outcome and a mutant's name."""
 
     def __init__(self):
         self.lines = []
@@ -84,7 +84,7 @@ class Found:
         return sum(outcome in outcomes for outcome, _ in self.lines)
 
     def caught(self):
-        # A test that doesn't come to an end is noticed.
+        # A test that doesn't end counts as caught.
         return self.of("caught", "timeout")
 
     def tried(self):
@@ -99,7 +99,7 @@ class Found:
 
 
 class Bench:
-    """A copy of the repository in which cargo-mutants works, and what is built of it; both are kept."""
+    """A copy of the repository in which cargo-mutants works, with its build; both are kept."""
 
     def __init__(self, program):
         self.program = program
@@ -107,13 +107,13 @@ class Bench:
         # The tests write thousands of small files.
         memory = Path("/dev/shm")
         scratch = memory if memory.is_dir() and os.access(memory, os.W_OK) else Path(tempfile.gettempdir())
-        # Quicker to build; the tests' figures don't depend on it.
+        # Faster to build; the tests' results don't depend on it.
         self.env = {"CARGO_TARGET_DIR": str(KEPT / "mutants/target"), "TMPDIR": str(scratch), "CARGO_PROFILE_DEV_DEBUG": "0",
                     "CARGO_PROFILE_DEV_OPT_LEVEL": "1"}
         self.reasons = explained()
 
     def refresh(self):
-        """Brings the copy up to the repository, with new times for what differs, so that it is built again."""
+        """Updates the copy from the repository, with new times for changed files, so that they are built again."""
         listed = run(["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"], cwd=ROOT)
         if listed.code != 0:
             return False
@@ -129,20 +129,20 @@ class Bench:
         return True
 
     def tests(self, crate):
-        """Builds and runs the tests of a crate as it is."""
+        """Builds and runs the tests of an unmodified crate."""
         return run(["cargo", "test", "-q", "-p", crate, *TESTS], cwd=self.tree, limit=7200, env=self.env)
 
     def mutants(self, crate):
-        """The names of a crate's mutants."""
+        """Returns the names of a crate's mutants."""
         ended = run([self.program, "mutants", "-d", self.tree, "-p", crate, "--list", "--json"], limit=300)
         return [entry["name"] for entry in json.loads(ended.out)]
 
     def tried(self, crate, shard, limit):
-        """What becomes of some mutants, those of a shard, whose tests may take `limit` seconds."""
+        """Tests the mutants of a shard, whose tests may take `limit` seconds; returns the outcomes."""
         shutil.rmtree(self.out, ignore_errors=True)
         self.out.mkdir(parents=True)
         args = [f"--cargo-arg={word}" for word in TESTS]
-        # It isn't ended before its time: the copy would keep a mutant.
+        # Don't end it early: the copy would keep a mutant.
         run([self.program, "mutants", "-d", self.tree, "--in-place", "-p", crate, "-o", self.out, "--shard", shard, "--sharding",
              "round-robin", "--baseline", "skip", "--timeout", str(round(limit)), "--build-timeout", "1800", "--colors", "never",
              *args], limit=86400, env=self.env)
@@ -156,7 +156,7 @@ class Bench:
 
 
 def installed(site, row):
-    """cargo-mutants, installed where it isn't there; `None` where that can't be done."""
+    """Installs cargo-mutants if necessary; returns `None` if that isn't possible."""
     folder = KEPT / "attack-tools"
     path = folder / "bin/cargo-mutants"
     if VERSION not in run([path, "mutants", "--version"]).out.decode() if path.exists() else True:
@@ -169,14 +169,14 @@ def installed(site, row):
 
 
 def explained():
-    """The mutants that survive for a reason: the text before the first ` -- ` of each line."""
+    """Returns the mutants that survive for a known reason: the text before the first ` -- ` of each line."""
     path = ROOT / "tests/attack/survivors.txt"
     lines = path.read_text().splitlines() if path.is_file() else []
     return {line.split(" -- ")[0].strip() for line in lines if " -- " in line and not line.startswith("#")}
 
 
 def without_place(name):
-    """`crates/a/src/b.rs:12:3: replace ...` without line and column, which change."""
+    """Returns `crates/a/src/b.rs:12:3: replace ...` without line and column, which change."""
     file, _, _, text = name.split(":", 3)
     return f"{file}:{text}"
 

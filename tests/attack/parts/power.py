@@ -1,7 +1,7 @@
-"""Power cuts: a file system that stops in the middle of the work, and what is there when it is mounted again.
+"""Power cuts: a file system that stops in the middle of the work, and its contents when it is mounted again.
 
-The file system lies in a file behind a loop device. FS_IOC_SHUTDOWN ends it at once: without flushing its log, as when the
-power goes, or with. It is then mounted again, which replays the journal.
+The file system is in a file behind a loop device. FS_IOC_SHUTDOWN stops it at once, with or without flushing its log; a power cut
+doesn't flush it. The file system is then mounted again, which replays the journal.
 """
 
 import contextlib
@@ -14,7 +14,7 @@ import time
 import verbs
 from common import Row, environment, is_root, missing, run, unpacked
 
-#: FS_IOC_SHUTDOWN, the same for ext4 and xfs, and its ways.
+#: FS_IOC_SHUTDOWN, the same for ext4 and xfs, and its modes.
 SHUTDOWN, LOGFLUSH, NOLOGFLUSH = 0x8004587D, 1, 2
 MAKERS = {"ext4": ("mkfs.ext4", "-q", "-F", 64), "xfs": ("mkfs.xfs", "-q", "-f", 320)}
 
@@ -51,7 +51,7 @@ class Disk:
             if done.code == 0:
                 self.mounted = False
             else:
-                # Somebody has just ended and is still being cleared away.
+                # A process has just ended and is still being cleaned up.
                 time.sleep(0.05)
 
 
@@ -88,7 +88,7 @@ def run_part(site, seconds):
     cuts = {disk.kind: 0 for disk in disks}
     after = dict.fromkeys(cuts, 0)
     end = time.monotonic() + seconds
-    # What builds and what replaces is cut most often, in the second half of its work, when files are published.
+    # Verbs that build and replace are cut most often, in the second half of their work, when files are published.
     chosen = [verb for verb in all_verbs if verb.name != "study"]
     while disks and time.monotonic() < end:
         disk, verb = site.random.choice(disks), site.random.choice(chosen)
@@ -101,7 +101,7 @@ def run_part(site, seconds):
 
 
 def one(site, row, inputs, disk, verb, moment, way):
-    """Cuts the power at a moment of a verb's work, a part of what it takes undisturbed. Returns whether it had finished."""
+    """Cuts the power at a fraction of a verb's undisturbed time. Returns whether the verb had finished."""
     disk.mount()
     with contextlib.ExitStack() as stack:
         stack.callback(disk.unmount)

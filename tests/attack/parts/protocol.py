@@ -1,4 +1,4 @@
-"""The model of how files of a store are published, in `tests/attack/protocol`, checked in all its states."""
+"""Checks all states of the model in `tests/attack/protocol` of how a store's files are published."""
 
 import json
 

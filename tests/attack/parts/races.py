@@ -1,6 +1,6 @@
-"""Races for one store: builders, extensions, readers and `gc` at once, with locks and where the file system has none.
+"""Races for one store: builders, extensions, readers and `gc` at once, with locks and on a file system without them.
 
-That there are no locks is strace's doing: every `flock` of some of the processes fails with ENOLCK.
+strace simulates the lack of locks: every `flock` of some of the processes fails with ENOLCK.
 """
 
 import hashlib
@@ -15,7 +15,7 @@ DEGREE, EXTENDED = 8, 12
 
 
 def tree(store):
-    """Names and hashes of everything in a store."""
+    """Returns names and hashes of everything in a store."""
     return {
         str(path.relative_to(store)): hashlib.sha256(path.read_bytes()).hexdigest()
         for path in store.rglob("*") if path.is_file() and path.name != ".lock"
@@ -31,7 +31,7 @@ class Race:
         self.processes = []
 
     def start(self, words, locks=True, may_fail=False):
-        # With --seccomp-bpf only flock itself is stopped at.
+        # With --seccomp-bpf strace stops only at flock itself.
         before = [] if locks else ["strace", "-f", "-qq", "--seccomp-bpf", "-o", "/dev/null", "-e", "trace=flock", "-e",
                                    "inject=flock:error=ENOLCK"]
         process = subprocess.Popen([str(word) for word in [*before, self.site.program, *words]], cwd=self.folder, env=environment(),
@@ -43,7 +43,7 @@ class Race:
                     "--threads", 1, "-q", *more], locks)
 
     def end(self, what):
-        """Waits for all; a process that fails where it may not is a failure."""
+        """Waits for all processes; one that fails but may not is a failure."""
         patience = time.monotonic() + 6 * HANG
         for process, words, may_fail in self.processes:
             name = " ".join(str(word) for word in words[:2])
@@ -86,7 +86,7 @@ def run_part(site, seconds):
     kinds = [builders, builders_and_gc, extension]
     counts = dict.fromkeys(kinds, 0)
     end, number = time.monotonic() + seconds, 0
-    # Each kind at least once, with locks and without.
+    # Run each kind at least once, with locks and without.
     while time.monotonic() < end or number < 2 * len(kinds):
         kind, locks = kinds[number % len(kinds)], not strace or number // len(kinds) % 2 == 0
         what = f"round {number}, {kind.__name__.replace('_', ' ')}{'' if locks else ', no locks'}"
@@ -108,10 +108,10 @@ def builders(race, expected, _, locks, what):
 
 def builders_and_gc(race, expected, _, locks, what):
     for number in range(BUILDERS // 2):
-        # Without locks a leftover is one that is a day old, and gc removes none of these.
+        # Without locks only files that are a day old are leftovers, and gc removes none of these files.
         race.build(DEGREE, locks, ("--factor", 4))
         if number % 2:
-            # There may be no store yet.
+            # The store may not exist yet.
             race.start(["store", "gc", race.store], locks, may_fail=True)
     race.end(what)
     race.same(expected, what)

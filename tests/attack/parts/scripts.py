@@ -1,7 +1,7 @@
-"""Scripts of `tests/attack` that stand on their own: each gets the program and prints a JSON object as its last line.
+"""Standalone scripts of `tests/attack`: each gets the program and prints a JSON object as its last line.
 
-Of the object `cases` says what was done, `failures` what went wrong, a number or a list; `skipped`, where it is there, what
-couldn't be tried.
+In the object, `cases` describes the checks, `failures` is the number or the list of failures, and `skipped`, if present, lists the
+checks that couldn't be tried.
 """
 
 import json
@@ -18,12 +18,12 @@ def run_script(site, name, file, seconds):
     if not script.is_file():
         site.skip(row, f"there is no {script.relative_to(ROOT)}")
         return row
-    # Where it needs NumPy or the Python package, `./run` has made an environment that has it.
+    # If it needs NumPy or the Python package, `./run` has made an environment with them.
     python = ROOT / "target/python/bin/python" if name == "statistics" else os.environ.get("SPHARM_PYTHON", sys.executable)
     if not Path(python).is_file():
         site.skip(row, f"there is no {python}: ./run attack makes it")
         return row
-    # A script keeps to its time itself; it is ended only where it is far beyond it.
+    # A script keeps to its time itself; it is ended only if it is far over it.
     ended = run([python, script, site.program], limit=max(900, 4 * seconds), env={"SPHARM_ATTACK_SECONDS": f"{seconds:.0f}"})
     text = ended.out.decode(errors="replace")
     site.log(text + ended.err.decode(errors="replace"))

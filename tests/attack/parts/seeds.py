@@ -1,7 +1,7 @@
-"""Seed corpora of the fuzz targets, made of the fixtures in `tests/data` and of what the program writes.
+"""Seed corpora of the fuzz targets, made from the fixtures in `tests/data` and the program's outputs.
 
-An input is a file and one byte more, which chooses the file's name or what is mended; see `fuzz/src/readers/mod.rs`, whose order of
-names these follow.
+An input is a file and one more byte, which selects the file's name or the repair; see `fuzz/src/readers/mod.rs`, which has the
+same order of names.
 """
 
 import gzip
@@ -18,7 +18,7 @@ VOLUMES = (".nii", ".nii.gz", ".mgz", ".nrrd", ".tif", ".npy")
 FORMATS = ("pdm", "mat", "pyshtools", "healpy", "s2fft", "ktch", "flowshape", "aics", "afni", "csv", "json")
 ARRAYS = ("coefficients", "max_degree", "convention", "faces", "directions", "cut_from", "seam", "scheme_key", "provenance",
           "modes", "variances", "scores", "members")
-#: Longer files are fuzzed slowly and find nothing more.
+#: Largest seed: longer files are fuzzed slowly and find nothing more.
 LONGEST = 16 << 10
 #: Words of the formats, for all targets.
 WORDS = (
@@ -36,7 +36,7 @@ WORDS = (
 
 
 class Corpora:
-    """Folders of inputs, one for each target."""
+    """Folders of inputs, one per target."""
 
     def __init__(self, folder):
         self.folder = folder
@@ -49,7 +49,7 @@ class Corpora:
 
 
 def ending(name, endings):
-    """The number of the longest ending that a name has."""
+    """Returns the number of the longest ending of a name."""
     name = name.removesuffix(".gz") if not name.endswith(".nii.gz") else name
     fitting = [number for number, end in enumerate(endings) if end and name.endswith(end)]
     return max(fitting, key=lambda number: len(endings[number]), default=0)
@@ -119,7 +119,7 @@ def make(site, folder):
     corpora.add("cohorts", "list.csv", b"id,surface,group\na,a.ply,1\nb,b.ply,2\n", 1)
     corpora.add("cohorts", "status.tsv", b"id\tstate\tmsd\txsd\tseconds\terror\toutput\na\tdone\t1e-5\t2e-4\t0.5\t\ta.npz\n"
                 b"b\tfailed\t\t\t0.1\tno such file\t\n", 2)
-    # A radius, which is all that one of the formats has.
+    # A radius, which is the only thing that one of the formats holds.
     (work / "radius.csv").write_text("radius\n" + "1\n" * 12)
     program("fit", "--sphere", "sphere.obj", "--surface", "radius.csv", "--max-degree", 1, "-o", "radius.npz", "-q", "--force")
     for number, name in enumerate(FORMATS):
@@ -140,7 +140,7 @@ def make(site, folder):
     corpora.add("landmarks", "a.fcsv", b"# CoordinateSystem = LPS\n# columns = id,x,y,z,label\n1,1,2,3,\"tip, left\"\n", 2)
     corpora.add("landmarks", "a.csv", b"name,x,y,z\nA,1,2,3\n", 3)
     corpora.add("landmarks", "a.tsv", b"A\t1\t2\t3\nB\t4\t5\t6\n", 4)
-    # What has been found before, and the formats that nothing here writes.
+    # Findings of earlier runs, and the formats that nothing here writes.
     for path in sorted((data / "hostile").glob("*/*")):
         content = path.read_bytes()
         corpora.add(path.parent.name, f"hostile-{path.name}", content[:-1], content[-1])
@@ -168,7 +168,7 @@ def npy(descr, shape, body):
 
 
 def tiff():
-    """A page of 3 x 3 pixels of 8 bits, deflated."""
+    """Returns a page of 3 x 3 pixels of 8 bits, deflated."""
     strip = zlib.compress(cube()[9:18])
     tags = ((256, 3, 3), (257, 3, 3), (258, 3, 8), (259, 3, 8), (262, 3, 1), (273, 4, 8), (277, 3, 1), (278, 3, 3), (279, 4, len(strip)))
     entries = b"".join(struct.pack("<HHII", tag, kind, 1, value) for tag, kind, value in tags)
@@ -177,7 +177,7 @@ def tiff():
 
 
 def members(path):
-    """The members of an archive, as the target `archives` takes them."""
+    """Returns the members of an archive as input for the target `archives`."""
     out = b""
     with zipfile.ZipFile(path) as archive:
         for name in archive.namelist():

@@ -1,6 +1,6 @@
-"""Every verb that writes, with small inputs, and what must hold of its outputs however it ended.
+"""Every verb that writes, with small inputs, and the guarantees on its outputs however it ended.
 
-A verb runs in a folder of its own, with its inputs in `in` and its outputs in `out`; the paths are relative, so that every
+A verb runs in its own folder, with its inputs in `in` and its outputs in `out`; the paths are relative, so that every
 folder gets the same bytes. `INPUTS` is the absolute path of the inputs.
 """
 
@@ -21,13 +21,13 @@ class Verb:
 
     name: str
     arguments: str
-    #: It replaces outputs only with `--force`; else it is repeated as it is.
+    #: Whether it replaces outputs only with `--force`; otherwise the same command is repeated.
     force: bool = True
-    #: Commands that make what it adds to.
+    #: Commands that make the files that it adds to.
     prepare: tuple = ()
-    #: It goes on without what failed, so that other outputs may be whole and yet differ until it is repeated.
+    #: Whether it continues after a failure, so that complete outputs may differ until it is repeated.
     goes_on: bool = False
-    #: Hashes of the files of an undisturbed run; `None` where two such runs differ (times).
+    #: Hashes of the files of an undisturbed run; `None` if two such runs differ (times).
     expected: dict = dataclasses.field(default_factory=dict)
     bytes_written: int = 0
     seconds: float = 0.0
@@ -38,7 +38,7 @@ class Verb:
 
 
 def verbs():
-    # The dataset by its own path, which is in the result.
+    # Uses the dataset's own path, because it is in the result.
     participant = "bids INPUTS/data out/derivative participant --surfaces pial --hemi L --max-degree 3 --icosphere 1 --threads 1"
     build = "basis-build --sphere in/sphere.ply --store out/store --max-degree 6 --threads 1 -q"
     return [
@@ -94,7 +94,7 @@ def verbs():
         Verb("volumes", "volumes in/labels.nii --max-degree 3 -o out/models --threads 1", goes_on=True),
         Verb("freesurfer", "freesurfer in/subjects --surface pial --hemi lh --max-degree 3 --evaluate-on icosphere:1 -o out/models "
              "--threads 1"),
-        # They are resumed without --force.
+        # Resumed without --force.
         Verb("bids", participant, force=False, goes_on=True),
         Verb("bids group", participant.replace("participant", "group"), force=False, prepare=(participant + " -q",), goes_on=True),
         Verb("study", "study out/study.toml --threads 1", force=False, prepare=("study init out/study.toml",), goes_on=True),
@@ -119,7 +119,7 @@ def inputs(site):
     make("shape", "correspond", "a.ply", "b.ply", "c.ply", "--max-degree", 4, "--subdivisions", 2, "-o", "group", "-q")
     (folder / "marks.csv").write_text("name,x,y,z\np,30,0,0\nq,0,20,0\n")
     for name in "abc":
-        # Of the 162 vertices of an icosphere of two subdivisions.
+        # These are vertices of an icosphere of two subdivisions, which has 162.
         (folder / f"{name}.near.csv").write_text("near\n" + "".join(f"{math.sin(0.1 * v)}\n" for v in range(162)))
     rows = [f"{name}\t{name}.ply\tmarks.csv\t{name}.near.csv" for name in "abc"]
     (folder / "group.tsv").write_text("\n".join(["id\tsurface\tlandmarks\tnear", *rows]) + "\n")
@@ -147,7 +147,7 @@ def inputs(site):
 
 
 def learned(site):
-    """The folder of the inputs, and all verbs with what they write undisturbed; found once."""
+    """Returns the folder of the inputs, and all verbs with their undisturbed outputs; computed once."""
     if site.learned is None:
         folder, found = inputs(site), verbs()
         place = Workplace(site, "undisturbed", folder)
@@ -158,7 +158,7 @@ def learned(site):
 
 
 def samples(rows=400):
-    """A table of values on a spiral."""
+    """Returns a table of values on a spiral."""
     lines = ["x,y,z,v"]
     for i in range(rows):
         z = 1 - (2 * i + 1) / rows
@@ -168,7 +168,7 @@ def samples(rows=400):
 
 
 def nifti(size=12):
-    """A volume of two labels, a cube and a ball."""
+    """Returns a volume of two labels, a cube and a ball."""
     header = struct.pack("<i36x", 348) + struct.pack("<8h", 3, size, size, size, 1, 1, 1, 1) + bytes(14)
     header += struct.pack("<hhh", 2, 8, 0) + struct.pack("<8f", 1, 1, 1, 1, 1, 1, 1, 1) + struct.pack("<f", 352)
     header = header.ljust(252, b"\0") + struct.pack("<hh", 0, 1)
@@ -195,7 +195,7 @@ class Workplace:
             self.out.symlink_to(out)
 
     def fresh(self, verb):
-        """Empties `out` and makes what the verb adds to."""
+        """Empties `out` and makes the files that the verb adds to."""
         if self.out.is_symlink():
             for path in self.out.resolve().iterdir():
                 shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
@@ -211,12 +211,12 @@ class Workplace:
             edit_study(self.out / "study.toml", (self.folder / "in").resolve())
 
     def run(self, verb, again=False, before=(), limit=None, **settings):
-        """Runs a verb, with a command before it such as strace's."""
+        """Runs a verb, optionally under another command such as strace."""
         limit = limit or HANG + 10 * verb.seconds
         return run([*before, *verb.command(self.site.program, self.inputs, again)], cwd=self.folder, limit=limit, **settings)
 
     def files(self):
-        """Every file of `out`, by its path, but for locks."""
+        """Returns every file of `out` by its path, except locks."""
         root = self.out.resolve()
         return {str(path.relative_to(root)): path for path in sorted(root.rglob("*")) if path.is_file() and path.name != ".lock"}
 
@@ -224,7 +224,7 @@ class Workplace:
         return {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in self.files().items()}
 
     def learn(self, verb):
-        """Runs a verb twice undisturbed, and keeps what it wrote."""
+        """Runs a verb twice undisturbed, and keeps its outputs."""
         runs = []
         for _ in range(2):
             self.fresh(verb)
@@ -241,7 +241,7 @@ class Workplace:
         verb.bytes_written = sum(path.stat().st_size for path in self.files().values())
 
     def flaws(self, verb, killed, complete):
-        """What is wrong with the files that a verb left: `(kind, text)` of each."""
+        """Yields the flaws of the files that a verb left, as `(kind, text)`."""
         for name, path in self.files().items():
             base = name.rsplit("/", 1)[-1]
             if base.startswith(".") and base.endswith(".tmp"):
@@ -259,7 +259,7 @@ class Workplace:
                 yield "wrong", f"{name} isn't there though the status is 0"
 
     def judge(self, row, verb, ended, what):
-        """Checks how a disturbed run ended and what it left, then that a rerun makes everything. Returns whether all is well."""
+        """Checks how a disturbed run ended and its files, then that a rerun makes everything. Returns whether all is well."""
         failures = []
         if ended.hung:
             failures.append(("hangs", f"over {HANG} s"))
@@ -279,12 +279,12 @@ class Workplace:
 
 
 def has_times(name):
-    """Whether an output says how long something took, or in which order: two runs may have the same by chance."""
+    """Returns whether an output contains times or their order: two runs may have the same by chance."""
     return name.endswith((".json", ".status.tsv", "_status.tsv")) or "/.study/" in name or "/status/" in name
 
 
 def whole(path):
-    """Whether a file whose bytes vary, since it has times in it, is whole."""
+    """Returns whether a file whose bytes vary, because it contains times, is complete."""
     data = path.read_bytes()
     if path.name.endswith(".json"):
         try:
@@ -294,7 +294,7 @@ def whole(path):
         return True
     of_bids = path.parent.name == "logs" and path.name.endswith("_status.tsv")
     if path.name.endswith(".status.tsv") or path.parent.name == "status" or of_bids:
-        # Lines are appended: part of the last one may be missing, and the next run cuts it off.
+        # Lines are appended: part of the last one may be missing, and the next run removes it.
         return True
     if path.name.endswith((".tsv", ".csv")):
         return data.endswith(b"\n")
@@ -311,7 +311,7 @@ def whole(path):
 
 
 def edit_study(path, inputs_folder):
-    """Names the study's table and folder in a file that `study init` wrote."""
+    """Sets the study's table and folder in a file written by `study init`."""
     lines = []
     for line in path.read_text().splitlines():
         key = line.split("=")[0].strip()

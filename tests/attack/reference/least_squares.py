@@ -1,4 +1,4 @@
-"""Least squares over spherical harmonics in 50 decimal digits: the reference that `numerics.py` holds the program against.
+"""Least squares over spherical harmonics in 50 decimal digits: the reference with which `numerics.py` compares the program.
 
 Real orthonormal harmonics without the Condon-Shortley phase, row l^2 + l + m, sin(|m| phi) for negative m, by recurrences of
 Legendre functions in x, y and z; Householder's QR with column pivoting. Standard library only.
@@ -9,12 +9,12 @@ from decimal import Decimal, getcontext
 getcontext().prec = 50
 ZERO, ONE, TWO = Decimal(0), Decimal(1), Decimal(2)
 PI = Decimal("3.14159265358979323846264338327950288419716939937510582097494459")
-# Columns below this share of the largest are none: far below what f64 tells from rounding.
+# Columns below this share of the largest are treated as zero: far below what f64 distinguishes from rounding.
 NOTHING = Decimal(10) ** -40
 
 
 def sine_cosine(angle: float) -> tuple[Decimal, Decimal]:
-    """Sine and cosine of an angle of a few radians, by their series."""
+    """Returns sine and cosine of an angle of a few radians, by their series."""
     x = Decimal(angle)
     sine, cosine, term, k = ZERO, ZERO, ONE, 0
     while k < 20 or abs(term) > NOTHING * NOTHING:
@@ -29,7 +29,7 @@ def sine_cosine(angle: float) -> tuple[Decimal, Decimal]:
 
 
 def harmonics(theta: float, phi: float, degree: int) -> list[Decimal]:
-    """All harmonics to a degree at a direction, in canonical order."""
+    """Returns all harmonics up to a degree at a direction, in canonical order."""
     (st, ct), (sp, cp) = sine_cosine(theta), sine_cosine(phi)
     row = [ZERO] * (degree + 1) ** 2
     cosines, sines = [ONE], [ZERO]
@@ -81,12 +81,12 @@ class Problem:
         return found
 
     def optimality(self, x: list[Decimal]) -> Decimal:
-        """|gradient| / |A^T W f|, what the program's tolerance is about."""
+        """Returns |gradient| / |A^T W f|, the quantity that the program's tolerance limits."""
         scale = norm(self.gradient([ZERO] * len(x)))
         return norm(self.gradient(x)) / scale if scale else ZERO
 
     def solve(self, columns: range | None = None) -> tuple[list[Decimal], Decimal, int]:
-        """A solution in some of the columns, its condition and rank; of a singular problem a basic solution."""
+        """Returns a solution in some of the columns, its condition and rank; for a singular problem a basic solution."""
         chosen = list(columns) if columns is not None else list(range(len(self.penalty)))
         roots = [w.sqrt() for w in self.weights]
         matrix = [[root * row[k] for k in chosen] for root, row in zip(roots, self.rows) if root]
@@ -107,7 +107,7 @@ def norm(vector: list[Decimal]) -> Decimal:
 
 
 def least_squares(matrix: list[list[Decimal]], right: list[Decimal]) -> tuple[list[Decimal], Decimal, int]:
-    """Householder's QR with column pivoting: solution, |R_11 / R_rr| and the rank r."""
+    """Solves by Householder's QR with column pivoting: returns solution, |R_11 / R_rr| and the rank r."""
     columns = [list(column) for column in zip(*matrix)]
     right, order = list(right), list(range(len(columns)))
     rank, diagonal = 0, []
