@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""The figures of docs/performance.md and docs/methods.md, each measured together with what it is compared with.
+"""Measures the figures of docs/performance.md and docs/methods.md, each together with its reference.
 
 `./run bench [--data DIR] [--work DIR] [--tmpfs DIR] [--rounds N] [--only NAME ...]`. Python's standard library only.
-Everything compared is run in turn, round after round, and medians are taken. The store is built at n = 40,962, L = 100,
-f64: 3.3 GB, up to three times at once.
+Programs that are compared run in turn, round after round, and medians are taken. The store is built at n = 40,962, L = 100,
+f64: 3.3 GB, up to three copies at once.
 """
 
 import argparse
@@ -64,10 +64,10 @@ class Bench:
         if not self.store.exists():
             run(*self.build(self.store))
 
-    # The bars.
+    # Measurements with bars.
 
     def building(self):
-        """basis-build against dd to the same disk."""
+        """Compares basis-build with dd to the same disk."""
         target, zeros = self.work / "disk", self.work / "zeros"
         ours, theirs = [], []
         size = None
@@ -86,11 +86,11 @@ class Bench:
                  f"{median(ours):.2f} s / {median(theirs):.2f} s, {size / 1e9:.2f} GB")
 
     def building_tmpfs(self):
-        """basis-build to tmpfs against cp -r of the finished store within it."""
+        """Compares basis-build to tmpfs with cp -r of the finished store within it."""
         folder = self.tmpfs / f"spharm-bench-{os.getpid()}"
         try:
             ours, theirs = [], []
-            # One build that isn't counted, so that the first use of the machine's memory isn't measured.
+            # The first build isn't measured: it includes the first use of the machine's memory.
             for round_ in range(self.rounds + 1):
                 shutil.rmtree(folder, ignore_errors=True)
                 folder.mkdir()
@@ -106,7 +106,7 @@ class Bench:
                  f"{median(ours):.2f} s / {median(theirs):.2f} s")
 
     def fitting(self):
-        """fit from the page cache, against the Gram flops at the rate of a dgemm and reading the store."""
+        """Compares fit from the page cache with the Gram flops at the rate of a dgemm plus reading the store."""
         self.ensure_store()
         rates = json.loads(run("cargo", "bench", "-q", "--bench", "rates").strip().splitlines()[-1])
         self.figures["rates"] = rates
@@ -129,7 +129,7 @@ class Bench:
         self.bar("streaming pass / cat", median(passes) / median(cat), 3.0, f"{median(passes):.2f} s / {median(cat):.2f} s")
 
     def batch(self):
-        """32 surfaces in one call against one."""
+        """Compares 32 surfaces in one call with one surface."""
         self.ensure_store()
         surfaces = []
         for variant in range(32):
@@ -180,7 +180,7 @@ class Bench:
                  least=True)
 
     def accuracy(self):
-        """Every irf and sirf line of reference.json, and the published coefficients."""
+        """Checks every irf and sirf line of reference.json, and the published coefficients."""
         data = Path(self.data)
         if not (data / "reference.json").exists():
             self.skip("reference.json", f"no {data}")
@@ -223,7 +223,7 @@ class Bench:
         self.bar("published degree-15 coefficients, largest relative difference", largest, 1e-10)
 
     def acceleration(self):
-        """Passes within 1e-6 of the optimal msd, plain and accelerated; else how far above it they end."""
+        """Passes until the msd is within 1e-6 of the optimum, plain and accelerated; if never, the final excess."""
         data = Path(self.data)
         if not (data / "reference.json").exists():
             self.skip("accelerated passes", f"no {data}")
@@ -267,7 +267,7 @@ class Bench:
             return time.perf_counter() - start
 
     def drop(self):
-        """Drops the store's pages from the page cache, and checks it."""
+        """Drops the store's pages from the page cache, and checks that they are gone."""
         os.sync()
         for path in self.files():
             with open(path, "rb") as file:
@@ -340,7 +340,7 @@ def median(values):
 
 
 def ratio(ours, theirs):
-    """Median of the ratios round by round: the machine's speed drifts, and they were run in turn."""
+    """Median of the ratios of each round: the machine's speed drifts, so both are run in turn."""
     return median([a / b for a, b in zip(ours, theirs, strict=True)])
 
 

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""What BIDS' own tools make of `spharm bids`: `./run bids`, with the program as first argument.
+"""Checks `spharm bids` with BIDS' own tools: `./run bids`, with the program as first argument.
 
-Three made-up subjects of FreeSurfer are fitted and gathered. bids-validator-deno has to find no error in the derivative dataset, and
-PyBIDS every file of every subject, with its entities.
+Three artificial FreeSurfer subjects are fitted and gathered. bids-validator-deno must find no error in the derivative dataset, and
+PyBIDS must find every file of every subject by its entities.
 """
 
 import json
@@ -13,7 +13,7 @@ from collections import Counter
 from pathlib import Path
 
 SUBJECTS, HEMISPHERES = ("01", "02", "03"), {"lh": "L", "rh": "R"}
-#: Files of a hemisphere, by what PyBIDS calls them.
+#: Files of a hemisphere, by PyBIDS's entities.
 EXPECTED = {
     (".npz", "spharm", None): 1,
     (".surf.gii", "spharm", "icosphere3"): 1,
@@ -53,7 +53,7 @@ def validate(out):
 
 
 def missing(out):
-    """Files of the subjects that PyBIDS doesn't find by their entities, and how many it finds."""
+    """Returns the subjects' files that PyBIDS doesn't find by their entities, and the number that it finds."""
     from bids import BIDSLayout
 
     layout = BIDSLayout(out, validate=False, is_derivative=True)

@@ -1,8 +1,8 @@
-"""The same fit by real schedulers: Slurm, Snakemake, Dask. Called by `./run cluster`, with the program in PATH.
+"""The same fit with real schedulers: Slurm, Snakemake, Dask. Called by `./run cluster`, with the program in PATH.
 
-Slurm's daemons, of the distribution's packages unpacked into target/cluster, run on loopback as one node, with
+Slurm's daemons, from the distribution's packages unpacked into target/cluster, run on loopback as one node, with
 configuration, state and logs in a temporary folder; nothing is installed into the system. Snakemake is from PyPI, in
-target/cluster; Dask is where this Python has it. Each way gives the model of one process to 1e-12, or the exit status is 1.
+target/cluster; Dask is used if this Python has it. Each must give the model of a single process to 1e-12, or the exit status is 1.
 """
 
 import atexit
@@ -25,18 +25,18 @@ ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES, CACHE = ROOT / "examples" / "cluster", ROOT / "target" / "cluster"
 SAMPLES, PARTS, MOMENTS_DEGREE, FIT_DEGREE = 400_000, 5, 60, 40
 TOLERANCE = 1e-12
-#: The part whose task is killed, or whose file is lost.
+#: Part whose task is killed, or whose file is deleted.
 LOST = 3
-#: Nothing here takes this long.
+#: Time limit in seconds; nothing here takes this long.
 PATIENCE = 180
 
 
 class Skipped(Exception):
-    """Why a way can't be tried here."""
+    """A scheduler can't be tried here; the message is the reason."""
 
 
 def run(command, **more):
-    """Runs a command; what it said is shown where it fails."""
+    """Runs a command; the error contains its output if it fails."""
     done = subprocess.run([str(word) for word in command], capture_output=True, text=True, timeout=600, **more)
     if done.returncode:
         raise RuntimeError(f"{command[0]} ended with {done.returncode}:\n{done.stdout}{done.stderr}")
@@ -48,7 +48,7 @@ def say(text):
 
 
 def write_samples(path):
-    """A wavy field with noise at random places, unevenly spread."""
+    """Writes a wavy field with noise at random, unevenly distributed places."""
     rng = np.random.default_rng(0)
     v = rng.normal(size=(SAMPLES, 3)) + [0.2, 0, 0]
     v /= np.linalg.norm(v, axis=1, keepdims=True)
@@ -72,12 +72,12 @@ def wait_for(what, ready, patience=PATIENCE):
 # --- Slurm -----------------------------------------------------------------------------------------------------------
 
 PACKAGES = ["slurmctld", "slurmd", "slurm-client", "slurm-wlm-basic-plugins", "munge", "libmunge2"]
-#: Debian's alternatives, which aren't there in unpacked packages.
+#: Debian's alternatives, which unpacked packages don't have.
 SUFFIX = "-wlm"
 
 
 def unpacked_slurm():
-    """Returns the folder of Slurm's packages, and what was fetched for it."""
+    """Returns the folder of Slurm's packages, and a description of what was fetched for it."""
     folder = CACHE / "slurm"
     if (folder / "complete").exists():
         return folder, "nothing"
@@ -85,7 +85,7 @@ def unpacked_slurm():
         if not shutil.which(tool):
             raise Skipped(f"no {tool} here, and Slurm is taken from Debian's packages")
     try:
-        # Also the libraries that this machine lacks.
+        # Also the libraries missing on this machine.
         plan = run(["apt-get", "install", "-s", "--no-install-recommends", *PACKAGES])
         names = sorted({*PACKAGES, *re.findall(r"^Inst (\S+)", plan, re.M)})
         with tempfile.TemporaryDirectory() as downloads:
@@ -185,13 +185,13 @@ PartitionName=main Nodes={host} Default=YES MaxTime=INFINITE State=UP
     def daemon(self, *command):
         log = (self.folder / "log" / f"{command[0]}.out").open("w")
         words = [str(word) for word in command]
-        # It ends with this process, however that ends; in a group of its own, so that nothing it starts outlives it.
+        # The daemon ends with this process, however that ends; it has its own group, so that nothing it starts outlives it.
         if shutil.which("setpriv"):
             words = ["setpriv", "--pdeathsig", "TERM", *words]
         self.processes.append(subprocess.Popen(words, env=self.environment, stdout=log, stderr=log, start_new_session=True))
 
     def ask(self, *command):
-        """What a client says; nothing while the controller doesn't answer."""
+        """Returns a client's output, or nothing while the controller doesn't answer."""
         done = subprocess.run(command, env=self.environment, capture_output=True, text=True, timeout=60)
         for process in self.processes:
             if process.poll() is not None:
@@ -215,7 +215,7 @@ PartitionName=main Nodes={host} Default=YES MaxTime=INFINITE State=UP
                     os.killpg(process.pid, signal.SIGKILL)
                 process.wait()
         self.processes = []
-        # Steps, and what they run, are in sessions of their own; the folder in their environment tells whose they are.
+        # Steps and their commands are in sessions of their own; the folder in their environment identifies them.
         mark = f"SLURM_CONF={self.environment['SLURM_CONF']}".encode()
         for entry in Path("/proc").glob("[0-9]*"):
             with contextlib.suppress(OSError):
@@ -224,9 +224,9 @@ PartitionName=main Nodes={host} Default=YES MaxTime=INFINITE State=UP
 
 
 def by_slurm(folder, samples):
-    """An array of which one task is killed; that one again; addition and fit after it."""
+    """Runs an array of which one task is killed, that task again, and then addition and fit."""
     packages, fetched = unpacked_slurm()
-    # A task can only be killed surely while it runs for long enough: the one that is to be waits at first.
+    # A task can only be killed reliably if it runs long enough, so the task to be killed waits first.
     spharm, wait = folder / "path" / "spharm", folder / "wait"
     spharm.parent.mkdir()
     real = shutil.which("spharm")
@@ -272,7 +272,7 @@ def by_slurm(folder, samples):
 
 
 def by_snakemake(folder, samples):
-    """The workflow; and what it does when a part is lost."""
+    """Runs the workflow, and runs it again after a part is lost."""
     program, fetched = CACHE / "venv" / "bin" / "snakemake", "nothing"
     if not program.exists():
         try:
@@ -331,7 +331,7 @@ if __name__ == "__main__":
 
 
 def by_dask(folder, samples):
-    """Two worker processes."""
+    """Uses two worker processes."""
     try:
         run([sys.executable, "-c", "import spharm_rs, distributed, dask.array"])
     except RuntimeError as error:
@@ -346,7 +346,7 @@ def by_dask(folder, samples):
 
 
 def main():
-    # Whoever asks this to stop has daemons stopped and folders removed, too.
+    # A request to stop this script must also stop the daemons and remove the folders.
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda number, _: sys.exit(128 + number))
     wrong, rows = [], []

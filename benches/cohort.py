@@ -3,8 +3,8 @@ PATH.
 
 Ten shards of a table of icospheres with 2,562 vertices, fitted to degree 20. Every hundredth file is bad. While it runs, three tasks are
 killed by SIGKILL and two by SIGTERM, and one shard's models go to a file system that is soon full. Then the same array is submitted
-again. What must come out: 9,900 models, each with the bytes of one undisturbed call, and of a sample of calls for one surface alone;
-100 failures, each named once; and a status that agrees. Then what it costs: start, memory, and time beyond reading and writing.
+again. Required results: 9,900 models, each with the bytes of one undisturbed call, and of a sample of calls for a single surface;
+100 failures, each listed once; and a status that agrees. Then costs are measured: start, memory, and time beyond reading and writing.
 """
 
 import argparse
@@ -26,17 +26,17 @@ from cluster import EXAMPLES, Skipped, Slurm, run, say, unpacked_slurm
 
 SHARDS, DEGREE = 10, 20
 KILLED, STOPPED, FULL = (0, 1, 2), (3, 4), 5
-#: Models of one shard that go to the small disk, and its size.
+#: Size of the disk for the models of one shard.
 SMALL_DISK = "16M"
 SEED = 20
-#: Runs at either degree of what a surface costs.
+#: Number of timed runs at each of the two degrees.
 PAIRS = 5
-#: Nothing here takes this long, seconds.
+#: Time limit in seconds; nothing here takes this long.
 PATIENCE = 1800
 
 
 def read_ply(path):
-    """Vertices and triangles of a binary PLY of the program's."""
+    """Returns vertices and triangles of a binary PLY file written by the program."""
     data = path.read_bytes()
     head, _, body = data.partition(b"end_header\n")
     counts = {line.split()[1]: int(line.split()[2]) for line in head.decode().splitlines() if line.startswith("element")}
@@ -97,7 +97,7 @@ def fit(folder, out, *more, degree=DEGREE, threads=1, check=True):
 
 
 def by_several(folder, calls):
-    """All rows by calls at the same time, for those who are in a hurry."""
+    """Fits all rows by concurrent calls, to save time."""
     command = ["spharm", "fit", "--max-degree", DEGREE, "--threads", 1, "-q", "--no-surface-distance", "-o", folder / "one",
                "--manifest", folder / "subjects.tsv", "--keep-going", "--shard"]
     shards = [subprocess.Popen([*map(str, command), f"{shard}/{calls}"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -107,7 +107,7 @@ def by_several(folder, calls):
 
 
 def undisturbed(folder, count, bad):
-    """All rows by one call. Returns its seconds and its report."""
+    """Fits all rows in one call. Returns its seconds and its report."""
     started = time.monotonic()
     done = fit(folder, folder / "one", "--manifest", folder / "subjects.tsv", "--keep-going", "--report", folder / "one.json", check=False)
     if done.returncode != 1 or f"{len(bad)} of {count} surfaces failed" not in done.stderr:
@@ -117,7 +117,7 @@ def undisturbed(folder, count, bad):
 
 @contextlib.contextmanager
 def small_disk(place):
-    """A file system of a few models; where none may be mounted, nothing is full."""
+    """Mounts a file system with room for a few models; if mounting isn't permitted, no disk gets full."""
     place.mkdir(parents=True)
     mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={SMALL_DISK}", "tmpfs", place], capture_output=True).returncode == 0
     try:
@@ -128,7 +128,7 @@ def small_disk(place):
 
 
 def by_slurm(folder, count, bad):
-    """The array with all that happens to it, and again. Returns seconds and what happened."""
+    """Submits the array with all its disturbances, and again. Returns seconds and notes of the disturbances."""
     packages, _ = unpacked_slurm()
     out = folder / "out"
     notes = []
@@ -143,7 +143,7 @@ def by_slurm(folder, count, bad):
             return len(path.read_text(errors="replace").splitlines()) if path.exists() else 0
 
         def program(shard):
-            """The process of a shard."""
+            """Returns the process of a shard."""
             for entry in Path("/proc").glob("[0-9]*"):
                 with contextlib.suppress(OSError):
                     words = (entry / "cmdline").read_bytes().split(b"\0")
@@ -166,7 +166,7 @@ def by_slurm(folder, count, bad):
                         notes.append(f"shard {shard} killed after {after} rows")
                     elif pid:
                         stop = ["scancel", "--signal=TERM", "--batch", f"{array}_{shard}"]
-                        # It comes back when the task has ended, or complains that it is being queued again.
+                        # scancel returns when the task has ended, or complains that it is being queued again.
                         subprocess.Popen(stop, env=slurm.environment, stderr=subprocess.DEVNULL)
                         notes.append(f"shard {shard} stopped after {after} rows, and queued again")
                 time.sleep(0.05)
@@ -199,7 +199,7 @@ def by_slurm(folder, count, bad):
 
 
 def compare(folder, out, count, bad):
-    """Every model is the undisturbed call's, and the status says what there is."""
+    """Checks that every model is that of the undisturbed call, and that the status agrees with the models."""
     expected, found = models(folder / "one"), models(out)
     if sorted(expected) != sorted(found) or len(found) != count - len(bad):
         raise RuntimeError(f"expected {count - len(bad)} models, found {len(found)}, {len(expected)} in one call")
@@ -214,7 +214,7 @@ def compare(folder, out, count, bad):
 
 
 def alone(folder, sample, bad):
-    """Some of the models again, each by a call of its own."""
+    """Fits some of the models again, each in its own call."""
     rows = [line.split("\t") for line in (folder / "subjects.tsv").read_text().splitlines()[1:]]
     chosen = random.Random(SEED).sample([row for row in rows if row[0] not in bad], sample)
     one = models(folder / "one")
@@ -226,7 +226,7 @@ def alone(folder, sample, bad):
 
 
 def start(folder, count):
-    """Seconds of a shard beyond its fits: a table of `count` rows, of which this shard has two."""
+    """Seconds of a shard besides its fits: a table of `count` rows, of which this shard has two."""
     best = None
     for _ in range(5):
         began = time.monotonic()
@@ -240,7 +240,7 @@ def start(folder, count):
 
 
 def parsing(folder):
-    """Seconds to read a table of 10^5 rows and look at the files of one of them."""
+    """Seconds to read a table of 10^5 rows and check the files of one of them."""
     table = folder / "large.tsv"
     rows = (f"sub-{k:06d}\tsurfaces/sub-{k:06d}.ply\tsphere.ply\t{k % 2}\t{k % 60}\n" for k in range(100_000))
     table.write_text("id\tsurface\tsphere\tgroup\tage\n" + "".join(rows))
@@ -262,7 +262,7 @@ def memory(folder, bad):
 
 
 def cost(folder, count):
-    """Seconds a surface of 40,962 vertices at degree 100 on a common sphere, and of reading it and writing its model alone."""
+    """Seconds per surface of 40,962 vertices at degree 100 on a common sphere, and the part for reading it and writing its model."""
     rows = ["id\tsurface\tsphere\n"]
     for variant in range(8):
         run(["spharm", "generate", "--variant", variant, "--surface", folder / f"c{variant}.surf.gii", "--sphere",
@@ -270,8 +270,8 @@ def cost(folder, count):
     rows += [f"c{number}\tc{number % 8}.surf.gii\tc.sphere.surf.gii\n" for number in range(count)]
     (folder / "cortex.tsv").write_text("".join(rows))
     seconds = {100: [], 0: []}
-    # Next to nothing is solved to degree 0; its model has the same sphere, which is nearly all of the file. In turns, as the load of
-    # a machine changes.
+    # A fit to degree 0 solves almost nothing; its model has the same sphere, which is nearly all of the file. The degrees are run in
+    # turn, because the load of the machine changes.
     for _ in range(PAIRS):
         for degree, times in seconds.items():
             began = time.monotonic()
@@ -294,7 +294,7 @@ def main():
     args = parser.parse_args()
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda number, _: sys.exit(128 + number))
-    # 20,000 files are synchronised, which says more of a disk than of the program.
+    # 20,000 files are synchronised, which measures the disk rather than the program.
     memory_disk = Path("/dev/shm")
     place = memory_disk if memory_disk.is_dir() and shutil.disk_usage(memory_disk).free > 6e9 else None
     with tempfile.TemporaryDirectory(prefix="spharm-cohort-", dir=place) as folder:

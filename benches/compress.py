@@ -1,11 +1,11 @@
-"""Bytes of compressed models at a distance, beside Draco on the mesh and on simplifications of it.
+"""Bytes of compressed models at a given distance, compared with Draco on the mesh and on simplifications of it.
 
     python benches/compress.py [--program target/release/spharm] [--fit PROGRAM] [--only cort40962 nefertiti]
 
 needs NumPy, DracoPy, fast-simplification, libigl and nibabel. Models are fitted, compressed, expanded and evaluated by the
-program, each in a process of its own; distances of both are measured here, in the same way: root mean square of the distances
-from 100,000 random points on either surface to the other, bounding box scaled to volume 1. Models are `--bare`, as Draco's
-files have no provenance either; what it takes beside is printed.
+program, each in its own process; distances of both are measured here, in the same way: root mean square of the distances
+from 100,000 random points on either surface to the other, bounding box scaled to volume 1. Models are `--bare`, since Draco's
+files have no provenance either; the size with provenance is printed as well.
 """
 
 import argparse
@@ -88,7 +88,7 @@ class Spharm:
         return subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
 
     def at(self, log_step, *options):
-        """Bytes and distance of a step, expanded by another process."""
+        """Returns bytes and distance for a step, with the file expanded by another process."""
         if (log_step, options) not in self.found:
             file, model = self.folder / "m.sphz", self.folder / "m.spharm.npz"
             step = repr(2.0**log_step)
@@ -98,7 +98,7 @@ class Spharm:
         return self.found[log_step, options]
 
     def smallest(self, target):
-        """The step, bytes and distance of the smallest file within a distance, to 1/64 of an octave."""
+        """Returns step, bytes and distance of the smallest file within a distance, to 1/64 of an octave."""
         fine, coarse = -17.0, -4.0
         if self.at(fine, "--bare")[1] > target:
             return None
@@ -112,7 +112,7 @@ class Spharm:
 
 
 def draco(original):
-    """Bytes and distance of Draco on the mesh, and on simplifications of it."""
+    """Returns bytes and distance of Draco on the mesh, and on simplifications of it."""
     found = []
     for part in [0, 0.5, 0.75, 0.875, 0.9375, 0.97, 0.985, 0.9925, 0.996]:
         vertices, faces = original.vertices.astype(np.float32), original.faces.astype(np.int32)

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""What correspondence has to reach, row by row: `./run bench correspondence [ROW ...]`.
+"""Bars that correspondence must reach, row by row: `./run bench correspondence [ROW ...]`.
 
-A row is a function whose name starts with `row_`; without names all are run, `--list` names them. Each prints what it must
-reach beside what it does, and the script exits with 1 where one doesn't. Measures are those of `correspondence_measures.py`,
+A row is a function whose name starts with `row_`; without names all are run, `--list` lists them. Each prints its bar
+and the value reached, and the script exits with 1 if a bar is missed. Measures are those of `correspondence_measures.py`,
 area-weighted, in mm. Surfaces are those of ../shared/data (vertebrae, hippocampi), and groups of `spharm generate --group`,
 whose truth is known.
 """
@@ -32,7 +32,7 @@ results = []
 
 
 def bar(name, limit, reached, least=False):
-    """A row of the table: at most the limit, or at least."""
+    """Prints a row of the table: `reached` must be at most the limit, or at least."""
     met = bool(reached >= limit if least else reached <= limit)
     results.append(met)
     print(f"{name:<66} {'>=' if least else '<='} {limit:<8g} {reached:10.4g}{'' if met else '  NOT MET'}", flush=True)
@@ -49,7 +49,7 @@ def sphere(level):
 
 
 def points(models, level=4):
-    """Members at the directions of an icosphere, turned together, and their weights."""
+    """Members at the directions of an icosphere, aligned rigidly, and their weights."""
     directions, faces = sphere(level)
     members = np.array([model.evaluate(directions) for model in models])
     weight = measured.weights(members, faces)
@@ -69,7 +69,7 @@ def vertebrae():
 
 @functools.cache
 def hippocampi():
-    """Surfaces of a01 to a05; the five kept apart are added where a folder of them is beside."""
+    """Surfaces of a01 to a05, and the five that are kept separately if their folder exists."""
     sphere_of = sp.icosphere(5)
     directions, faces = arrays(sphere_of)
     files = sorted((DATA / "shape").glob("hippo_*_r.foe.npy"))
@@ -79,7 +79,7 @@ def hippocampi():
 
 @functools.cache
 def generated(family, members=16, upright=False):
-    """Surfaces, truth (n, p), landmarks of a family."""
+    """Returns surfaces, truth (n, p) and landmarks of a family."""
     folder = FOLDER / f"{family}-{members}-{upright}"
     options = ["--upright"] if upright else []
     command = [PROGRAM, "generate", "--group", family, "--members", str(members), "--output-dir", folder, *options]
@@ -95,7 +95,7 @@ def generated(family, members=16, upright=False):
 
 @functools.cache
 def corresponding(which, max_degree, template=None):
-    """The group of a name; a family's name is that of `generated`."""
+    """Returns the corresponding group of a name; a family's name is that of `generated`."""
     surfaces = {"vertebrae": lambda: vertebrae()[0], "hippocampi": hippocampi}.get(which, lambda: generated(which)[0])()
     return sp.shape.correspond(surfaces, max_degree, template=template)
 
@@ -111,7 +111,7 @@ def turned_at_random(surface, seed):
 
 
 def row_poses_of_vertebrae():
-    """Each subject's landmarks from the mean of the others', over what the best rigid motion leaves."""
+    """Distance of each subject's landmarks from the mean of the others', relative to that after the best rigid motion."""
     surfaces, marks = vertebrae()
     moved = [turned_at_random(surface, seed)[0] for seed, surface in enumerate(surfaces)]
     inputs = [measured.rotation(np.asarray(a.vertices), np.asarray(b.vertices)) for a, b in zip(surfaces, moved)]
@@ -128,7 +128,7 @@ def row_poses_of_vertebrae():
 
 
 def near_spheres(count=10):
-    """Radii of 20 differ by 5 %; between two they differ by 0.1, ten times what a triangle is off the sphere."""
+    """Radii of 20 differ by 5 %; between two members they differ by 0.1, ten times the triangles' distance from the sphere."""
     directions, faces = sphere(4)
     for seed in range(count):
         values = np.random.default_rng(seed).normal(size=(16, 3)) / (1 + np.arange(16))[:, None]
@@ -144,7 +144,7 @@ def cubes(count=10):
 
 
 def row_missed_optima():
-    """Each of 50 pairs from 20 random rotations: ends that are farther than the best one by 5 %, of 1,000."""
+    """Each of 50 pairs from 20 random rotations: the number of results, of 1,000, that are 5 % farther than the best one."""
     made = [generated("rods", 10)[0], generated("growing-bump", 10)[0], list(cubes()), list(near_spheres())]
     groups = [vertebrae()[0], *made]
     missed = 0
@@ -195,7 +195,7 @@ def row_generalisation_of_vertebrae():
 
 
 def row_templates():
-    """Each vertebra as first template: how far the mean landmark errors spread, over their mean."""
+    """Each vertebra as first template: spread of the mean landmark errors, over their mean."""
     means = [float(errors_of_vertebrae(index).mean()) for index in range(len(vertebrae()[0]))]
     print("  by template", np.round(means, 2))
     bar("vertebrae: spread of the mean error over templates", 0.10, (max(means) - min(means)) / np.mean(means))
@@ -213,7 +213,7 @@ def own_surface(group, index, surface, level):
 
 
 def row_cover_of_vertebrae():
-    """Each subject's own surface from its model of degree 40."""
+    """Distance of each subject's own surface from its model of degree 40."""
     group = corresponding("vertebrae", 40)
     distances = [own_surface(group, index, surface, 6) for index, surface in enumerate(vertebrae()[0])]
     rms = max(float(np.sqrt((distance**2).mean())) for distance in distances)
@@ -223,7 +223,7 @@ def row_cover_of_vertebrae():
 
 
 def row_turned_triangles():
-    """Triangles of registered templates that face against their subjects' surfaces, where all corners count as reached."""
+    """Triangles of registered templates that face against their subjects' surfaces, among those with all corners reached."""
     for which, degree in (("vertebrae", 40), ("hippocampi", 12), ("rods", 24)):
         group, count, marked = corresponding(which, degree), 0, 0
         surfaces = {"vertebrae": lambda: vertebrae()[0], "hippocampi": hippocampi}.get(which, lambda: generated(which)[0])()
@@ -241,7 +241,7 @@ def apart(a, b):
 
 
 def row_one_sphere():
-    """Distance of models over the group's one sphere, over that of each surface's own map."""
+    """Distance of models over the group's common sphere, relative to that over each surface's own map."""
     group, ratios = corresponding("hippocampi", 12), []
     for index, surface in enumerate(hippocampi()):
         own = apart(sp.fit(surface, max_degree=12).surface(5), surface)
@@ -251,7 +251,7 @@ def row_one_sphere():
 
 
 def row_distortion():
-    """Areas of the refined directions' triangles over those of the icosphere, as the last stage of the refinement left them."""
+    """Areas of the refined directions' triangles relative to the icosphere's, after the last stage of the refinement."""
     last = corresponding("vertebrae", 40).report["refinement"]["stages"][-1]["log_area"]
     bar("distortion: root mean square of the log area", 0.45, last["rms"])
     bar("distortion: share of triangles within a factor of 8", 0.999, last["within_eight"], least=True)
@@ -284,7 +284,7 @@ def row_ellipsoids():
 
 
 def row_known_places():
-    """Landmarks that a group was made with, carried between all pairs; no bar, but what quality must not cost."""
+    """Landmarks that a group was generated with, carried between all pairs; no bar, but better quality must not worsen them."""
     for family in ("moving-bump", "growing-bump", "ellipsoids", "rods"):
         surfaces, truth, marks = generated(family)
         group = corresponding(family, 16)
@@ -296,9 +296,9 @@ def row_known_places():
 
 
 def row_cortices():
-    """Two folded surfaces on one mesh, in random poses: where the one's vertices come to lie, beside the other's own.
+    """Two folded surfaces on one mesh, in random poses: distance of the first one's carried vertices from the second's own.
 
-    The second is 12 % of the way to another subject, which is some 0.15 mm apart; the whole way, 1.3 mm, has no limit.
+    The second is 12 % of the way to another subject, a distance of about 0.15 mm; the entire way, 1.3 mm, has no limit.
     """
     a, b = (sp.example_surface(5, seed)[0] for seed in (0, 1))
     for share in (0.12, 1.0):
@@ -318,7 +318,7 @@ def row_cortices():
 
 @functools.cache
 def study(seed, bump):
-    """20 subjects of `generate --study`, 10 with a bump; of bump 0 all are controls."""
+    """Returns 20 subjects of `generate --study`, 10 with a bump; with bump 0 all are controls."""
     folder = FOLDER / f"study-{seed}-{bump}"
     command = [PROGRAM, "generate", "--study", folder, "--subjects", "20", "--bump", str(bump), "--variant", str(seed)]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
@@ -331,21 +331,21 @@ def found_places(models, groups, permutations=999):
 
 
 def false_findings(seed, labellings=20):
-    """Labellings of 20 controls that find anything; correspondence sees no labels."""
+    """Number of labellings of 20 controls with a finding; the correspondence doesn't use labels."""
     models = sp.shape.correspond(study(seed, 0.0), 12).models
     rng = np.random.default_rng(seed)
     return sum(found_places(models, list(rng.permutation(["a", "b"] * 10)), 199) > 0 for _ in range(labellings))
 
 
 def row_nulls():
-    """15 groups of 20 controls, 20 labellings of each: how many find anything."""
+    """15 groups of 20 controls, 20 labellings of each: the number with a finding."""
     errors = sum(false_findings(seed) for seed in range(15))
     bar("nulls: family-wise error of 300 studies, at most", 0.085, errors / 300)
     bar("nulls: family-wise error of 300 studies, at least", 0.02, errors / 300, least=True)
 
 
 def row_power(studies=3):
-    """The bump's area that is found, over that of the true correspondence; and what is found where there is no bump."""
+    """Area of the bump that is found, relative to the true correspondence, and findings outside the bump."""
     import validation_power as power  # It measures with this file.
 
     labels = ["a"] * 10 + ["b"] * 10
@@ -380,7 +380,7 @@ def row_time_of_poses():
 
 
 def row_time_of_registration():
-    """Of one subject and one round, in a group; two subjects at a time on two cores."""
+    """Registration of one subject in one round of a group; two subjects at a time on two cores."""
     for which, degree, limit in (("hippocampi", 12, 0.3), ("vertebrae", 40, 1.5)):
         group = corresponding(which, degree)
         each = group.report["seconds"]["registration"] / len(group) / 2
@@ -388,7 +388,7 @@ def row_time_of_registration():
 
 
 def row_new_subjects(count=50):
-    """New hippocampi to a group of 20: seconds of each, and the memory that the second half takes beyond that of the first."""
+    """New hippocampi added to a group of 20: seconds of each, and additional memory of the second half over the first."""
     turned = [turned_at_random(hippocampi()[i % len(hippocampi())], i)[0] for i in range(20)]
     group = sp.shape.correspond(turned, 15)
     memory, start = [], time.perf_counter()

@@ -1,4 +1,4 @@
-"""What `correspondence.py` measures with, in NumPy and SciPy alone: independent of the library's own measures.
+"""The measures of `correspondence.py`, in NumPy and SciPy only: independent of the library's own measures.
 
 Members are points at the same directions, X (n, V, 3); weights (V,) are the vertices' shares of the area, the mean over
 members.
@@ -29,7 +29,7 @@ def weights(members, faces):
 
 
 def rotation(p, q, weight=None):
-    """R and t with p R + t nearest to q, by least squares."""
+    """Returns R and t for which p R + t is nearest to q, by least squares."""
     weight = np.full(len(p), 1 / len(p)) if weight is None else weight
     centre_p, centre_q = weight @ p, weight @ q
     u, _, v = np.linalg.svd(((p - centre_p) * weight[:, None]).T @ (q - centre_q))
@@ -38,7 +38,7 @@ def rotation(p, q, weight=None):
 
 
 def together(members, weight, rounds=5):
-    """Members turned rigidly to their mean."""
+    """Aligns members rigidly to their mean."""
     members = members - np.einsum("v,nvc->nc", weight, members)[:, None]
     for _ in range(rounds):
         mean = members.mean(0)
@@ -48,7 +48,7 @@ def together(members, weight, rounds=5):
 
 
 def modes(members, weight):
-    """Scores, variances and unit modes of members as rows of sqrt(w) x."""
+    """Returns scores, variances and unit modes of members as rows of sqrt(w) x."""
     rows = (members * np.sqrt(weight)[None, :, None]).reshape(len(members), -1)
     u, s, v = np.linalg.svd(rows - rows.mean(0), full_matrices=False)
     return rows, u * s, s**2 / (len(rows) - 1), v
@@ -79,7 +79,7 @@ def shares_of_modes(members, weight):
 
 
 def determination(members, weight, truth, count):
-    """R^2 of each column of truth by the scores of the first modes, the least of them."""
+    """Returns the smallest R^2 of the columns of truth, regressed on the scores of the first modes."""
     scores = modes(members, weight)[1][:, :count]
     design = np.c_[np.ones(len(scores)), scores]
     truth = np.asarray(truth, float).reshape(len(scores), -1)
@@ -88,7 +88,7 @@ def determination(members, weight, truth, count):
 
 
 def closest(vertices, faces, points, k=24):
-    """Nearest points of a mesh, their triangles and distances; among the k triangles nearest by centre."""
+    """Returns the nearest points of a mesh, their triangles and distances, among the k triangles with the nearest centres."""
     near = cKDTree(vertices[faces].mean(1)).query(points, k=min(k, len(faces)))[1]
     best = np.full(len(points), np.inf)
     at, which = np.array(points, float), near[:, 0].copy()
@@ -102,7 +102,7 @@ def closest(vertices, faces, points, k=24):
 
 
 def on_triangles(p, a, b, c):
-    """Nearest point of each triangle to each point: within, else on one of the edges."""
+    """Returns the nearest point of each triangle to each point: inside it, or else on one of its edges."""
     e, g, h = b - a, c - a, p - a
     ee, eg, gg = (e * e).sum(1), (e * g).sum(1), (g * g).sum(1)
     x, y = (h * e).sum(1), (h * g).sum(1)
@@ -122,7 +122,7 @@ def on_triangles(p, a, b, c):
 
 
 def landmark_errors(carry, surfaces, landmarks):
-    """Errors of all ordered pairs, (n, n - 1, p): what is carried from one, beside the other's own landmark on its surface."""
+    """Errors of all ordered pairs, (n, n - 1, p): distance of a carried landmark from the target's own, on its surface."""
     own = [closest(*surface, marks)[0] for surface, marks in zip(surfaces, landmarks)]
     found = []
     for source, marks in enumerate(own):
@@ -132,7 +132,7 @@ def landmark_errors(carry, surfaces, landmarks):
 
 
 def turned(vertices, faces, surface):
-    """How many triangles face against all of the surface's that are nearest to their centres, which are several at an edge."""
+    """Number of triangles that face against all nearest triangles of the surface; at an edge there are several."""
     own, theirs = normals(vertices, faces), normals(*surface)
     centres, corners = vertices[faces].mean(1), surface[0][surface[1]]
     least = closest(*surface, centres)[2]

@@ -1,4 +1,4 @@
-"""How much noise `fit --denoise` removes, in dB below the input noise, on surfaces of ../shared/data with noise put in.
+"""Noise removed by `fit --denoise`, in dB below the input noise, on surfaces of ../shared/data with added noise.
 
     python3 benches/denoise.py SPHARM DATA [SIGMA ...]
 
@@ -28,7 +28,7 @@ CASES = [
 
 
 def gifti(path):
-    """Vertices and triangles of a GIfTI surface."""
+    """Returns vertices and triangles of a GIfTI surface."""
     data = path.read_bytes()
     root = xml.fromstring(gzip.decompress(data) if path.suffix == ".gz" else data)
     found = {}
@@ -48,7 +48,7 @@ def gifti(path):
 
 
 def write_ply(path, vertices, faces):
-    """Coordinates as doubles."""
+    """Writes a binary PLY file with coordinates as doubles."""
     head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(vertices)}\nproperty double x\nproperty double y\n"
     head += f"property double z\nelement face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
     rows = np.zeros(len(faces), [("n", "u1"), ("v", "<i4", 3)])
@@ -57,7 +57,7 @@ def write_ply(path, vertices, faces):
 
 
 def read_ply(path):
-    """Vertices of a binary PLY file of doubles, or of floats."""
+    """Returns the vertices of a binary PLY file of doubles or floats."""
     data = path.read_bytes()
     end = data.index(b"end_header\n") + len(b"end_header\n")
     head = data[:end].decode().split("\n")

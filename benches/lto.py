@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """The transforms built with and without link-time optimisation: `./run bench lto [--rounds N]`.
 
-Conda, distributions and sanitizers build with `lto = "off"`, and the transforms must not lose by it. Each setting is built in
-a folder of its own, and the programs are run in turn.
+Conda, distributions and sanitizers build with `lto = "off"`, which must not slow down the transforms. Each setting is built in
+its own folder, and the programs are run in turn.
 """
 
 import argparse

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Time, growth and memory of `cald` over folded surfaces, beside another build: `./run bench maps --beside PROGRAM`.
+"""Time, growth and memory of `cald` on folded surfaces, compared with another build: `./run bench maps --beside PROGRAM`.
 
 PROGRAM is a `spharm` of another commit: `git worktree add --detach target/start e2187b2`, then `cargo build --release` there. Both
-run in turn, round after round, with the same threads, and medians are taken. Without PROGRAM only what needs none is
-measured. The standard library suffices. Exits 1 where a bar is missed.
+run in turn, round after round, with the same number of threads, and medians are taken. Without PROGRAM only measurements that
+don't need it are made. The standard library suffices. Exits 1 if a bar is missed.
 """
 
 import argparse
@@ -25,10 +25,10 @@ LAYOUT = "{:<8} {:>8} {:>9} {:>9} {:>9} {:>6} {:>9} {:>8} {:>8}"
 
 
 def run(program, *arguments):
-    """Runs a verb; returns seconds of processors and the most memory in bytes."""
+    """Runs a verb; returns its CPU seconds and its peak memory in bytes."""
     process = subprocess.Popen([program, *map(str, arguments), "-q"], stdout=subprocess.DEVNULL)
     _, status, usage = os.wait4(process.pid, 0)
-    # Popen needn't wait for what is gone.
+    # Popen must not wait for a process that was already waited for.
     process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode:
         raise RuntimeError(f"{program} {arguments[0]} exited with {process.returncode}")

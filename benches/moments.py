@@ -1,8 +1,8 @@
 """Moments of 10^8 samples from disk, in a group of processes that may use 2 GiB. Called by `./run bench moments`.
 
-The table, 3.2 GB, is made in a temporary folder, and is on the disk alone when it is read: pages in memory would count for
-whoever wrote them. The limit holds for all that the run uses, the system's copies of what it reads among it. --samples and
---degree choose other sizes.
+The table, 3.2 GB, is made in a temporary folder, and is only on disk when it is read: pages in memory would be charged to
+the process that wrote them. The limit applies to everything that the run uses, including the page cache of the files that it
+reads. --samples and --degree set other sizes.
 """
 
 import argparse
@@ -22,7 +22,7 @@ CHUNK = 5_000_000
 
 
 def write_samples(path, count):
-    """Unit vectors, almost evenly spread, in no order, and a wavy field with noise."""
+    """Writes almost evenly distributed unit vectors in random order, and a wavy field with noise."""
     rng = np.random.default_rng(0)
     with open(path, "wb") as file:
         np.lib.format.write_array_header_1_0(file, {"descr": "<f8", "fortran_order": False, "shape": (count, 4)})
@@ -40,7 +40,7 @@ def write_samples(path, count):
 
 @contextlib.contextmanager
 def limited():
-    """Returns a folder of control groups, version 1 or 2, and the name of the file that has its peak; none where there is none."""
+    """Yields a folder of control groups, version 1 or 2, and the name of the file with its peak, or None if there is none."""
     for parent, limit, peak in [
         ("/sys/fs/cgroup/memory", "memory.limit_in_bytes", "memory.max_usage_in_bytes"),
         ("/sys/fs/cgroup", "memory.max", "memory.peak"),
@@ -80,7 +80,7 @@ def main():
             with limited() as (group, peak):
                 where = "no control groups here: no limit"
                 if group is not None:
-                    # The shell joins the group, and becomes the program.
+                    # The shell joins the group, and is replaced by the program.
                     command = ["sh", "-c", f'echo $$ > {group}/cgroup.procs && exec "$@"', "sh", *command]
                     where = f"limit {LIMIT / 2**30:.0f} GiB"
                 done = subprocess.run(command, capture_output=True, text=True)

@@ -1,4 +1,4 @@
-"""Studies without an effect: how often a family-wise p of at most 0.05 is found, by design.
+"""Studies without an effect: the share with a family-wise p of at most 0.05, for each design.
 
 Used by `./run bench statistics` and by the part `statistics` of `./run attack`. Values are smooth fields at the vertices
 of an icosphere, drawn anew for each study.
@@ -12,7 +12,7 @@ from typing import Callable
 import numpy as np
 import spharm_rs as sp
 
-#: Random relabellings of a study; (count + 1) / 200 reaches 0.05 exactly.
+#: Number of random relabellings in a study; (count + 1) / 200 reaches 0.05 exactly.
 RELABELLINGS = 199
 
 
@@ -28,7 +28,7 @@ def smooth_fields(vertices_level: int = 3, degree: int = 12) -> Callable[[np.ran
 
 @dataclass
 class Null:
-    """A design and what is tested of it."""
+    """A design and the effect tested in it."""
 
     name: str
     arguments: Callable[[np.random.Generator], dict]
@@ -36,7 +36,7 @@ class Null:
     components: int = 1
     #: Standard deviation of each subject.
     sd: np.ndarray | None = None
-    #: The least and the largest share of studies that may have a family-wise p of at most 0.05.
+    #: Smallest and largest share of studies that may have a family-wise p of at most 0.05.
     bounds: tuple[float, float] = (0.03, 0.07)
     options: dict = field(default_factory=dict)
 
@@ -122,7 +122,7 @@ def rate(null: Null, studies: int, fields, seed: int = 0, first: int = 0) -> flo
 
 
 def power(a: int, b: int, welch: bool, studies: int, fields, components: int = 1, effect: float = 1.2) -> float:
-    """Returns the share of studies that find an effect of so many standard deviations on a cap of the sphere."""
+    """Returns the share of studies that find an effect of this many standard deviations on a cap of the sphere."""
     directions = sp.icosphere(3).vertices
     cap = effect * np.exp(-0.5 * (np.arccos(np.clip(directions[:, 2], -1, 1)) / 0.3) ** 2)
     hits = 0

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """The table of docs/parameterisation.md: the quality of each method's map of each mesh, and of a fit over it.
 
-Called by `./run parametrize-table`; wants `parametrize`, `fit`, `reconstruct`, `compare` and `generate` on the PATH.
-Python's own library suffices. Exits 1 where a bar is missed.
+Called by `./run parametrize-table`; needs `parametrize`, `fit`, `reconstruct`, `compare` and `generate` on the PATH.
+The standard library suffices. Exits 1 if a bar is missed.
 """
 
 import argparse
@@ -97,7 +97,7 @@ def run(*command):
 
 
 def least_squares(folder, surface, sphere, degree):
-    """msd of the least squares at the vertices, and the Hausdorff distance at four times as many, at volume 1."""
+    """Returns the msd of the least squares at the vertices, and the Hausdorff distance at four times as many, at volume 1."""
     report, model, dense, back = (folder / name for name in ["fit.json", "model.spharm.npz", "four.obj", "back.ply"])
     run("fit", "--sphere", sphere, "--surface", surface, "--objective", "vertices", "--max-degree", degree, "-o", model,
         "--report", report, "--force", "-q")
@@ -109,7 +109,7 @@ def least_squares(folder, surface, sphere, degree):
 
 
 def bare_fit(folder, surface, degree):
-    """How far a bare mesh and its model on an icosphere are apart, both ways; seconds of mapping and fitting."""
+    """Returns the distances, both ways, between a bare mesh and its model on an icosphere, and seconds of mapping and fitting."""
     report, model, back = (folder / name for name in ["fit.json", "model.spharm.npz", "back.ply"])
     started = time.monotonic()
     run("fit", "--surface", surface, "--max-degree", degree, "-o", model, "--report", report, "--force", "-q")
@@ -124,7 +124,7 @@ def bare_fit(folder, surface, degree):
 
 
 def surfaces_table(data, wanted):
-    """The table of bare fits, and what misses its bar."""
+    """Returns the table of bare fits, and the bars that are missed."""
     rows, missed = [], []
     layout = "{:<12} {:>6} {:>9} {:>5} {:>9} {:>5} {:>9} {:>9} {:>9} {:>8} {:>7}"
     print(layout.format("surface", "degree", "rms", "/bar", "hausdorff", "/bar", "95 %", "msd", "area rms", "mapping", "seconds"))
@@ -150,7 +150,7 @@ def surfaces_table(data, wanted):
 
 
 def parametrize(folder, surface, method, *options):
-    """Maps a surface to the sphere; the sphere and the report."""
+    """Maps a surface to the sphere; returns the sphere and the report."""
     sphere, report = folder / f"{method}.obj", folder / f"{method}.json"
     run("parametrize", "--surface", surface, "--method", method, "--output", sphere, "--surface-output",
         folder / "its surface.obj", "--report", report, "--force", "-q", *options)

@@ -44,7 +44,7 @@ def seconds(work, repeats):
 
 
 class Peer:
-    """The example `peer`, which `./run bench peer` has built."""
+    """The example `peer`, built by `./run bench peer`."""
 
     def __init__(self):
         self.path = ROOT / "target" / "release" / "examples" / "peer"
@@ -58,14 +58,14 @@ class Peer:
 
 
 class Problem:
-    """Directions and targets, as files for `peer` and in ducc0's form."""
+    """Directions and targets, as files for `peer` and in ducc0's layout."""
 
     def __init__(self, folder, name, directions, targets, max_degree):
         self.directions, self.targets, self.max_degree = directions, targets, max_degree
         self.files = [folder / f"{name}.{what}.npy" for what in ["directions", "targets"]]
         np.save(self.files[0], directions)
         np.save(self.files[1], targets)
-        # The file has the vertices unchanged: normalised twice, they would be another sampling.
+        # The file has the vertices unchanged: normalising them twice would change the sampling.
         u = directions / np.linalg.norm(directions, axis=1)[:, None]
         self.loc = np.stack(
             [np.arctan2(np.hypot(u[:, 0], u[:, 1]), u[:, 2]), np.arctan2(u[:, 1], u[:, 0]) % (2 * np.pi)], axis=1
@@ -100,7 +100,7 @@ class Problem:
         return alms
 
     def judge(self, alms):
-        """msd at bounding-box volume 1, and the largest optimality of the columns."""
+        """Returns the msd at bounding-box volume 1, and the largest optimality of the columns."""
         square, optimality = 0.0, 0.0
         for alm, column in zip(alms, self.targets.T):
             residual = column - self.synthesis(alm)
@@ -110,14 +110,14 @@ class Problem:
 
 
 def orders(max_degree):
-    """(degree, order) of ducc0's coefficients, m = 0 first."""
+    """Returns (degree, order) of ducc0's coefficients, m = 0 first."""
     m = np.concatenate([np.full(max_degree + 1 - m, m) for m in range(max_degree + 1)])
     l = np.concatenate([np.arange(m, max_degree + 1) for m in range(max_degree + 1)])
     return l, m
 
 
 def norm(alm):
-    """Norm of the real coefficients that these complex ones represent."""
+    """Returns the norm of the real coefficients represented by these complex ones."""
     alm = np.asarray(alm)[0] if np.ndim(alm) == 2 else np.asarray(alm)
     max_degree = int((np.sqrt(8 * alm.size + 1) - 3) / 2)
     zero = alm[: max_degree + 1].real
@@ -126,7 +126,7 @@ def norm(alm):
 
 
 def to_alm(coefficients, max_degree):
-    """Canonical real coefficients (K,) to ducc0's: with the Condon-Shortley phase."""
+    """Converts canonical real coefficients (K,) to ducc0's, with the Condon-Shortley phase."""
     l, m = orders(max_degree)
     plus, minus = coefficients[l * l + l + m], coefficients[l * l + l - m]
     alm = np.where(m == 0, plus, (plus - 1j * minus) / np.sqrt(2) * (-1.0) ** m)
@@ -146,7 +146,7 @@ def load(folder, name, max_degree):
 
 
 def generated(peer, folder, name, subdivisions, max_degree):
-    """An icosphere and a bumpy surface over it."""
+    """Returns an icosphere and a bumpy surface over it."""
     peer.run("sphere", subdivisions, folder / "sphere.npy")
     u = np.load(folder / "sphere.npy")
     radius = 1 + 0.2 * np.sin(3 * u[:, 0] + 2 * u[:, 1]) + 0.1 * np.cos(7 * u[:, 2] * u[:, 0]) + 0.02 * np.sin(40 * u[:, 1])
@@ -183,7 +183,7 @@ def lsq(peer, problem, accuracy, tolerance, repeats, *more):
 
 
 def scattered(folder, n, max_degree):
-    """Random directions, and a smooth function with noise on them."""
+    """Returns random directions, and a smooth function with noise at them."""
     rng = np.random.default_rng(0)
     u = rng.normal(size=(n, 3))
     u /= np.linalg.norm(u, axis=1)[:, None]
@@ -205,7 +205,7 @@ def samples(peer, folder, sizes):
         repeats = 5 if n * max_degree <= 10**8 else 1
         mine, theirs = [], []
         for _ in range(repeats):
-            # In turns, as the load of a machine changes.
+            # Run in turn, because the load of the machine changes.
             seconds_mine, alms, report = lsq(peer, problem, 1e-12, 1e-10, 1)
             mine.append(seconds_mine)
             if limit is not None:
@@ -231,7 +231,7 @@ def samples(peer, folder, sizes):
 def cortex(peer, folder, repeats):
     problem = load(folder, "cort40962", 100)
     reference = json.loads((DATA / "reference.json").read_text())["cort40962"]["results"]["least-squares L=100"]["msd"]
-    # The coarsest epsilon with which ducc0 reaches the reference.
+    # The coarsest epsilon at which ducc0 reaches the reference.
     for epsilon in [1e-3, 1e-4, 1e-5, 1e-6]:
         theirs, alms = seconds(lambda: problem.analysis(epsilon, 500), repeats)
         msd, optimality = problem.judge(alms)
@@ -260,7 +260,7 @@ def stored(peer, folder, problem, reference, theirs, repeats):
     command = [spharm, "basis-build", "--sphere", sphere, "--factor", 100, "--factor-only"]
     command += ["--store", store, "--memory", "4GiB", "-q"]
     subprocess.run(list(map(str, command)), check=True, stdout=subprocess.DEVNULL)
-    # Otherwise writing the store to the disk would be timed with the fits.
+    # Otherwise the fits would be timed together with writing the store to the disk.
     os.sync()
     mine, alms, _ = lsq(peer, problem, 1e-9, 1e-7, repeats, "--store", store)
     msd, optimality = problem.judge(alms)

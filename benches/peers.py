@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""What other packages make of exported models: `./run peers [PACKAGE ...]`.
+"""Evaluates exported models with other packages: `./run peers [PACKAGE ...]`.
 
 A model is exported by the program at degrees 20 and 100, read by the package's own reader, and evaluated by its own
-code. Compared is the largest difference from `spharm reconstruct` relative to the largest value; bars 1e-13 and 1e-12.
+code. The largest difference from `spharm reconstruct`, relative to the largest value, must be below 1e-13 and 1e-12.
 """
 
 import argparse
@@ -19,7 +19,7 @@ BARS = {20: 1e-13, 100: 1e-12}
 
 
 class Model:
-    """A folder with a model, and its values by the program at any directions."""
+    """A folder with a model, and its values at any directions by the program."""
 
     def __init__(self, program, folder, degree, channels):
         self.program, self.folder, self.degree = program, Path(folder), degree
@@ -28,7 +28,7 @@ class Model:
         rows = np.repeat(np.arange(degree + 1), 2 * np.arange(degree + 1) + 1)
         a = np.random.default_rng(degree).normal(size=((degree + 1) ** 2, channels)) / (1 + rows[:, None]) ** 1.5
         a[0] += 20
-        # As values rather than positions, which `reconstruct` writes as a table.
+        # As a signal rather than a surface, because `reconstruct` writes signals as a table.
         np.savez(self.path, coefficients=a, convention=CONVENTION, provenance='{"surface": false}')
 
     def run(self, *arguments):
@@ -41,7 +41,7 @@ class Model:
         return self.folder / name
 
     def values(self, theta, phi):
-        """At colatitudes and azimuths, (n, c)."""
+        """Returns values at colatitudes and azimuths, (n, c)."""
         angles, out = self.folder / "angles.csv", self.folder / "values.csv"
         np.savetxt(angles, np.column_stack([np.ravel(theta), np.ravel(phi)]), fmt="%.17g", delimiter=",")
         self.run("reconstruct", "--model", self.path, "--sphere", angles, "-o", out, "--force", "-q")
@@ -65,7 +65,7 @@ def grid(thetas, phis):
 
 
 def harmonics(theta, phi, degree):
-    """SciPy's complex harmonics, (n, K)."""
+    """Returns SciPy's complex harmonics, (n, K)."""
     from scipy.special import sph_harm_y
 
     return np.stack([sph_harm_y(l, m, theta, phi) for l in range(degree + 1) for m in range(-l, l + 1)], 1)
@@ -146,7 +146,7 @@ def flowshape(model):
     import scipy.special
 
     if not hasattr(scipy.special, "sph_harm"):
-        # FlowShape 0.1 calls what SciPy 1.17 has no more.
+        # FlowShape 0.1 calls a function that SciPy 1.17 no longer has.
         scipy.special.sph_harm = lambda m, l, azimuth, polar: scipy.special.sph_harm_y(l, m, polar, azimuth)
     import flowshape as fs
 
@@ -166,10 +166,10 @@ def aics(model):
         [[[named[f"shcoeffs_L{l}M{m}{s}"] for m in range(size)] for l in range(size)] for s in "CS"]
     )
     found = shtools.get_even_reconstruction_from_coeffs(coefficients, npoints=64)[1]
-    # pyshtools' grid of Driscoll and Healy.
+    # pyshtools' Driscoll-Healy grid.
     n = 2 * size
     known = radius.values(*grid(np.arange(n) * np.pi / n, np.arange(2 * n) * np.pi / n)).reshape(n, 2 * n)
-    # aics-shparam 0.1 leaves the grid without its last row and column, or with them.
+    # aics-shparam 0.1 returns the grid with or without its last row and column.
     rows, columns = min(n, found.shape[0]), min(2 * n, found.shape[1])
     yield "aics-shparam", relative(found[:rows, :columns], known[:rows, :columns])
 

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """The bars of the Python package, measured: `./run bench python [--rounds N]`.
 
-Compared with `examples/peer` on the same arrays, in turn; interrupts and forks as often as asked for.
+Compared with `examples/peer` on the same arrays, in turn; interrupts and forks are repeated as often as requested.
 """
 
 import argparse
@@ -48,7 +48,7 @@ def seconds(work, rounds):
 
 
 def speed(rows, rounds):
-    """Synthesis and fits beside the library's own, in turn."""
+    """Synthesis and fits compared with the library's own, in turn."""
     surface, sphere = sp.example_surface(6)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -87,7 +87,7 @@ print(status("VmHWM") - before)
 
 
 def memory(rows):
-    """Peak of a fit of (10^6, 3) above what is resident before, over the library's on the same arrays."""
+    """Peak memory of a fit of (10^6, 3) above the memory resident before, relative to the library's on the same arrays."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         n = 1_000_000
@@ -144,7 +144,7 @@ def forks(rows, times):
 
 
 def interpreter(rows):
-    """The longest time for which a call keeps other Python threads waiting, beside calls that keep both cores busy."""
+    """Longest time for which a call blocks other Python threads, compared with calls that keep both cores busy."""
     surface, sphere = sp.example_surface(6)
     calls = {
         "fit": lambda: sp.fit(surface, sphere, 100, threads=1),

@@ -1,7 +1,7 @@
-"""Rotation and alignment of surfaces, beside ducc0's rotation and SPHARM-MAT's published results.
+"""Rotation and alignment of surfaces, compared with ducc0's rotation and SPHARM-MAT's published results.
 
 `./run bench shape` runs it, in a virtual environment with ducc0 and NumPy. Times of rotations are CPU seconds of one thread of
-either program on the same arrays; those of alignments are seconds with two threads, and CPU seconds beside them. The
+either program on the same arrays; those of alignments are seconds with two threads, and CPU seconds as well. The
 hippocampi are those of ../shared/data/shape; without them 2a to 2e are left out.
 """
 
@@ -28,7 +28,7 @@ def bar(name, limit, reached, detail=""):
 
 
 class Program:
-    """The example `shape`, which `./run bench shape` has built."""
+    """The example `shape`, built by `./run bench shape`."""
 
     def __init__(self, folder):
         self.path = ROOT / "target" / "release" / "examples" / "shape"
@@ -37,7 +37,7 @@ class Program:
             raise SystemExit(f"{self.path} is missing: ./run bench shape builds it")
 
     def run(self, threads, command, *arguments):
-        """Arrays are written first; returns what it printed and what it wrote."""
+        """Writes the arrays and runs the program; returns its report and its output array."""
         given = []
         for at, argument in enumerate(arguments):
             if isinstance(argument, np.ndarray):
@@ -57,7 +57,7 @@ def degrees(max_degree):
 
 
 def to_alm(a):
-    """Canonical real coefficients (K, c) to ducc0's (c, nalm), with the Condon-Shortley phase."""
+    """Converts canonical real coefficients (K, c) to ducc0's (c, nalm), with the Condon-Shortley phase."""
     max_degree = int(round(np.sqrt(len(a)))) - 1
     alm = np.zeros((a.shape[1], (max_degree + 1) * (max_degree + 2) // 2), complex)
     for m in range(max_degree + 1):
@@ -103,7 +103,7 @@ def random_rotation(rng):
 
 
 def theirs(a, rotation):
-    """The rotation by ducc0: coefficients, and the CPU seconds of its three calls."""
+    """Rotates by ducc0; returns coefficients, and the CPU seconds of its three calls."""
     max_degree = int(round(np.sqrt(len(a)))) - 1
     alpha = np.arctan2(rotation[1, 2], rotation[0, 2])
     beta = np.arctan2(np.hypot(rotation[0, 2], rotation[1, 2]), rotation[2, 2])
@@ -131,7 +131,7 @@ def rotations(program, repeats):
         count = repeats if max_degree < 2000 else 3
         mine, seconds = [], []
         for _ in range(count):
-            # In turns, as the load of a machine changes.
+            # Run in turn, because the load of the machine changes.
             times, b = program.run(1, "rotate", a, rotation, 2)
             c, first = theirs(a, rotation)
             mine.append(min(times["cpu"]))
@@ -149,7 +149,7 @@ def rotations(program, repeats):
 
 
 def posed(a, rng):
-    """The surface after random rotations in both spaces, by ducc0."""
+    """Returns the surface after random rotations in both spaces, by ducc0."""
     return theirs(a, random_rotation(rng))[0] @ random_rotation(rng).T
 
 
@@ -158,7 +158,7 @@ def rmsd(a, b):
 
 
 def aligned(program, moving, targets, bandwidth=0, starts=0):
-    """Distances of the aligned surfaces that the program wrote, and its times."""
+    """Returns the distances of the surfaces aligned by the program, and its times."""
     times, surfaces = program.run(2, "align", np.stack(moving), np.stack(targets), bandwidth, starts)
     return np.array([rmsd(a, b) for a, b in zip(surfaces, targets)]), times
 

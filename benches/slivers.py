@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Time of maps of slivers beside an icosphere of as many vertices: `./run bench slivers`.
+"""Time of maps of slivers, compared with an icosphere of as many vertices: `./run bench slivers`.
 
-A fan (a double pyramid over a polygon, whose poles have a triangle a side), a sphere by latitude and longitude, and a tube of
-triangles that are 1000 times as long as wide. What is compared are seconds of processors for each vertex, of `parametrize` as it
-is, and of its `deform` onto an icosphere of 10,242 vertices. The standard library suffices. Exits 1 where a bar is missed.
+A fan (a double pyramid over a polygon, whose poles have one triangle per side), a sphere by latitude and longitude, and a tube of
+triangles that are 1000 times as long as wide. CPU seconds per vertex are compared, of `parametrize` with its default method, and
+of `deform` onto an icosphere of 10,242 vertices. The standard library suffices. Exits 1 if a bar is missed.
 """
 
 import argparse
@@ -15,7 +15,7 @@ from pathlib import Path
 
 from maps import SPHARM, run
 
-# Times the icosphere's: the bar is 20, with a fifth to spare.
+# Largest ratio to the icosphere's time: the bar is 20, with a fifth to spare.
 MOST = 16
 SUBDIVISIONS = 7
 LAYOUT = "{:<28} {:>9} {:>8} {:>8} {:>9}"
@@ -30,7 +30,7 @@ def fan(sides):
 
 
 def rings(profile, around):
-    """A surface of revolution: a pole, rings of so many vertices at (radius, height), and another pole."""
+    """Returns a surface of revolution: a pole, rings of `around` vertices at (radius, height), and another pole."""
     first, *inner, last = profile
     turns = [math.tau * j / around for j in range(around)]
     points = [(r * math.cos(t), r * math.sin(t), z) for r, z in inner for t in turns]

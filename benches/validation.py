@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Measures the tables and pictures of docs/validation.md: `./run validation [PART ...] [--quick]`.
 
-A part is a function whose name starts with `part_`; without names all are run. Each writes its tables into the page at its
-end, so that parts may be measured one by one. `--quick` takes few members and few labellings, and writes a copy of the page
+A part is a function whose name starts with `part_`; without names all are run. Each writes its tables into the page when it
+ends, so that parts may be measured separately. `--quick` uses few members and few labellings, and writes a copy of the page
 to target/validation. Groups, studies and measures are those of correspondence.py and correspondence_measures.py.
 """
 
@@ -26,9 +26,9 @@ FAMILIES = {"moving-bump": "moving bump", "growing-bump": "growing bump", "ellip
 
 
 class Plain:
-    """The plain alignment: each surface mapped to the sphere on its own, models brought together at equal directions.
+    """The plain alignment: each surface is mapped to the sphere separately, and models are aligned at equal directions.
 
-    Members, transforms and `carry` are as those of `spharm_rs.shape.correspond`.
+    Has members, transforms and `carry` like the result of `spharm_rs.shape.correspond`.
     """
 
     def __init__(self, surfaces, max_degree, level=5):
@@ -39,7 +39,7 @@ class Plain:
         self.faces = np.asarray(self.models[0].surface(level).faces)
 
     def carry(self, points, source, target):
-        """From the source's model to the same direction of the target's, each in its own frame."""
+        """Maps points from the source's model to the same direction of the target's, each in its own frame."""
         placed = self.transforms[source].apply(np.asarray(points))
         at, which, _ = measured.closest(self.places[source], self.faces, placed)
         corners = self.places[source][self.faces[which]]
@@ -49,7 +49,7 @@ class Plain:
 
 
 def aligned(surfaces, max_degree, plain=True, registered=True):
-    """The group by each alignment; None for the plain one of surfaces that can't be mapped as they are."""
+    """Returns the group by each alignment; None for the plain one if surfaces can't be mapped as they are."""
     started = time.perf_counter()
     found = {"plain": Plain(surfaces, max_degree) if plain else None}
     if registered:
@@ -60,7 +60,7 @@ def aligned(surfaces, max_degree, plain=True, registered=True):
 
 
 def part_truths(page, quick):
-    """Families whose truth is known, in random poses, each member meshed anew."""
+    """Families with a known truth, in random poses, each member meshed anew."""
     members, degree = (4, 8) if quick else (12, 12)
     rows, places, panels = [], {name: [] for name in ALIGNMENTS}, []
     for family, title in FAMILIES.items():
@@ -89,14 +89,14 @@ def part_truths(page, quick):
     page.table("truths", ["family", "alignment", "p", "first p modes", "R^2", "places, mm", "median"], rows)
     page.measured("truths")
     page.picture("scores", scores(panels))
-    # Ellipsoids, whose poses have four answers, would hide the others.
+    # Ellipsoids, which have four equivalent poses, would dwarf the others.
     shown = [index for index, family in enumerate(FAMILIES) if family != "ellipsoids"]
     heads = {ALIGNMENTS[name]: (COLOURS[name], [values[index] for index in shown]) for name, values in places.items()}
     page.picture("places", bars([list(FAMILIES.values())[index] for index in shown], heads, "error of known places, mm"))
 
 
 def part_anatomy(page, quick):
-    """Vertebrae with landmarks, and hippocampi; left out where the data isn't there."""
+    """Vertebrae with landmarks, and hippocampi; left out if the data doesn't exist."""
     rows, panels = [], []
     for which, degree, level in (("vertebrae", 40, 5), ("hippocampi", 12, 4)):
         surfaces, marks = bench.vertebrae() if which == "vertebrae" else (bench.hippocampi(), None)
@@ -107,7 +107,7 @@ def part_anatomy(page, quick):
         if quick:
             surfaces, degree, level = surfaces[:3], 8, 4
         series = {}
-        # Left-out members leave two fewer modes than members.
+        # There are two fewer modes than members, because a member is left out.
         counts = range(1, len(surfaces) - 1)
         for name, group in aligned(surfaces, degree, which != "vertebrae").items():
             if group is None:
@@ -134,7 +134,7 @@ def part_anatomy(page, quick):
 
 
 def interval(errors, trials):
-    """Clopper and Pearson's 95 % interval of a share."""
+    """Returns the Clopper-Pearson 95 % interval of a share."""
     found = scipy.stats.binomtest(errors, trials).proportion_ci(0.95)
     return f"{found.low:.3f} to {found.high:.3f}"
 
@@ -150,7 +150,7 @@ def part_nulls(page, quick):
 
 
 def part_power(page, quick):
-    """A bump at 10 against 10: where it is found by the true correspondence and by each alignment."""
+    """A bump at 10 against 10: its area found by the true correspondence and by each alignment."""
     labels, names = ["a"] * 10 + ["b"] * 10, {"truth": "true correspondence"} | ALIGNMENTS
     rows, drawn = [], []
     for title, taper, heights in (("nearly symmetric", False, (1.0, 2.0, 3.0)), ("tapered", True, (0.5, 1.0, 2.0, 3.0))):
@@ -177,7 +177,7 @@ def part_power(page, quick):
 
 
 def part_limits(page, quick):
-    """What correspondence can't know, or only in part."""
+    """What a correspondence can't determine, or only in part."""
     members, degree = (6, 8) if quick else (12, 12)
     turns = [np.diag(signs) for signs in ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))]
     surfaces, _, marks = bench.generated("ellipsoids", members)
@@ -201,13 +201,13 @@ def part_limits(page, quick):
 
 
 def bodies(count):
-    """Bodies of three unequal axes, the last but one with a horn of 8 mm, the last without its end beyond 13 mm."""
+    """Returns bodies of three unequal axes, the last but one with a horn of 8 mm, the last without its end beyond 13 mm."""
     directions, faces = bench.sphere(5)
     horn, found = np.array([0, 0.6, 0.8]), []
     for seed in range(count):
         waves = np.random.default_rng(seed).normal(size=(16, 3)) * 0.5 / (1 + np.arange(16))[:, None]
         vertices = directions * [20, 13, 9] + sp.Model(waves).evaluate(directions)
-        # One end is higher, so that no half turn makes a body itself.
+        # One end is higher, so that no half turn maps a body to itself.
         vertices[:, 2] += 3 * np.maximum(directions[:, 0], 0) ** 3
         if seed == count - 2:
             vertices += 8 * np.exp((directions @ horn - 1) / 0.02)[:, None] * horn
@@ -217,7 +217,7 @@ def bodies(count):
 
 
 def parts(page, quick):
-    """Parts that the template lacks, and parts that a subject lacks."""
+    """Parts missing in the template, and parts missing in a subject."""
     vertices, faces = bodies(5 if quick else 8)
     surfaces = [bench.turned_at_random(sp.Surface(*each), seed)[0] for seed, each in enumerate(zip(vertices, faces))]
     last = len(surfaces) - 1
@@ -229,7 +229,7 @@ def parts(page, quick):
         rows.append([title, *(f"{max(member[key] for member in members):.3g}"
                      for key in ("cover_farthest", "unreached", "without_counterpart")), named])  # fmt: skip
     page.table("parts", ["member", "farthest from the template, mm", "share not reached", "places without counterpart", "warnings"], rows)
-    # Vertices of the first are the last one's, too, whose end is known to be gone.
+    # The last body has the same vertices as the first, so the vertices of its missing end are known.
     gone = vertices[last][:, 0] > 13
     told = ~np.asarray(group.carried(np.asarray(surfaces[0].vertices), 0, last).reached)
     page.table("told", ["places", "number", "marked as without counterpart"],

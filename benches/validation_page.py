@@ -1,7 +1,7 @@
-"""What `validation.py` writes: tables between the markers of a page, and pictures.
+"""Output of `validation.py`: tables between the markers of a page, and pictures.
 
 A table lies between `<!-- table: NAME -->` and `<!-- end -->`; a generated line between `<!-- line: NAME -->` and the same
-end. All else of the page is written by hand and stays.
+end. The rest of the page is written by hand and isn't changed.
 """
 
 import datetime
@@ -36,7 +36,7 @@ def processor():
 
 
 class Page:
-    """The page of docs, or with quick a copy of it in target/validation."""
+    """The page of docs, or a copy of it in target/validation with `quick`."""
 
     def __init__(self, quick):
         self.path, self.pictures = PAGE, PAGE.parent / "figures" / "validation"
@@ -56,14 +56,14 @@ class Page:
         print(f"\n{name}\n{text}", flush=True)
 
     def table(self, name, head, rows):
-        """Rows of texts and numbers; columns after the first are to the right where they hold a number."""
+        """Writes a table of texts and numbers; columns after the first are right-aligned if they hold a number."""
         texts = [[cell if isinstance(cell, str) else f"{cell:g}" for cell in row] for row in rows]
         right = [any(not isinstance(row[k], str) or re.match(r"-?\d", row[k]) for row in rows) for k in range(len(head))]
         ruler = ["--:" if column and k else "---" for k, column in enumerate(right)]
         self.put("table", name, "\n".join("| " + " | ".join(row) + " |" for row in [head, ruler, *texts]))
 
     def measured(self, name):
-        """The line that says where and when the figures of a part were measured."""
+        """Writes the line that states where and when a part was measured."""
         today = datetime.date.today()
         self.put("line", name, f"Measured on {today.day} {today:%B %Y} with spharm-rs {sp.__version__} on {os.cpu_count()} cores "
                                f"of {processor()}.")
@@ -73,7 +73,7 @@ class Page:
         drawn = io.BytesIO()
         figure.savefig(drawn, dpi=100, facecolor="white")
         plt.close(figure)
-        # 256 colours are half of the bytes.
+        # 256 colours halve the size.
         Image.open(drawn).convert("RGB").quantize(256).save(path, optimize=True)
         print(f"{path}: {path.stat().st_size / 1000:.0f} kB", flush=True)
 

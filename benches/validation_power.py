@@ -1,6 +1,6 @@
-"""Where a bump is found that half of the subjects of `generate --study` have, and where it is found and isn't.
+"""Findings inside and outside of a bump that half of the subjects of `generate --study` have.
 
-The meshes of these studies are one icosphere's, so that the place of every vertex is known; alignments see bare surfaces.
+All meshes of these studies are one icosphere's, so the place of every vertex is known; alignments see bare surfaces.
 Constants are those of `crates/surface/src/generate/study.rs`.
 """
 
@@ -17,14 +17,14 @@ LEVEL = 4
 
 
 def body(directions):
-    """The body without waves."""
+    """Returns the body without waves."""
     places = directions * AXES
     places[:, 2] += BEND * directions[:, 0] ** 2
     return places
 
 
 def tapered(surface, share=0.25):
-    """A subject that is wider at one end, so that no half turn brings it near to itself."""
+    """Returns a subject that is wider at one end, so that no half turn brings it near itself."""
     vertices, faces = bench.arrays(surface)
     turn, shift = measured.rotation(vertices, body(bench.sphere(LEVEL)[0]))
     upright = vertices @ turn + shift
@@ -38,13 +38,13 @@ def study(seed, height, taper):
 
 
 def known_group(surfaces, max_degree):
-    """Over the icosphere that all meshes are: the true correspondence."""
+    """Returns the group over the icosphere of all meshes: the true correspondence."""
     models = [sp.fit(surface, sp.icosphere(LEVEL), max_degree) for surface in surfaces]
     return sp.shape.procrustes(models, method="fixed")
 
 
 def true_places(group, surfaces):
-    """Of each member the true direction of the place at each direction of the icosphere, (n, V, 3)."""
+    """Returns, for each member, the true direction of the place at each direction of the icosphere, (n, V, 3)."""
     directions, found = bench.sphere(LEVEL)[0], []
     for model, transform, surface in zip(group.models, group.transforms, surfaces):
         vertices, faces = transform.apply(np.asarray(surface.vertices)), np.asarray(surface.faces)
@@ -55,13 +55,13 @@ def true_places(group, surfaces):
 
 
 def agreed(places):
-    """The largest set of members whose places agree: those that lie as most do. The others are turned."""
+    """Returns the largest set of members whose places agree. The others are turned."""
     alike = np.einsum("avc,bvc->ab", places, places) / places.shape[1] > 0.7
     return alike[alike.sum(1).argmax()]
 
 
 def degrees_between(group, known, surfaces, chosen, labels):
-    """The angle by which the mean poses of the two groups differ from those of the true correspondence."""
+    """Returns the angle between the two groups' mean poses, relative to the true correspondence."""
     turns = []
     for first, second, surface in zip(known.transforms, group.transforms, surfaces):
         vertices = np.asarray(surface.vertices)
@@ -72,8 +72,8 @@ def degrees_between(group, known, surfaces, chosen, labels):
 
 
 def found_of(group, known, surfaces, labels, permutations=999):
-    """Shares of the bump's area, and of all that is three widths away, where p is at most 0.05; how many members are turned
-    by a half turn; by how many degrees the groups' poses differ.
+    """Returns the shares of the bump's area, and of the area beyond three widths, where p is at most 0.05; the number of members
+    that are off by a half turn; and the angle in degrees between the groups' poses.
 
     The bump ends at two widths, where it has a seventh of its height.
     """

@@ -154,7 +154,7 @@ def unpacked(site, row, package, *others):
 
 
 def in_turn(site, seconds, cases, work):
-    """Does the cases in several threads until the time is up; returns how many were done. `work` gets a worker's number."""
+    """Runs the cases in several threads until the time is up; returns the number done. `work` gets a worker's number."""
     end = time.monotonic() + seconds
     todo = iter(cases)
     done, broken = [0] * site.workers, []
