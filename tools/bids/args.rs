@@ -24,7 +24,7 @@ use spharm_cohort::Shard;
         "spharm bids /data/study out group",
     ],
     &[
-        "Names follow BIDS derivatives: sub-01/anat/sub-01_hemi-L_desc-spharm_pial.npz with a .json of how it was made, ..._spectrum.tsv, \
+        "Names follow BIDS derivatives: sub-01/anat/sub-01_hemi-L_desc-spharm_pial.npz with a .json that describes how it was made, ..._spectrum.tsv, \
          ..._space-SPACE_den-DENSITY_desc-spharm_pial.surf.gii, ..._desc-spharmerror_pial.shape.gii; sub-01.html. Surfaces aren't \
          part of BIDS yet: .bidsignore names them.",
     ],

@@ -12,13 +12,13 @@ use spharm_exchange::{Format, Normalization};
 pub(crate) const FORMATS: &str = "Formats:
   pdm        SPHARM-PDM, Slicer, SlicerSALT: .coef, surfaces only
   mat        SPHARM-MAT: .mat with fvec, vertices, faces, sph_verts; surfaces only
-  pyshtools  SHTOOLS: text, a file a channel; orthonormal, csphase 1
-  healpy     healpy, ducc0: alm as FITS, a table a channel
+  pyshtools  SHTOOLS: text, one file per channel; orthonormal, csphase 1
+  healpy     healpy, ducc0: alm as FITS, one table per channel
   s2fft      s2fft: .npy (c, L + 1, 2 L + 1), complex; its L is this one plus 1
   ktch       ktch: .npy (c, K)
   flowshape  FlowShape: .npy (K, c)
   aics       aics-shparam: .json or .csv of a radius, 1 channel; export only
-  afni       weighted SPHARM, AFNI: text (L + 1) x (2 L + 1), a file a channel
+  afni       weighted SPHARM, AFNI: text (L + 1) x (2 L + 1), one file per channel
   csv, json  plain canonical coefficients";
 
 /// Write models in the formats of other packages

@@ -22,9 +22,9 @@ use spharm_cohort::Shard;
             "spharm study init --table subjects.tsv",
             "spharm study study.toml --dry-run",
             "spharm study study.toml",
-            "spharm study study.toml --shard 3/10    # fits a tenth of the subjects, and nothing else",
+            "spharm study study.toml --shard 3/10    # only fits a tenth of the subjects",
         ],
-        &["A subject that can't be fitted is left out, named at the end and on the page, and makes the exit status 1."],
+        &["A subject that can't be fitted is left out and listed at the end and on the page; the exit status is then 1."],
     ),
 )]
 pub(crate) struct Cli {

@@ -16,7 +16,7 @@ pub const MESHES: &str = "Meshes: GIfTI (.surf.gii, .gii), FreeSurfer surfaces (
                           (legacy), SPHARM-PDM's .meta; written also .glb; .gz may follow.";
 /// The formats of values on vertices.
 pub const SIGNALS: &str = "Values on vertices: GIfTI (.func.gii, .shape.gii), FreeSurfer curv files and maps (.mgh, \
-                           .mgz), .csv and .tsv (a row a vertex, a column a channel).";
+                           .mgz), .csv and .tsv (one row per vertex, one column per channel).";
 
 /// The formats of label volumes.
 pub const VOLUMES: &str = "Label volumes: NIfTI-1 and -2 (.nii, .nii.gz), FreeSurfer (.mgh, .mgz), NRRD (.nrrd, .nhdr), TIFF and \

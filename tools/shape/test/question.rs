@@ -142,7 +142,7 @@ impl Study {
             let steps_by_one = values.windows(2).all(|pair| pair[1] - pair[0] == 1.0);
             let values: Vec<String> = values.iter().map(f64::to_string).collect();
             let sign = if *column == self.of && values.len() == 2 && steps_by_one {
-                format!("the effect is {} less {}; ", values[1], values[0])
+                format!("the effect is {} minus {}; ", values[1], values[0])
             } else {
                 String::new()
             };
