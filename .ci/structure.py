@@ -4,6 +4,7 @@
 - Source files have at most 400 lines, and lines of comments at most 120 columns; tables, links and code in them may be longer.
 - Crates depend on each other as the table of CONTRIBUTING.md states, and only on crates above them in it.
 - Files of a crate don't import each other in circles. Test modules, re-exports and imports from a `lib.rs` don't count.
+- No comment, message or page has a phrase of .ci/phrases.toml.
 - fuzz/Cargo.lock has the dependencies of our crates' manifests, else its targets can't be built with `--locked`.
 """
 
@@ -160,7 +161,20 @@ def fuzz_lock():
             yield f"fuzz/Cargo.lock: {package['name']} differs in {names}: cargo metadata --manifest-path fuzz/Cargo.toml mends it"
 
 
+def phrases():
+    """Phrases of .ci/phrases.toml, wherever people read."""
+    listed = tomllib.loads((ROOT / ".ci/phrases.toml").read_text())["phrases"]
+    listed = [(re.compile(phrase, re.IGNORECASE), better) for phrase, better in listed.items()]
+    files = [file for source in SOURCES for file in sorted((ROOT / source).rglob("*")) if file.suffix in (".rs", ".py")]
+    files += [*sorted((ROOT / "python").rglob("*.py")), *sorted((ROOT / "docs").rglob("*.md")), *sorted(ROOT.glob("*.md"))]
+    for file in files:
+        for number, line in enumerate(file.read_text().splitlines(), 1):
+            for phrase, better in listed:
+                if found := phrase.search(line):
+                    yield f"{file.relative_to(ROOT)}:{number}: {found.group()!r}: write {better}"
+
+
 if __name__ == "__main__":
-    faults = [*lengths(), *widths(), *dependencies(), *circles(), *fuzz_lock()]
+    faults = [*lengths(), *widths(), *dependencies(), *circles(), *fuzz_lock(), *phrases()]
     print(*faults, sep="\n")
     sys.exit(bool(faults))

@@ -335,7 +335,7 @@ def by_dask(folder, samples):
     try:
         run([sys.executable, "-c", "import spharm_rs, distributed, dask.array"])
     except RuntimeError as error:
-        raise Skipped(f"this Python lacks what it takes: {str(error).strip().splitlines()[-1]}")
+        raise Skipped(f"this Python lacks the packages: {str(error).strip().splitlines()[-1]}")
     script = folder / "fit.py"
     script.write_text(DASK)
     said = run([sys.executable, script, samples, folder / "all.spharm.npz", FIT_DEGREE, PARTS], cwd=folder)

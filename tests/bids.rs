@@ -115,7 +115,7 @@ fn what_is_missing_is_said_and_costs_nobody_else_s_model() {
         let name = format!("out/sub-{subject}/anat/sub-{subject}_hemi-{hemisphere}_desc-spharm_pial.npz");
         assert_eq!(site.path().join(&name).exists(), there, "{name}");
     }
-    // The group is told of both.
+    // The group's table has both.
     let group = finish(&mut bids(site.path(), &["group", "--no-pages"]));
     let status = fs::read_to_string(site.path().join("out/group_status.tsv")).expect("a table");
     assert!(status.contains("sub-a_hemi-R_pial\tfailed") && status.contains("sub-b_hemi-R_pial\tfailed"), "{status}");

@@ -329,7 +329,7 @@ fn what_a_terminal_obeys_is_shown() {
             assert!(value["surfaces"][0]["file"].as_str().is_none_or(|file| file == name), "{value}");
         }
     }
-    // The table of what became of the rows.
+    // The table of outcomes.
     site.put("rows.tsv", "id\tsurface\tsphere\nq\u{1b}[5m\tnone\u{1b}[7m.ply\tsphere.ply\n".as_bytes());
     let rows = ["fit", "--manifest", "rows.tsv", "--max-degree", "2", "-o", "out", "--keep-going", "--status", "s.tsv"];
     quiet(&site.run(&rows));

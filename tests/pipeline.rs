@@ -271,7 +271,7 @@ fn more_functions_than_vertices_give_the_solution_of_least_norm() {
         .output()
         .unwrap();
     assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
-    assert!(String::from_utf8_lossy(&run.stderr).contains("rank 642 of 784"), "the rank is told");
+    assert!(String::from_utf8_lossy(&run.stderr).contains("rank 642 of 784"), "the rank is reported");
     let model = Model::read(&output).unwrap();
     // It goes through the vertices, and its coefficients are of the surface's own size.
     let back = study.path("back.surf.gii");

@@ -43,7 +43,7 @@ impl Plan {
         if let Some(path) = paths.iter().max_by_key(|path| size(path)) {
             budget.check_inputs(&format!("shape {subcommand}"), [path.as_path()])?;
             largest = bytes_to_read(path);
-            // If it isn't a model, the subcommand will report the first file that isn't one.
+            // If it isn't a model, the subcommand will report the first other file.
             if let Ok(model) = Model::read(path) {
                 group.max_degree = model.coefficients.max_degree();
                 group.channels = model.coefficients.channels();

@@ -60,7 +60,7 @@ fn of_run(error: &RunError) -> Option<String> {
     match error {
         RunError::Fit(error) => of_fit(error),
         RunError::Output(refusal) => Some(fit::of_refusal(refusal)),
-        RunError::AreaOfLabel { .. } => Some("leave --area out".to_owned()),
+        RunError::AreaOfLabel { .. } => Some("omit --area".to_owned()),
         _ => None,
     }
 }

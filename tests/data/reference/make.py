@@ -157,7 +157,7 @@ def main():
     sphere, faces, surface = body()
     write(HERE / "sphere.surf.gii", sphere, faces)
     write(HERE / "surface.surf.gii", surface, faces)
-    # As they are read again.
+    # In single precision, which the files have.
     (sphere, _), (surface, _) = read(HERE / "sphere.surf.gii"), read(HERE / "surface.surf.gii")
     directions = sphere / np.linalg.norm(sphere, axis=1, keepdims=True)
     (HERE / "reference.json").write_text(json.dumps(reference(directions, surface, DEGREE), indent=1) + "\n")

@@ -82,7 +82,7 @@ impl Cost {
 
 /// Returns whether [`MatrixFreeOperator::with_moments`](crate::MatrixFreeOperator::with_moments) saves time, by a model
 /// of costs. It does if iterations on n = `rows` samples to a tolerance will use moments from the start, and there are
-/// so many samples that the larger grid, which both degrees share, costs less than sorting the samples twice. That
+/// enough samples that the larger grid, which both degrees share, costs less than sorting the samples twice. That
 /// saves 10 to 25 % for one channel. With fewer samples the larger grid's memory costs more time than it saves, and for
 /// 6 to 48 channels it took 10 to 40 % longer at degrees from 50 to 400.
 pub fn moments_pay(rows: usize, max_degree: usize, channels: usize, tolerance: f64) -> bool {
