@@ -114,7 +114,7 @@ fn spheres_that_do_not_fit_their_surface() {
     refuses(
         &study,
         &mut study.fit(&["swapped.surf.gii"], &arguments),
-        &["swapped.surf.gii", "triangles are not those"],
+        &["swapped.surf.gii", "triangles differ from those"],
     );
     refuses(&study, &mut study.fit(&["other.surf.gii"], &arguments), &["other.surf.gii", "differ"]);
 }

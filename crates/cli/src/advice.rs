@@ -52,6 +52,7 @@ fn of_fit(error: &Error) -> Option<String> {
         Error::Parametrize(error) => of_parametrize(error),
         Error::Model(error) => of_model(error),
         Error::Shape(error) => of_shape(error),
+        Error::Member { source, .. } => of_fit(source),
         error => fit::of_fit(error),
     }
 }
@@ -59,6 +60,7 @@ fn of_fit(error: &Error) -> Option<String> {
 fn of_run(error: &RunError) -> Option<String> {
     match error {
         RunError::Fit(error) => of_fit(error),
+        RunError::Of { source, .. } => of_run(source),
         RunError::Output(refusal) => Some(fit::of_refusal(refusal)),
         RunError::AreaOfLabel { .. } => Some("omit --area".to_owned()),
         _ => None,
@@ -228,5 +230,11 @@ mod tests {
         let error = Err::<(), _>(error).context("while writing").unwrap_err();
         assert!(advice(error.as_ref()).is_some_and(|advice| advice.contains("--force")));
         assert_eq!(advice(anyhow::anyhow!("no flag mends this").as_ref()), None);
+        let memory = || RunError::from(Error::Memory { budget: 1 << 20, needed: 2 << 20 });
+        for error in [memory(), memory().of("a row").of("its file")] {
+            assert!(advice(&error).is_some_and(|advice| advice.contains("2MiB")));
+        }
+        let member = Error::Member { index: 1, source: Box::new(Error::Memory { budget: 1, needed: 3 << 20 }) };
+        assert!(advice(&member).is_some_and(|advice| advice.contains("3MiB")));
     }
 }

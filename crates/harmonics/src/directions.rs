@@ -3,6 +3,8 @@
 //! Angles are always derived from the vector, with `atan2(hypot(x, y), z)` and `atan2(y, x)`, never with `acos`, which
 //! loses half of the digits near the poles.
 
+use rayon::prelude::*;
+
 use crate::HarmonicsError;
 
 /// An ordered list of unit vectors, (n, 3).
@@ -24,7 +26,18 @@ pub struct Radii {
     pub max: f64,
 }
 
+/// Vertices that a thread takes at a time.
+const PART: usize = 1 << 13;
+
 impl Radii {
+    /// The range of no radii.
+    const NONE: Self = Self { min: f64::INFINITY, max: 0.0 };
+
+    /// Returns the range that holds both.
+    fn and(self, other: Self) -> Self {
+        Self { min: self.min.min(other.min), max: self.max.max(other.max) }
+    }
+
     /// Returns `(max - min) / max`, which is 0 for a perfect sphere around the origin.
     pub fn spread(&self) -> f64 {
         (self.max - self.min) / self.max
@@ -43,14 +56,24 @@ impl Directions {
         if vertices.is_empty() {
             return Err(HarmonicsError::Empty);
         }
-        let mut radii = Radii { min: f64::INFINITY, max: 0.0 };
-        let mut vectors = Vec::with_capacity(vertices.len());
-        for (index, &vertex) in vertices.iter().enumerate() {
-            let (unit, radius) = normalise(vertex, index)?;
-            radii.min = radii.min.min(radius);
-            radii.max = radii.max.max(radius);
-            vectors.push(unit);
-        }
+        let mut vectors = vec![[0.0; 3]; vertices.len()];
+        let parts = vectors.chunks_mut(PART).zip(vertices.chunks(PART)).enumerate();
+        let of_part = |(part, (units, vertices)): (usize, (&mut [[f64; 3]], &[[f64; 3]]))| {
+            let mut radii = Radii::NONE;
+            for (offset, (unit, &vertex)) in units.iter_mut().zip(vertices).enumerate() {
+                let (direction, radius) = normalise(vertex, part * PART + offset)?;
+                (*unit, radii) = (direction, radii.and(Radii { min: radius, max: radius }));
+            }
+            Ok(radii)
+        };
+        // Outside of a pool the global one would be used, which a forked process doesn't have.
+        let radii: Result<Vec<Radii>, HarmonicsError> = if rayon::current_thread_index().is_some() {
+            // The first error in the order of the vertices is the one to report.
+            parts.collect::<Vec<_>>().into_par_iter().map(of_part).collect::<Vec<_>>().into_iter().collect()
+        } else {
+            parts.map(of_part).collect()
+        };
+        let radii = radii?.into_iter().fold(Radii::NONE, Radii::and);
         Ok(Self { vectors, radii })
     }
 
@@ -134,9 +157,30 @@ impl Directions {
         self.radii
     }
 
-    /// Returns the number of directions that repeat an earlier one, bit for bit.
+    /// Returns the number of directions that repeat an earlier one, bit for bit. Cost: two passes over the directions
+    /// and twice `16 n` bits; only those whose hash others share, one in sixteen, are sorted.
     pub fn duplicates(&self) -> usize {
-        let mut keys: Vec<[u64; 3]> = self.vectors.iter().map(|v| v.map(|c| (c + 0.0).to_bits())).collect();
+        let key = |v: &[f64; 3]| v.map(|c| (c + 0.0).to_bits());
+        let bits = (16 * self.vectors.len()).next_power_of_two().max(64);
+        let shift = 64 - bits.trailing_zeros();
+        // Multiplication by odd numbers spreads the bits of the mantissas upwards.
+        let place = |v: &[f64; 3]| {
+            let [x, y, z] = key(v).map(|word| word ^ word >> 32);
+            let mixed = (x.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ y).wrapping_mul(0xbf58_476d_1ce4_e5b9) ^ z;
+            let place = (mixed.wrapping_mul(0x94d0_49bb_1331_11eb) >> shift) as usize;
+            (place / 64, 1u64 << (place % 64))
+        };
+        let (mut taken, mut shared) = (vec![0u64; bits / 64], vec![0u64; bits / 64]);
+        for v in &self.vectors {
+            let (word, bit) = place(v);
+            shared[word] |= taken[word] & bit;
+            taken[word] |= bit;
+        }
+        let is_shared = |v: &&[f64; 3]| {
+            let (word, bit) = place(v);
+            shared[word] & bit != 0
+        };
+        let mut keys: Vec<[u64; 3]> = self.vectors.iter().filter(is_shared).map(key).collect();
         keys.sort_unstable();
         keys.windows(2).filter(|pair| pair[0] == pair[1]).count()
     }
@@ -205,6 +249,29 @@ mod tests {
     fn duplicates_are_counted_and_the_sign_of_zero_does_not_matter() {
         let d = Directions::from_vertices(&[[1.0, 0.0, 0.0], [2.0, -0.0, 0.0], [0.0, 1.0, 0.0], [5.0, 0.0, 0.0]]);
         assert_eq!(d.unwrap().duplicates(), 2);
+    }
+
+    #[test]
+    fn duplicates_are_counted_among_many_directions_and_by_any_number_of_threads() {
+        let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());
+        let point = |i: usize| {
+            let z = 1.0 - (2.0 * i as f64 + 1.0) / 30_000.0;
+            let (sine, phi) = ((1.0 - z * z).sqrt(), golden * i as f64);
+            [3.0 * sine * phi.cos(), 3.0 * sine * phi.sin(), 3.0 * z]
+        };
+        // Every seventh direction comes twice, and one three times.
+        let mut vertices: Vec<[f64; 3]> = (0..30_000).map(point).collect();
+        vertices.extend((0..30_000).step_by(7).map(point));
+        vertices.push(point(7));
+        let alone = Directions::from_vertices(&vertices).unwrap();
+        assert_eq!(alone.duplicates(), 30_000_usize.div_ceil(7) + 1);
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
+        let together = pool.install(|| Directions::from_vertices(&vertices)).unwrap();
+        assert_eq!(alone, together);
+        // The first of several errors is reported.
+        (vertices[20_000], vertices[9_000]) = ([0.0; 3], [f64::NAN, 0.0, 0.0]);
+        let error = pool.install(|| Directions::from_vertices(&vertices)).unwrap_err();
+        assert!(matches!(error, HarmonicsError::NotFinite { index: 9_000, .. }));
     }
 
     /// Every tenth of the sphere along x has a tenth of the directions (a random sample would be off by 13 or more),

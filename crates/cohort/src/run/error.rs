@@ -82,6 +82,15 @@ impl RunError {
         Self::Of { context: context.to_string(), source: Box::new(self) }
     }
 
+    /// Returns the error of the fit, if it is one.
+    fn fit(&self) -> Option<&Error> {
+        match self {
+            Self::Fit(error) => Some(error),
+            Self::Of { source, .. } => source.fit(),
+            _ => None,
+        }
+    }
+
     /// Returns whether the error is an interruption: the run stopped because it was asked to.
     #[must_use]
     pub fn is_interrupted(&self) -> bool {
@@ -155,8 +164,8 @@ pub fn concerns_all(error: &(dyn std::error::Error + 'static)) -> bool {
     };
     let kind = |cause: &(dyn std::error::Error + 'static)| {
         let fit = match cause.downcast_ref() {
-            Some(RunError::Fit(error)) => Some(error),
-            _ => cause.downcast_ref(),
+            Some(error) => RunError::fit(error),
+            None => cause.downcast_ref(),
         };
         let io = || cause.downcast_ref::<std::io::Error>().map(std::io::Error::kind);
         fit.and_then(of_fit).or_else(|| cause.downcast_ref().and_then(io_of)).or_else(io)

@@ -25,6 +25,7 @@ use crate::{Error, FitParams, FitWarning, Smoothness, Weights, defaults};
 /// Fits targets at their vertices, until the next one is to be fitted as a surface.
 pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Result<(), E> {
     let (monitor, channels, count) = (run.monitor, run.channels(), run.count - run.results.len());
+    let mark = Instant::now();
     let job = &run.job;
     let (params, directions) = (job.params, &job.sphere.directions);
     let smoothness = smoothness(job, monitor);
@@ -97,6 +98,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     let denoiser =
         job.params.denoise.then(|| Denoiser::new(job, together * channels, monitor, fit_noise)).transpose()?;
     run.readers = readers;
+    run.seconds.plan += mark.elapsed().as_secs_f64();
     run.each_batch(together * channels, |job, batch| {
         let solved = if automatic {
             equations.choose_and_solve(batch)
