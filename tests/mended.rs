@@ -91,7 +91,7 @@ fn a_broken_mesh_is_mended_and_what_was_done_is_counted() {
     let report: Value = serde_json::from_slice(&std::fs::read(site.path("p.json")).expect("a report")).expect("JSON");
     assert_eq!(report["mesh_repair"]["holes_filled"], 1);
     let said = fail(&mut site.run("parametrize", &["--surface", "soup.obj", "--fix", "-o", "x.ply"]));
-    assert!(said.contains("--fix makes a surface") && said.contains("--surface-output"), "{said}");
+    assert!(said.contains("--fix makes a new surface") && said.contains("--surface-output"), "{said}");
 }
 
 /// Values at unread vertices have no effect, and the model still covers the entire sphere.

@@ -58,20 +58,16 @@ impl Directions {
         }
         let mut vectors = vec![[0.0; 3]; vertices.len()];
         let parts = vectors.chunks_mut(PART).zip(vertices.chunks(PART)).enumerate();
-        let of_part = |(part, (units, vertices)): (usize, (&mut [[f64; 3]], &[[f64; 3]]))| {
-            let mut radii = Radii::NONE;
-            for (offset, (unit, &vertex)) in units.iter_mut().zip(vertices).enumerate() {
-                let (direction, radius) = normalise(vertex, part * PART + offset)?;
-                (*unit, radii) = (direction, radii.and(Radii { min: radius, max: radius }));
-            }
-            Ok(radii)
-        };
+        let parts = parts.map(|(part, (units, vertices))| (part * PART, units, vertices));
         // Outside of a pool the global one would be used, which a forked process doesn't have.
         let radii: Result<Vec<Radii>, HarmonicsError> = if rayon::current_thread_index().is_some() {
             // The first error in the order of the vertices is the one to report.
-            parts.collect::<Vec<_>>().into_par_iter().map(of_part).collect::<Vec<_>>().into_iter().collect()
+            let parts: Vec<_> = parts.collect();
+            let radii: Vec<_> =
+                parts.into_par_iter().map(|(first, units, of)| normalise_all(first, units, of)).collect();
+            radii.into_iter().collect()
         } else {
-            parts.map(of_part).collect()
+            parts.map(|(first, units, of)| normalise_all(first, units, of)).collect()
         };
         let radii = radii?.into_iter().fold(Radii::NONE, Radii::and);
         Ok(Self { vectors, radii })
@@ -184,6 +180,16 @@ impl Directions {
         keys.sort_unstable();
         keys.windows(2).filter(|pair| pair[0] == pair[1]).count()
     }
+}
+
+/// Normalises vertices, of which the first has the number `first`, and returns the range of their radii.
+fn normalise_all(first: usize, units: &mut [[f64; 3]], vertices: &[[f64; 3]]) -> Result<Radii, HarmonicsError> {
+    let mut radii = Radii::NONE;
+    for (offset, (unit, &vertex)) in units.iter_mut().zip(vertices).enumerate() {
+        let (direction, radius) = normalise(vertex, first + offset)?;
+        (*unit, radii) = (direction, radii.and(Radii { min: radius, max: radius }));
+    }
+    Ok(radii)
 }
 
 /// Returns colatitude, in `[0, pi]`, and azimuth, in `[0, 2 pi)`, of a vector of any length, in radians.

@@ -147,38 +147,33 @@ pub(crate) fn fit<'py>(
     };
     let triangles = faces.map(|faces| crate::arrays::rows("faces", faces.as_array())).transpose()?;
     let view = values.as_array();
-    let fits = run(py, settings.threads, progress.as_ref(), |monitor| match given {
+    let (sphere, fit, many, mapped) = run(py, settings.threads, progress.as_ref(), |monitor| match given {
         Given::Sphere(sphere) => {
             let sphere = sphere.check()?;
             let target = target(view, triangles.as_deref(), surface, &sphere)?;
             refuse_doubtful(&sphere, &params)?;
             let (fit, many) = spharm::fit_target(&sphere, target, &params, monitor)?;
-            Ok(Fits::OnSphere(sphere, fit, many))
+            Ok((sphere, fit, many, None))
         }
         Given::Bare(mesh) => {
             let preparation = Preparation { cut_handles, ..Preparation::default() };
-            Ok(Fits::OfMesh(Box::new(spharm::fit_mesh_with(Input::Mesh(mesh), preparation, &params, monitor)?)))
+            let found = spharm::fit_mesh_with(Input::Mesh(mesh), preparation, &params, monitor)?;
+            let MeshFit { surface, fit, many } = found;
+            Ok((surface.parametrized.sphere.clone(), fit, many, Some(surface)))
         }
     })?;
-    let found = match fits {
-        Fits::OnSphere(sphere, fit, many) => fitted(py, sphere, fit, &many, None, surface),
-        Fits::OfMesh(found) => {
-            let MeshFit { surface: mapped, fit, many } = *found;
-            let mut map = json!(mapped.parametrized.map.report);
-            if let (Some(map), Some(handles)) = (map.as_object_mut(), &mapped.handles) {
-                map.insert("handles".to_owned(), json!(handles));
-            }
-            let mut found = fitted(py, mapped.parametrized.sphere.clone(), fit, &many, Some(map), surface);
-            mapped.record(&mut found.0.inner.provenance);
-            found
+    let map = mapped.as_ref().map(|mapped| {
+        let mut map = json!(mapped.parametrized.map.report);
+        if let (Some(map), Some(handles)) = (map.as_object_mut(), &mapped.handles) {
+            map.insert("handles".to_owned(), json!(handles));
         }
-    };
+        map
+    });
+    let mut found = fitted(py, sphere, fit, &many, map, surface);
+    if let Some(mapped) = mapped {
+        mapped.record(&mut found.0.inner.provenance);
+    }
     Ok(found)
-}
-
-enum Fits {
-    OnSphere(Sphere, Fit, ManyReport),
-    OfMesh(Box<MeshFit>),
 }
 
 enum Given {

@@ -99,7 +99,7 @@ pub enum Event<'a> {
 #[derive(Debug)]
 pub enum Outcome<'a> {
     /// Its model was made.
-    Done(RowFit),
+    Done(Box<RowFit>),
     /// Its model exists.
     Skipped {
         /// Of a volume, the label.

@@ -42,7 +42,7 @@ impl<'a> Ledger<'a> {
         let (msd, xsd) = fit.report.passes.last().map_or((None, None), |last| (last.msd, last.xsd));
         let entry = Entry { msd, xsd, ..Entry::new(&row.id, State::Done) };
         let model = fit.files.model.clone();
-        self.finish(number, row, entry, &model, Outcome::Done(fit))
+        self.finish(number, row, entry, &model, Outcome::Done(Box::new(fit)))
     }
 
     /// Records that a row's model exists.

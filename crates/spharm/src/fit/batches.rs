@@ -71,14 +71,14 @@ pub(crate) struct Solved {
     /// Warnings of all targets.
     pub(crate) warnings: Vec<FitWarning>,
     /// Solution of each target if they were solved one after another; empty if they were solved together.
-    pub(crate) apart: Vec<Apart>,
+    pub(crate) per_target: Vec<PerTarget>,
     /// Model of each target at the centres of some triangles, (places, c). Empty if the method hasn't evaluated them.
     pub(crate) at_centres: Vec<Array2<f64>>,
     pub(crate) report: BatchReport,
 }
 
 /// The solution of one target of a batch.
-pub(crate) struct Apart {
+pub(crate) struct PerTarget {
     pub(crate) optimality: f64,
     pub(crate) warnings: Vec<FitWarning>,
 }
@@ -328,8 +328,8 @@ fn fit_of(job: &Job<'_>, batch: &Batch, solved: &Solved, index: usize) -> Result
         passes = vec![distances];
     }
     let mut warnings = solved.warnings.clone();
-    let apart = solved.apart.get(index);
-    warnings.extend(apart.iter().flat_map(|of_target| of_target.warnings.iter().cloned()));
+    let per_target = solved.per_target.get(index);
+    warnings.extend(per_target.iter().flat_map(|of_target| of_target.warnings.iter().cloned()));
     let denoise = solved.denoised.get(index).cloned().unwrap_or_default();
     let detail = |of: &Denoised| {
         let sigma = times(of.noise.sigma, job.weight_exponent / 2);
@@ -362,7 +362,7 @@ fn fit_of(job: &Job<'_>, batch: &Batch, solved: &Solved, index: usize) -> Result
         held_out,
         denoise,
         smoothness: solved.report.smoothness(),
-        optimality: apart.map(|of_target| of_target.optimality).or(solved.report.optimality()),
+        optimality: per_target.map(|of_target| of_target.optimality).or(solved.report.optimality()),
         warnings,
         settings: Settings {
             method: job.params.method,

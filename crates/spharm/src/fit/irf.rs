@@ -55,7 +55,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
             denoised: Vec::new(),
             surface_distances: Vec::new(),
             warnings: FitWarning::of_blocks(&fit.report.blocks),
-            apart: Vec::new(),
+            per_target: Vec::new(),
             at_centres: Vec::new(),
             report: BatchReport::Streamed(fit.report),
         })

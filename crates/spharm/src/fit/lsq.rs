@@ -18,7 +18,7 @@ use super::batches::{Batch, Run, Solved};
 use super::denoise::{Denoiser, merge, set_columns};
 use super::job::Job;
 use super::lsq_plan::{LsqPlan, Sizes, transform};
-use super::shared::{Within, allowed, check_auto, converged, note_solution, strategy};
+use super::shared::{NestedMonitor, allowed, check_auto, converged, note_solution, strategy};
 use crate::report::{BatchReport, Denoised};
 use crate::{Error, FitParams, FitWarning, Smoothness, Weights, defaults};
 
@@ -92,7 +92,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     let mut shared = equations.solver(equations.solver.clone())?;
     let fit_noise = |noise: &Array2<f64>| {
         let columns = 0..noise.ncols();
-        let fit = shared.fit(noise, std::slice::from_ref(&columns), &Within(monitor))?;
+        let fit = shared.fit(noise, std::slice::from_ref(&columns), &NestedMonitor(monitor))?;
         Ok((fit.coefficients.values().to_owned(), fit.residual))
     };
     let denoiser =
@@ -146,7 +146,7 @@ impl<'a> Equations<'a> {
     /// Fits a target with the smoothness that cross-validation chooses for it.
     fn choose_and_solve(&self, batch: &Batch) -> Result<Solved, Error> {
         let (targets, weights) = (batch.side_by_side(), self.solver.weights.as_deref());
-        let chosen = choose_smoothness(self.operator, weights, &targets, &Within(self.monitor))?;
+        let chosen = choose_smoothness(self.operator, weights, &targets, &NestedMonitor(self.monitor))?;
         let mut solver = self.solver(LsqParams { smoothness: chosen.smoothness, ..self.solver.clone() })?;
         self.solve(&mut solver, batch, None, Some(chosen))
     }
@@ -158,7 +158,7 @@ impl<'a> Equations<'a> {
         denoiser: Option<(&Denoiser, &Job<'_>)>,
         gcv: Option<Gcv>,
     ) -> Result<Solved, Error> {
-        let within = Within(self.monitor);
+        let within = NestedMonitor(self.monitor);
         let targets = batch.side_by_side();
         let LsqFit { coefficients, residual, mut report } = solver.fit(&targets, &batch.groups, &within)?;
         let mut coefficients = coefficients.values().to_owned();
@@ -184,7 +184,7 @@ impl<'a> Equations<'a> {
             denoised,
             surface_distances: Vec::new(),
             warnings,
-            apart: Vec::new(),
+            per_target: Vec::new(),
             at_centres: Vec::new(),
             report: BatchReport::LeastSquares { report, gcv },
         })
@@ -199,7 +199,7 @@ impl<'a> Equations<'a> {
         coefficients: &mut Array2<f64>,
         report: &mut LsqReport,
     ) -> Result<Removed, Error> {
-        let (within, mut residual, started) = (Within(self.monitor), plain.residual, Instant::now());
+        let (within, mut residual, started) = (NestedMonitor(self.monitor), plain.residual, Instant::now());
         let mut standard_errors = self.params.standard_errors.then(|| Array2::zeros(coefficients.dim()));
         let mut denoised = Vec::new();
         for parts in plain.batch.parts() {

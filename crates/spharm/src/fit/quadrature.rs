@@ -51,7 +51,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
             denoised: Vec::new(),
             surface_distances: Vec::new(),
             warnings: Vec::new(),
-            apart: Vec::new(),
+            per_target: Vec::new(),
             at_centres: Vec::new(),
             report: BatchReport::Quadrature { max_degree, grid: quadrature.grid(), residuals },
         })

@@ -10,9 +10,9 @@ use crate::machine::{Exceeded, exceeded};
 use crate::{Error, FitParams, FitWarning, Preconditioner};
 
 /// A monitor for one of several targets: its stages are shown as the status of the stage that counts targets.
-pub(crate) struct Within<'a>(pub(crate) &'a dyn Monitor);
+pub(crate) struct NestedMonitor<'a>(pub(crate) &'a dyn Monitor);
 
-impl Monitor for Within<'_> {
+impl Monitor for NestedMonitor<'_> {
     fn begin(&self, stage: Stage, _: u64) {
         self.0.note(Level::Status, format_args!("{}", stage.name));
     }
@@ -68,7 +68,7 @@ pub(crate) fn converged(params: &FitParams, warnings: &[FitWarning]) -> Result<b
 }
 
 /// Merges the report of another target into the report of some, for targets that were solved one after another.
-pub(crate) fn together(some: LsqReport, other: LsqReport) -> LsqReport {
+pub(crate) fn merge_reports(some: LsqReport, other: LsqReport) -> LsqReport {
     let mut warnings = some.warnings;
     for warning in &other.warnings {
         if !warnings.contains(warning) {

@@ -16,11 +16,11 @@ use spharm_solver::lsq::{LsqReport, MomentProblem, solve_moments, solve_moments_
 use spharm_solver::{LsqParams, ResidualNorms};
 use spharm_transform::{MomentGram, Transform};
 
-use super::batches::{Apart, Batch, Run, Solved};
+use super::batches::{Batch, PerTarget, Run, Solved};
 use super::denoise::{Denoiser, merge, set_columns};
 use super::job::Job;
 use super::lsq_plan::{Sizes, transform};
-use super::shared::{Within, converged, note_solution, strategy, together};
+use super::shared::{NestedMonitor, converged, merge_reports, note_solution, strategy};
 use super::surface_plan::SurfacePlan;
 use super::surface_sums::SurfaceSums;
 use crate::assess::{ModelSurface, ReadSurface};
@@ -44,7 +44,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     let most = (most / channels).clamp(1, count.max(1));
     let plan = SurfacePlan::new(sizes, job.memory, most)?;
     let mut sums = SurfaceSums::new(job)?;
-    let plan = sums.by_nodes(plan, most, count > 1, &Within(monitor))?;
+    let plan = sums.use_nodal_sums(plan, most, count > 1, &NestedMonitor(monitor))?;
     let samples = sums.samples();
     let fitter = Fitter::new(job, &plan, sums)?;
     let needed = plan.needed(plan.together).div_ceil(1 << 20);
@@ -59,7 +59,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     monitor.note(Level::Info, text);
     run.readers = plan.readers(job.threads);
     run.seconds.plan += mark.elapsed().as_secs_f64();
-    let fit_noise = |noise: &Array2<f64>| fitter.fit_noise(noise, &Within(monitor));
+    let fit_noise = |noise: &Array2<f64>| fitter.fit_noise(noise, &NestedMonitor(monitor));
     let denoiser = job.params.denoise.then(|| Denoiser::new(job, plan.together * channels, monitor, fit_noise));
     let denoiser = denoiser.transpose()?;
     run.each_batch(plan.together * channels, |job, batch| {
@@ -134,7 +134,7 @@ impl<'a> Fitter<'a> {
         denoiser: Option<(&Denoiser, &Job<'_>)>,
         monitor: &dyn Monitor,
     ) -> Result<Solved, Error> {
-        let within = Within(monitor);
+        let within = NestedMonitor(monitor);
         let started = Instant::now();
         let targets: Vec<(Range<usize>, ArrayView2<'_, f64>)> = batch.targets().collect();
         let problem = self.problem(&targets, &within)?;
@@ -170,12 +170,12 @@ impl<'a> Fitter<'a> {
             *errors = self.standard_errors(&solver, &residual, monitor)?;
         }
         let warnings_of = |report: &LsqReport| FitWarning::of_lsq(report, self.params.tolerance, None);
-        let apart: Vec<Apart> = reports
+        let per_target: Vec<PerTarget> = reports
             .iter()
-            .map(|report| Apart { optimality: report.optimality, warnings: warnings_of(report) })
+            .map(|report| PerTarget { optimality: report.optimality, warnings: warnings_of(report) })
             .collect();
-        apart.iter().try_for_each(|of_target| converged(self.params, &of_target.warnings).map(drop))?;
-        let mut report = reports.into_iter().reduce(together).expect("a batch has a target");
+        per_target.iter().try_for_each(|of_target| converged(self.params, &of_target.warnings).map(drop))?;
+        let mut report = reports.into_iter().reduce(merge_reports).expect("a batch has a target");
         report.seconds.total = started.elapsed().as_secs_f64();
         note_solution(&report, monitor);
         let (residuals, at_centres) = self.assess(&targets, coefficients.view())?;
@@ -190,7 +190,7 @@ impl<'a> Fitter<'a> {
             denoised,
             surface_distances,
             warnings: Vec::new(),
-            apart,
+            per_target,
             at_centres,
             report: BatchReport::LeastSquares { report, gcv },
         })

@@ -92,7 +92,7 @@ impl<'a> SurfaceSums<'a> {
 
     /// Sorts the samples by vertices if that fits the plan's budget. Returns the plan for at most `most` surfaces
     /// together.
-    pub(crate) fn by_nodes(
+    pub(crate) fn use_nodal_sums(
         &mut self,
         plan: SurfacePlan,
         most: usize,
@@ -100,7 +100,7 @@ impl<'a> SurfaceSums<'a> {
         monitor: &dyn Monitor,
     ) -> Result<SurfacePlan, Error> {
         let Some(with_nodes) = plan.by_nodes(self.samples(), most) else { return Ok(plan) };
-        let mut nodal = self.sorted(monitor)?;
+        let mut nodal = self.build_nodal_sums(monitor)?;
         let kept = nodal.sums.patch_bytes();
         if several && with_nodes.needed(with_nodes.together) + kept <= with_nodes.budget {
             nodal.sums.keep();
@@ -110,7 +110,7 @@ impl<'a> SurfaceSums<'a> {
         Ok(with_nodes)
     }
 
-    fn sorted(&self, monitor: &dyn Monitor) -> Result<Nodal, Error> {
+    fn build_nodal_sums(&self, monitor: &dyn Monitor) -> Result<Nodal, Error> {
         let (nodes, on_seam) =
             (self.sphere.directions.len(), self.seam.as_ref().map_or(0, |seam| seam.vertices().len()));
         let (triangles, samples) = (self.sphere.faces.len() + on_seam, self.samples() + on_seam);
@@ -268,7 +268,7 @@ mod tests {
             let (a, b) = (values(3), values(1));
             let targets = [(0..3, a.view()), (3..4, b.view())];
             let by_samples = sums.of(&targets, &Silent).unwrap();
-            sums.nodal = Some(sums.sorted(&Silent).unwrap());
+            sums.nodal = Some(sums.build_nodal_sums(&Silent).unwrap());
             let by_vertices = sums.of(&targets, &Silent).unwrap();
             let scale = largest(&by_samples.moments);
             let off = &by_samples.right_sides - &by_vertices.right_sides;
@@ -298,7 +298,7 @@ mod tests {
                 channels: 3,
                 denoise: false,
             };
-            let plan = sums.by_nodes(SurfacePlan::new(sizes, budget, 32).unwrap(), 32, several, &Silent).unwrap();
+            let plan = sums.use_nodal_sums(SurfacePlan::new(sizes, budget, 32).unwrap(), 32, several, &Silent).unwrap();
             assert!(plan.needed(plan.together) + sums.kept_bytes() <= budget);
             (sums.nodal.is_some(), sums.kept_bytes() > 0)
         };
