@@ -35,7 +35,7 @@ class CohortFit:
     error : str, optional
         Why it failed.
     report : dict, optional
-        Of a model that was made: as `Model.report`.
+        Of a model that was made: as `Model.report`, without `solver`, `smoothness` and `seconds`.
     seconds : float, optional
         Time from reading the surface to having written its model; rows that are fitted together share it.
     """
@@ -103,7 +103,7 @@ class CohortFits:
 
 
 def fit_cohort(
-    table: Path | Iterable[Mapping[str, Any]],
+    table: Any,
     output: Path | None = None,
     max_degree: int = 20,
     *,

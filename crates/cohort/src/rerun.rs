@@ -41,7 +41,8 @@ pub struct Request<'a> {
     pub sphere: Option<&'a Sphere>,
     /// Settings.
     pub params: &'a FitParams,
-    /// The file of the region whose vertices are read, if the values of the others are extrapolated from its edge.
+    /// File of the region to which reading is limited, if there is one: values outside it are extrapolated from its
+    /// edge.
     pub region: Option<&'a FileRecord>,
     /// Changes to the surface before the fit; none for a surface over a sphere.
     pub preparation: Preparation,

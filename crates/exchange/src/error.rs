@@ -46,7 +46,7 @@ pub enum ExchangeError {
         if *.channels == 1 { "" } else { "s" }
     )]
     CannotHold {
-        /// The package.
+        /// Name of the package's format.
         format: &'static str,
         /// The models that it can hold.
         holds: &'static str,

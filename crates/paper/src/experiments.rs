@@ -88,8 +88,8 @@ pub(crate) struct Results {
     pub(crate) basis: Vec<Basis>,
 }
 
-/// Runs figure 5. At each degree SIRF does the same work whatever the highest degree, but msd and time belong to each
-/// fit.
+/// Runs the experiment of figure 5. SIRF's work at a degree doesn't depend on the highest degree, but msd and time are
+/// measured for each fit.
 pub(crate) fn sirf(
     bench: &Bench<'_>,
     extent: &Extent,

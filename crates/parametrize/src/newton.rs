@@ -74,7 +74,7 @@ impl Step {
 }
 
 impl Newton {
-    /// Prepares for triangles over vertices 0..n.
+    /// Analyses the sparsity of matrices of triangles over the vertices 0..n.
     ///
     /// Returns `None` if faer runs out of memory.
     pub(crate) fn new(

@@ -24,8 +24,8 @@ pub(crate) const CHUNK: usize = 4096;
 
 /// Resamples a surface on another sphere.
 ///
-/// `sphere` has the surface's vertices and triangles, `shared` any; only their directions matter. The result's sphere
-/// is `shared`, bit for bit and with its radius, so that its basis is found under the same key.
+/// `sphere` must have the surface's vertices and triangles; `shared` may be any sphere. Only the directions of their
+/// vertices matter. The result's sphere is an exact copy of `shared`, so that a stored basis of `shared` serves it.
 ///
 /// # Errors
 ///

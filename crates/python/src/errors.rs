@@ -102,6 +102,9 @@ fn raised(py: Python<'_>, text: &str, kind: Kind<'_>) -> PyErr {
                 let text = text.split(" (os error").next().unwrap_or_default().to_owned();
                 PyOSError::new_err((code, text, path.to_string_lossy().into_owned()))
             }
+            None if cause.kind() == io::ErrorKind::NotFound => {
+                PyOSError::new_err((2, "No such file or directory", path.to_string_lossy().into_owned()))
+            }
             None => PyOSError::new_err(text.to_owned()),
         },
         Kind::Exists(path) => {

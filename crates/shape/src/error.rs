@@ -80,7 +80,7 @@ pub enum ShapeError {
     /// A share outside 0 to 1.
     #[error("{what}: expected a number between 0 and 1, found {found}")]
     Share {
-        /// Name of the share.
+        /// Name of the setting, which is a fraction.
         what: &'static str,
         /// Its value.
         found: f64,

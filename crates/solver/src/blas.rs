@@ -18,7 +18,7 @@ use spharm_harmonics::product::Matrix;
 
 pub use spharm_blas::RESERVED_PER_THREAD;
 
-/// Bytes of its buffers that OpenBLAS uses for each thread that works on large matrices, measured.
+/// Measured bytes of OpenBLAS's buffers that a thread touches while it works on large matrices.
 pub(crate) const TOUCHED_PER_THREAD: usize = 34 << 20;
 
 unsafe extern "C" {

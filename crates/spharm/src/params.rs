@@ -197,8 +197,8 @@ impl Weights {
 /// Preconditioner of the iterations of the full least squares.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Preconditioner {
-    /// The density of uneven samples, if computing their moments pays off; then a Cholesky factor of the normal
-    /// equations, if iterations are slow and memory allows.
+    /// Chooses: the density of uneven samples, if computing their moments pays off, and later a Cholesky factor of the
+    /// normal equations, if iterations are slow and memory allows.
     #[default]
     Auto,
     /// None.

@@ -52,17 +52,26 @@ use work::Work;
 /// [`RunParams::keep_going`] is set or it concerns all rows, see [`RunError::concerns_all`].
 ///
 /// ```
-/// use spharm_cohort::run::{Cohort, RunParams, Unobserved, run};
-/// use spharm_cohort::{Manifest, Row};
+/// use spharm_cohort::Row;
+/// use spharm_cohort::run::{Cohort, Event, Observer, Outcome, RunParams, run};
 /// use spharm::generate::{Cortex, cortex};
 /// use spharm::prelude::write_mesh;
 /// use spharm::{FitParams, Model, Silent};
+///
+/// struct Failures;
+/// impl Observer for Failures {
+///     fn event(&self, event: &Event<'_>) {
+///         if let Event::Finished { row, outcome: Outcome::Failed(error), .. } = event {
+///             eprintln!("{}: {}", row.id, error.line());
+///         }
+///     }
+/// }
 ///
 /// let folder = tempfile::tempdir()?;
 /// let surface = folder.path().join("a.ply");
 /// write_mesh(&surface, &cortex(&Cortex { subdivisions: 2, variant: 0 }).0)?;
 /// let rows = vec![Row { id: "a".to_owned(), surface, ..Row::default() }];
-/// run(&Cohort::new(rows, folder.path()), &RunParams::new(FitParams::lsq(4)), &Unobserved, &Silent)?;
+/// run(&Cohort::new(rows, folder.path()), &RunParams::new(FitParams::lsq(4)), &Failures, &Silent)?;
 /// assert_eq!(Model::read(folder.path().join("a.spharm.npz"))?.coefficients.max_degree(), 4);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```

@@ -46,7 +46,7 @@ impl QuadMesh {
         Self { vertices: places.into_iter().map(place).collect(), quads, twins }
     }
 
-    /// Returns the same surface in mm, also wound outwards there.
+    /// Returns the same surface in mm. Its faces are counter-clockwise seen from outside there, too.
     #[must_use]
     pub fn to_world(&self, affine: &Affine) -> Self {
         let vertices = self.vertices.iter().map(|&v| affine.apply(v)).collect();

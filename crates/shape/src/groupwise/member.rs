@@ -85,7 +85,7 @@ impl Member {
     }
 }
 
-/// Transforms at one list of directions, to the degrees of surfaces and of fields.
+/// Two transforms at one list of directions: to the degree of the surfaces, and to that of the fields.
 pub(super) struct Plan {
     pub(super) surface: Transform,
     pub(super) field: Transform,

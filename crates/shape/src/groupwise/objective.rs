@@ -53,7 +53,7 @@ pub(super) struct Covariance {
     pub(super) mean: Vec<f64>,
     /// w, (n).
     pub(super) weights: Vec<f64>,
-    /// a_i(u), (N, n).
+    /// Area a_i(u) of member i at direction u, (N, n).
     areas: Array2<f64>,
     /// A_i, (N).
     totals: Vec<f64>,

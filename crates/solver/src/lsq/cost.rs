@@ -27,7 +27,7 @@ impl Cost {
         n * (50.0 + 50.0 * c) + c * (25.0 * l * l * l.log2() + 0.1 * l.powi(3))
     }
 
-    /// Returns the cost of a product by moments: Legendre sums, Fourier transforms.
+    /// Returns the cost of a product with the normal matrix by moments: Legendre sums and Fourier transforms.
     pub(super) fn by_moments(&self) -> f64 {
         let (_, l, c) = self.sizes();
         c * (0.2 * l.powi(3) + 13.0 * l * l * l.log2())

@@ -99,7 +99,7 @@ pub struct LsqSeconds {
     pub factor: f64,
     /// Moments of the sampling, the operator from them and its approximate inverse.
     pub moments: f64,
-    /// Number of iterations of conjugate gradients.
+    /// Conjugate gradients.
     pub iterations: f64,
     /// Total.
     pub total: f64,

@@ -19,7 +19,7 @@ use super::together::{mesh_of, spread, together, weights};
 use super::{Group, GroupTemplate};
 use crate::Error;
 
-/// Share of the template's directions without a counterpart on a member from which there is a warning.
+/// A warning is given if at least this share of the template's directions has no counterpart on a member.
 const LACKING: f64 = 0.05;
 /// Largest relative difference in area and volume between copies of the same surface.
 const SAME: f64 = 1e-6;

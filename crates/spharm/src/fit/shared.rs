@@ -26,7 +26,7 @@ impl Monitor for NestedMonitor<'_> {
     }
 }
 
-/// Checks that this process's limits allow a factor.
+/// Checks that this process's limits allow a Cholesky factor of `data` bytes.
 pub(crate) fn allowed(data: usize) -> Result<(), SolverError> {
     exceeded(data, 0).map_or(Ok(()), |Exceeded { what, limit, needed }| Err(SolverError::Limit { what, limit, needed }))
 }
