@@ -268,7 +268,7 @@ impl Observer for Rows<'_> {
                 }
                 warning => warning.to_string(),
             }),
-            Event::Finished { number, row, entry, outcome } => self.finished(*number, row, entry, outcome),
+            Event::Finished { number, row, entry, outcome, .. } => self.finished(*number, row, entry, outcome),
             Event::Fitted(report) => self.lock().add_group(report, self.rows <= LISTED),
             Event::RowWarning(text) => self.warn_once((*text).to_owned()),
             Event::Warning(text) | Event::CohortWarning(text) => console.warn(text),

@@ -263,12 +263,11 @@ impl Call<'_> {
 impl Observer for OfVolume<'_> {
     fn event(&self, event: &Event<'_>) {
         let console = self.call.monitor.console();
-        let (number, row, entry, outcome) = match event {
-            Event::Finished { number, row, entry, outcome } => (*number, row, entry, outcome),
+        let (number, row, entry, outcome, model) = match event {
+            Event::Finished { number, row, entry, outcome, model } => (*number, row, entry, outcome, *model),
             Event::Warning(text) => return console.note(text),
             _ => return,
         };
-        let model = Path::new(&entry.output);
         let of = |fitted: Option<f64>| self.call.model(model, &row.id, fitted);
         let found = match outcome {
             RowOutcome::Done(fit) => {

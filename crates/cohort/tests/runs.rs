@@ -109,3 +109,33 @@ fn an_output_with_the_name_of_an_input_is_refused() {
     run(&Cohort::new(rows, folder.path()), &params, &Outcomes::default(), &Silent).unwrap();
     assert_eq!(std::fs::read(&model).unwrap(), before);
 }
+
+/// The table of outcomes is text; the event has the path itself.
+#[cfg(unix)]
+#[test]
+fn a_model_is_found_by_a_name_that_is_no_text() {
+    use std::ffi::OsStr;
+    use std::os::unix::ffi::OsStrExt;
+
+    struct Models(Mutex<Vec<std::path::PathBuf>>);
+    impl Observer for Models {
+        fn event(&self, event: &Event<'_>) {
+            if let Event::Finished { model, .. } = event {
+                self.0.lock().unwrap().push(model.to_path_buf());
+            }
+        }
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let mut rows = rows(folder.path());
+    rows.truncate(1);
+    rows[0].output = Some(OsStr::from_bytes(b"a\xff.npz").into());
+    let models = Models(Mutex::default());
+    let mut params = RunParams::new(FitParams::lsq(4));
+    for if_exists in [IfExists::Refuse, IfExists::Skip] {
+        params.if_exists = if_exists;
+        run(&Cohort::new(rows.clone(), folder.path()), &params, &models, &Silent).unwrap();
+    }
+    let expected = folder.path().join(OsStr::from_bytes(b"a\xff.npz"));
+    assert_eq!(models.0.into_inner().unwrap(), [expected.clone(), expected.clone()]);
+    assert!(Model::read(expected).is_ok());
+}

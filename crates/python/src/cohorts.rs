@@ -1,6 +1,6 @@
 //! Fits of cohorts, whose results are passed on as they become available.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::mpsc::{Receiver, Sender, channel};
 
@@ -17,7 +17,7 @@ use crate::fitting::Settings;
 use crate::run::{Started, lock};
 
 /// A finished row as returned to Python: index, id, state, the model's file, error, report as JSON, seconds.
-type Finished = (usize, String, &'static str, String, Option<String>, Option<String>, Option<f64>);
+type Finished = (usize, String, &'static str, PathBuf, Option<String>, Option<String>, Option<f64>);
 
 /// A message of the run's thread.
 enum Message {
@@ -43,7 +43,9 @@ struct Sending(Mutex<Sender<Message>>);
 impl Observer for Sending {
     fn event(&self, event: &Event<'_>) {
         let message = match event {
-            Event::Finished { number, entry, outcome, .. } => Message::Finished(finished(*number, entry, outcome)),
+            Event::Finished { number, entry, outcome, model, .. } => {
+                Message::Finished(finished(*number, entry, outcome, model))
+            }
             Event::FitWarning { row, warning, .. } => Message::Warning(format!("{}: {warning}", row.id)),
             Event::RowWarning(text) | Event::Warning(text) | Event::CohortWarning(text) => {
                 Message::Warning((*text).to_owned())
@@ -55,7 +57,7 @@ impl Observer for Sending {
     }
 }
 
-fn finished(number: usize, entry: &Entry, outcome: &Outcome<'_>) -> Finished {
+fn finished(number: usize, entry: &Entry, outcome: &Outcome<'_>, model: &Path) -> Finished {
     let report = match outcome {
         Outcome::Done(fit) => {
             let mut report = json!(fit.report);
@@ -69,7 +71,7 @@ fn finished(number: usize, entry: &Entry, outcome: &Outcome<'_>) -> Finished {
         _ => None,
     };
     let error = (!entry.error.is_empty()).then(|| entry.error.clone());
-    (number, entry.id.clone(), entry.state.name(), entry.output.clone(), error, report, entry.seconds)
+    (number, entry.id.clone(), entry.state.name(), model.to_owned(), error, report, entry.seconds)
 }
 
 /// Returns the exception of a run's error.

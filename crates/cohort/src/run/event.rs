@@ -81,6 +81,8 @@ pub enum Event<'a> {
         entry: &'a Entry,
         /// Its outcome.
         outcome: Outcome<'a>,
+        /// The model's file, which may not exist. The line of the table has it as text.
+        model: &'a Path,
     },
     /// Rows over one sphere have been fitted together.
     Fitted(&'a ManyReport),

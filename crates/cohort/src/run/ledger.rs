@@ -93,7 +93,7 @@ impl<'a> Ledger<'a> {
         inner.finished[number] = true;
         let written = inner.status.as_mut().map_or(Ok(()), |status| status.append(&entry));
         drop(inner);
-        self.observer.event(&Event::Finished { number, row, entry: &entry, outcome });
+        self.observer.event(&Event::Finished { number, row, entry: &entry, outcome, model });
         written
     }
 }
