@@ -18,13 +18,12 @@ use spharm_cli::paths::shown;
 use spharm_cli::surfaces::surfaces as named;
 use spharm_cohort::files::ModelFiles;
 use spharm_cohort::reader::SurfaceReader;
-use spharm_cohort::rerun::IfExists;
 use spharm_cohort::run::{Cohort, RunParams};
 use spharm_cohort::{Manifest, Row};
 
 pub(crate) use self::args::Cli;
 use self::args::Input;
-use crate::rows::{self, Options, Previewed};
+use crate::rows::{self, Options, Previewed, if_exists};
 
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     let started = Instant::now();
@@ -61,12 +60,7 @@ fn options(cli: &Cli, params: FitParams) -> Options {
     run.preparation = preparation(input);
     run.mask.clone_from(&input.mask);
     run.coefficients_csv = cli.output.coefficients_csv;
-    run.if_exists = match &cli.output {
-        output if output.force => IfExists::Replace,
-        output if output.update => IfExists::Update,
-        output if output.skip_existing => IfExists::Skip,
-        _ => IfExists::Refuse,
-    };
+    run.if_exists = if_exists(cli.output.force, cli.output.update, cli.output.skip_existing);
     Options {
         report: cli.output.report.clone(),
         json: cli.output.json,

@@ -14,13 +14,12 @@ use spharm_cli::memory::Memory;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{counted, first_of};
 use spharm_cohort::evaluate::Evaluate;
-use spharm_cohort::rerun::IfExists;
 use spharm_cohort::run::{Cohort, RunParams};
 use spharm_cohort::{Row, check_id};
 
 pub(crate) use self::args::Cli;
 use self::args::Hemi;
-use crate::rows::{self, CohortArgs, Options, icosphere_within};
+use crate::rows::{self, CohortArgs, Options, icosphere_within, if_exists};
 
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     let started = Instant::now();
@@ -49,11 +48,7 @@ fn options(cli: &Cli, left_out: &[String]) -> Result<Options> {
         threads: Some(cli.threads.count()),
         ..FitParams::lsq(cli.max_degree)
     });
-    run.if_exists = match (cli.force, cli.skip_existing) {
-        (true, _) => IfExists::Replace,
-        (_, true) => IfExists::Skip,
-        _ => IfExists::Refuse,
-    };
+    run.if_exists = if_exists(cli.force, false, cli.skip_existing);
     run.check = Some(Box::new(check::hemisphere));
     run.evaluate = cli.evaluate_on.map(|n| evaluate(cli, n)).transpose()?;
     // One subject never stops another.

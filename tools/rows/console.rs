@@ -45,8 +45,6 @@ pub(crate) struct Rows<'a> {
 /// Summary of the rows for the report.
 #[derive(Default)]
 pub(super) struct Summary {
-    /// Rows by state, in the order of [`State::ALL`].
-    pub(super) counts: Vec<(State, usize)>,
     /// Fitted rows, in row order; `None` if there are more than [`LISTED`] rows.
     pub(super) fitted: Option<Vec<Fitted>>,
     pub(super) skipped: Vec<Skipped>,
@@ -66,7 +64,6 @@ pub(super) struct Summary {
     numbered: Vec<(usize, Fitted)>,
     states: BTreeMap<State, usize>,
     printed: HashSet<String>,
-    failures: usize,
 }
 
 /// A surface that was skipped because its model exists.
@@ -123,6 +120,11 @@ impl Summary {
         self.states.get(&state).copied().unwrap_or(0)
     }
 
+    /// Numbers of rows by state, in the order of [`State::ALL`].
+    pub(super) fn counts(&self) -> impl Iterator<Item = (State, usize)> {
+        State::ALL.into_iter().map(|state| (state, self.count(state)))
+    }
+
     /// Returns the mean and maximum over all fits of msd and of xsd.
     pub(super) fn distances(&self) -> [serde_json::Value; 2] {
         [self.msd.report(), self.xsd.report()]
@@ -175,7 +177,6 @@ impl<'a> Rows<'a> {
         summary.numbered.sort_unstable_by_key(|(number, _)| *number);
         let fitted = std::mem::take(&mut summary.numbered).into_iter().map(|(_, fitted)| fitted).collect();
         summary.fitted = (self.rows <= LISTED).then_some(fitted);
-        summary.counts = State::ALL.map(|state| (state, summary.count(state))).to_vec();
         summary
     }
 
@@ -208,8 +209,9 @@ impl<'a> Rows<'a> {
     }
 
     fn finished(&self, number: usize, row: &Row, entry: &Entry, outcome: &Outcome<'_>) {
-        let (listed, mut failures) = (self.rows <= LISTED, 0);
+        let listed = self.rows <= LISTED;
         let mut summary = self.lock();
+        let failures = summary.count(State::Failed);
         *summary.states.entry(entry.state).or_default() += 1;
         match outcome {
             Outcome::Done(fit) => summary.add_fit(number, row, fit, listed),
@@ -217,13 +219,9 @@ impl<'a> Rows<'a> {
                 let (input, label, output) = (row.surface.clone(), *label, entry.output.clone());
                 summary.skipped.push(Skipped { input, label, output });
             }
-            Outcome::Failed(_) => {
-                failures = summary.failures;
-                summary.failures += 1;
-                if summary.failed.len() < NAMED {
-                    let (id, input, error) = (row.id.clone(), row.surface.clone(), entry.error.clone());
-                    summary.failed.push(Failed { id, input, error });
-                }
+            Outcome::Failed(_) if failures < NAMED => {
+                let (id, input, error) = (row.id.clone(), row.surface.clone(), entry.error.clone());
+                summary.failed.push(Failed { id, input, error });
             }
             _ => {}
         }

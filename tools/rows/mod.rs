@@ -35,7 +35,7 @@ use spharm_cohort::run::Cohort;
 pub(crate) use args::{CohortArgs, Log};
 pub(crate) use console::Rows;
 pub(crate) use dry_run::{Previewed, preview};
-pub(crate) use options::Options;
+pub(crate) use options::{Options, if_exists};
 
 use console::Summary;
 
@@ -97,7 +97,7 @@ fn finish(
     let total = started.elapsed().as_secs_f64();
     let report = report::report(options, summary, total);
     monitor.console().event(|| {
-        let counts = summary.counts.iter().map(|(state, count)| (state.name().to_owned(), (*count).into()));
+        let counts = summary.counts().map(|(state, count)| (state.name().to_owned(), count.into()));
         let more = [("event".to_owned(), "end".into()), ("seconds".to_owned(), total.into())];
         more.into_iter().chain(counts).collect::<serde_json::Map<_, _>>().into()
     });
@@ -114,7 +114,7 @@ fn finish(
         0 => Ok(()),
         failed => {
             const NAMED: usize = 5;
-            let all: usize = summary.counts.iter().map(|(_, count)| count).sum();
+            let all: usize = summary.counts().map(|(_, count)| count).sum();
             let names: Vec<&str> = summary.failed.iter().take(NAMED).map(|failed| failed.id.as_str()).collect();
             let more = if failed > names.len() { format!(" and {} more", failed - names.len()) } else { String::new() };
             let others = match all - failed {

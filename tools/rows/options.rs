@@ -44,3 +44,13 @@ impl Options {
         self.run.if_exists != IfExists::Refuse
     }
 }
+
+/// Returns what to do with outputs that exist, by the flags `--force`, `--update` and `--skip-existing`.
+pub(crate) fn if_exists(force: bool, update: bool, skip_existing: bool) -> IfExists {
+    match (force, update, skip_existing) {
+        (true, ..) => IfExists::Replace,
+        (_, true, _) => IfExists::Update,
+        (.., true) => IfExists::Skip,
+        _ => IfExists::Refuse,
+    }
+}

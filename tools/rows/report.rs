@@ -27,8 +27,8 @@ pub(super) fn report(options: &Options, summary: &Summary, total: f64) -> Value 
     set("granularity", json!(method.granularity()));
     set("start_degree", json!(method.start_degree()));
     set("openblas", json!(spharm_solver::blas::version()));
-    let rows: usize = summary.counts.iter().map(|(_, count)| count).sum();
-    let counts = summary.counts.iter().map(|(state, count)| (state.name().to_owned(), json!(count)));
+    let rows: usize = summary.counts().map(|(_, count)| count).sum();
+    let counts = summary.counts().map(|(state, count)| (state.name().to_owned(), json!(count)));
     set("rows", Value::Object([("all".to_owned(), json!(rows))].into_iter().chain(counts).collect()));
     match &summary.fitted {
         Some(fitted) => {
@@ -71,7 +71,7 @@ pub(super) fn show(options: &Options, report: &Value, summary: &Summary, total: 
         return print_json(report);
     }
     let done = summary.count(State::Done);
-    let nothing = summary.counts.iter().all(|(state, count)| *state == State::Skipped || *count == 0);
+    let nothing = summary.counts().all(|(state, count)| state == State::Skipped || count == 0);
     if nothing {
         return print("nothing to do: every output exists");
     }
@@ -88,7 +88,7 @@ pub(super) fn show(options: &Options, report: &Value, summary: &Summary, total: 
             rows.extend(summary.worst.iter().map(|of| {
                 vec![of.id.clone(), number(Some(of.msd)), number(Some(of.xsd)), of.output.display().to_string()]
             }));
-            let others = summary.counts.iter().filter(|(state, count)| *state != State::Done && *count > 0);
+            let others = summary.counts().filter(|(state, count)| *state != State::Done && *count > 0);
             let others: String = others.map(|(state, count)| format!(", {count} {state}")).collect();
             let units = "msd, xsd: at the vertices, bounding box scaled to volume 1";
             print(&format!("{}{others}\n{}\n{units}\n{total:.2} s", counted(done, "model"), table(&rows)))

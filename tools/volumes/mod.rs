@@ -18,12 +18,13 @@ use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, check_outputs, counted, prepare, print_line};
 use spharm_cli::surfaces::Labels;
 use spharm_cohort::equal::Inputs;
-use spharm_cohort::rerun::IfExists;
+use spharm_cohort::reader::SurfaceReader;
 use spharm_cohort::run::{self, Cohort, Event, Observer, Outcome as RowOutcome, RunError, RunParams};
 use spharm_surface::io::write_new;
 
 pub(crate) use self::args::Cli;
 use self::table::{Outcome, Row};
+use crate::rows::if_exists;
 
 /// Relative change of the area at which its quadrature ends: far below the accuracy of a surface made of voxels.
 const AREA: f64 = 1e-5;
@@ -50,11 +51,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let mut params = RunParams::new(params);
     let voxel_size = cli.voxel_size.map(|size| size.0);
     params.preparation = Preparation { voxel_size, fix: cli.fix, cut_handles: cli.cut_handles };
-    params.if_exists = match (cli.force, cli.skip_existing) {
-        (true, _) => IfExists::Replace,
-        (_, true) => IfExists::Skip,
-        _ => IfExists::Refuse,
-    };
+    params.if_exists = if_exists(cli.force, false, cli.skip_existing);
     let found = Mutex::default();
     let mut call = Call { cli, params, monitor: &monitor, found, names: HashSet::new(), inputs: Inputs::default() };
     let pool = cli.threads.pool()?;
@@ -220,10 +217,10 @@ impl Call<'_> {
                 self.failed(row, &text)?;
             }
         }
-        self.params.keep_volume(volume);
+        let reader = SurfaceReader::with_volume(self.params.preparation, Some(volume));
         let observer = OfVolume { call: self, rows };
         let cohort = Cohort::new(fits, PathBuf::new());
-        match run::run(&cohort, &self.params, &observer, self.monitor) {
+        match run::run_reading(&cohort, &self.params, reader, &observer, self.monitor) {
             // Failures such as a full disk are in the rows; continue with the next volume.
             Err(error) if !error.is_interrupted() => Ok(()),
             done => Ok(done?),

@@ -10,7 +10,7 @@ use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 use clap::Command;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::flag;
-use spharm_cohort::run::RunError;
+use spharm_cohort::run::{RunError, chained};
 use spharm_monitor::Interrupted;
 use spharm_solver::SolverError;
 
@@ -125,22 +125,6 @@ fn caught(work: impl FnOnce() -> anyhow::Result<()>) -> anyhow::Result<()> {
 pub fn line_with_advice(error: &(dyn Error + 'static)) -> String {
     let advice = advice(error).map_or(String::new(), |advice| format!("; {advice}"));
     printable::one_line(&format!("{}{advice}", chained(error))).into_owned()
-}
-
-/// Joins the messages of the error chain. Skips repeated messages, and file names with which the next message begins.
-fn chained(error: &(dyn Error + 'static)) -> String {
-    let mut parts: Vec<String> = Vec::new();
-    let causes = std::iter::successors(Some(error), |&error| error.source());
-    for text in causes.map(ToString::to_string) {
-        if parts.iter().any(|part| part.contains(&text)) {
-            continue;
-        }
-        if parts.last().is_some_and(|last| text.starts_with(&format!("{last}: "))) {
-            parts.pop();
-        }
-        parts.push(text);
-    }
-    parts.join(": ")
 }
 
 /// Returns whether the work was interrupted on request.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use spharm_surface::io::FORMATS;
-use spharm_surface::{Sphere, SphereWarning, Target};
+use spharm_surface::{Sphere, Target};
 
 use crate::console::Console;
 
@@ -15,16 +15,7 @@ use crate::console::Console;
 ///
 /// Those of [`spharm_surface::read_sphere`]; if `strict`, also for a centre that isn't the origin.
 pub fn read_sphere(path: &Path, strict: bool, console: &Console) -> Result<Sphere> {
-    let sphere = spharm_surface::read_sphere(path)?;
-    for warning in &sphere.warnings {
-        let text = format!("{}: {warning}", path.display());
-        // An open sphere is reported with the surface on it.
-        if strict && matches!(warning, SphereWarning::RadiusSpread { .. }) {
-            bail!("{text}");
-        }
-        console.warn(text);
-    }
-    Ok(sphere)
+    Ok(spharm_cohort::run::read_sphere(path, strict, &|text| console.warn(text))?)
 }
 
 /// Reads a surface or a signal that belongs to a sphere, see [`spharm_surface::read_target`], and prints its warnings.

@@ -1,12 +1,12 @@
 //! Checks of output files before any work; results to stdout, reports to files.
 
 use std::borrow::Cow;
-use std::collections::HashSet;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use serde::Serialize;
+pub use spharm_cohort::equal::first_of;
 use spharm_surface::io::{Output, check_output, write_new};
 
 use crate::printable;
@@ -198,36 +198,10 @@ pub fn check_not_inputs<'i, 'a>(
     inputs: impl IntoIterator<Item = &'i Path>,
     outputs: impl IntoIterator<Item = &'a Path>,
 ) -> Result<()> {
-    // An output that doesn't exist can't be an input, and most don't exist.
-    let mut outputs = outputs.into_iter().filter_map(|path| Some((path, file_id(path)?))).peekable();
-    if outputs.peek().is_none() {
-        return Ok(());
+    match spharm_files::first_input(inputs, outputs) {
+        Some(output) => bail!("{}: is an input; choose another name for the output", output.display()),
+        None => Ok(()),
     }
-    let inputs: HashSet<FileId> = inputs.into_iter().filter_map(file_id).collect();
-    for (output, id) in outputs {
-        if inputs.contains(&id) {
-            bail!("{}: is an input; choose another name for the output", output.display());
-        }
-    }
-    Ok(())
-}
-
-/// Device and inode of an existing regular file.
-#[cfg(unix)]
-pub(crate) type FileId = (u64, u64);
-
-#[cfg(unix)]
-pub(crate) fn file_id(path: &Path) -> Option<FileId> {
-    use std::os::unix::fs::MetadataExt;
-    std::fs::metadata(path).ok().filter(std::fs::Metadata::is_file).map(|found| (found.dev(), found.ino()))
-}
-
-#[cfg(not(unix))]
-pub(crate) type FileId = PathBuf;
-
-#[cfg(not(unix))]
-pub(crate) fn file_id(path: &Path) -> Option<FileId> {
-    path.canonicalize().ok().filter(|path| path.is_file())
 }
 
 /// File name that stands for standard output.
@@ -268,16 +242,6 @@ fn folder_of(path: &Path) -> PathBuf {
 /// Returns a number with its noun: `1 panel`, `2 panels`.
 pub fn counted(count: usize, noun: &str) -> String {
     format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
-}
-
-/// Returns the first `most` names, and the number of the others: `a, b and 3 more`.
-pub fn first_of<'a>(names: impl IntoIterator<Item = &'a str>, most: usize) -> String {
-    let mut names = names.into_iter();
-    let shown: Vec<&str> = names.by_ref().take(most).collect();
-    match names.count() {
-        0 => shown.join(", "),
-        more => format!("{} and {more} more", shown.join(", ")),
-    }
 }
 
 /// Aligns the cells of rows in columns: the first column to the left, the others to the right.

@@ -4,9 +4,9 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use serde::Serializer;
 
 use spharm_cohort::files::ModelFiles;
+pub use spharm_cohort::files::serialize_shown;
 
 use crate::inputs::{expand_lists, file_stem};
 
@@ -58,15 +58,6 @@ pub fn shown(path: impl AsRef<Path>) -> String {
 /// Returns several paths as [`shown`] does.
 pub fn all_shown<P: AsRef<Path>>(paths: impl IntoIterator<Item = P>) -> Vec<String> {
     paths.into_iter().map(shown).collect()
-}
-
-/// Serialises a path as [`shown`] does, for `#[serde(serialize_with)]`.
-///
-/// # Errors
-///
-/// Those of the serializer.
-pub fn serialize_shown<S: Serializer>(path: &Path, serializer: S) -> Result<S::Ok, S::Error> {
-    serializer.collect_str(&path.display())
 }
 
 /// Returns a path as text, for uses that only hold text, such as the arguments of another verb.

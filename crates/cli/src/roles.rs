@@ -9,9 +9,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 use clap::{ArgMatches, Command};
+use spharm_files::{FileId, file_id};
 
 use crate::inputs::expand_lists;
-use crate::output::{FileId, file_id, is_stdout, is_stream, place};
+use crate::output::{is_stdout, is_stream, place};
 
 /// Use of the path in an argument.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

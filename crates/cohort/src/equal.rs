@@ -58,13 +58,20 @@ impl Inputs {
     }
 }
 
+/// Returns the first `most` names, and the number of the others: `a, b and 3 more`.
+pub fn first_of<'a>(names: impl IntoIterator<Item = &'a str>, most: usize) -> String {
+    let mut names = names.into_iter();
+    let shown: Vec<&str> = names.by_ref().take(most).collect();
+    match names.count() {
+        0 => shown.join(", "),
+        more => format!("{} and {more} more", shown.join(", ")),
+    }
+}
+
 /// Returns the warning about equal inputs, by their names.
 pub fn same_inputs(names: &[&str]) -> String {
     const NAMED: usize = 12;
-    let mut named = names.iter().take(NAMED).copied().collect::<Vec<_>>().join(", ");
-    if let Some(more) = names.len().checked_sub(NAMED).filter(|more| *more > 0) {
-        named += &format!(" and {more} more");
-    }
+    let named = first_of(names.iter().copied(), NAMED);
     format!("{named}: their inputs are equal, to the last byte; is one of them another subject's?")
 }
 

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use ndarray::Array2;
 use ndarray_npy::WriteNpyExt;
+use serde::Serializer;
 use spharm::io::{WriteOptions, read_mesh, write_mesh, write_new};
 use spharm::parametrize::{Input, with_sphere};
 use spharm::{
@@ -260,6 +261,15 @@ impl Mapped {
             let _ = std::fs::remove_file(path);
         }
     }
+}
+
+/// Serialises a path as text, also if it isn't UTF-8, for `#[serde(serialize_with)]`.
+///
+/// # Errors
+///
+/// Those of the serializer.
+pub fn serialize_shown<S: Serializer>(path: &Path, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_str(&path.display())
 }
 
 pub(crate) fn make_folder_of(file: &Path) -> Result<(), Error> {

@@ -24,7 +24,8 @@ impl SurfaceReader {
     }
 
     /// Creates a reader with a volume that has already been read.
-    pub(crate) fn with_volume(preparation: Preparation, volume: Option<LabelVolume>) -> Self {
+    #[must_use]
+    pub fn with_volume(preparation: Preparation, volume: Option<LabelVolume>) -> Self {
         Self { preparation, volume }
     }
 

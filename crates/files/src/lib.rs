@@ -16,6 +16,7 @@
 //! # }
 //! ```
 
+use std::collections::HashSet;
 use std::fs::{File, FileType, OpenOptions};
 use std::io::{self, Read};
 use std::path::Path;
@@ -51,6 +52,42 @@ pub fn open_with(path: impl AsRef<Path>, options: &OpenOptions) -> io::Result<Fi
     let file = options.open(path)?;
     check(file.metadata()?.file_type())?;
     Ok(file)
+}
+
+/// Identity of a file, the same under all of its names: device and inode.
+#[cfg(unix)]
+pub type FileId = (u64, u64);
+
+/// Identity of a file, the same under all of its names: its canonical path.
+#[cfg(not(unix))]
+pub type FileId = std::path::PathBuf;
+
+/// Returns the identity of a regular file; `None` if there is none of this name.
+#[cfg(unix)]
+#[must_use]
+pub fn file_id(path: &Path) -> Option<FileId> {
+    use std::os::unix::fs::MetadataExt;
+    std::fs::metadata(path).ok().filter(std::fs::Metadata::is_file).map(|found| (found.dev(), found.ino()))
+}
+
+/// Returns the identity of a regular file; `None` if there is none of this name.
+#[cfg(not(unix))]
+#[must_use]
+pub fn file_id(path: &Path) -> Option<FileId> {
+    path.canonicalize().ok().filter(|path| path.is_file())
+}
+
+/// Returns the first output that is also an input, however their paths are written, even through links.
+#[must_use]
+pub fn first_input<'i, 'a>(
+    inputs: impl IntoIterator<Item = &'i Path>,
+    outputs: impl IntoIterator<Item = &'a Path>,
+) -> Option<&'a Path> {
+    // An output that doesn't exist can't be an input, and most don't.
+    let mut outputs = outputs.into_iter().filter_map(|path| Some((path, file_id(path)?))).peekable();
+    outputs.peek()?;
+    let inputs: HashSet<FileId> = inputs.into_iter().filter_map(file_id).collect();
+    outputs.find(|(_, id)| inputs.contains(id)).map(|(output, _)| output)
 }
 
 /// Reads a regular file of at most `most` bytes.

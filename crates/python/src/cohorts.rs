@@ -13,7 +13,7 @@ use spharm_cohort::run::{Cohort, Event, Observer, Outcome, RunError, RunParams, 
 use spharm_cohort::{CohortError, Entry, Manifest, Row, Shard, check_id};
 
 use crate::errors::{Failure, exception};
-use crate::fitting::Settings;
+use crate::fitting::{Settings, report_of};
 use crate::run::{Started, lock};
 
 /// A finished row as returned to Python: index, id, state, the model's file, error, report as JSON, seconds.
@@ -60,10 +60,8 @@ impl Observer for Sending {
 fn finished(number: usize, entry: &Entry, outcome: &Outcome<'_>, model: &Path) -> Finished {
     let report = match outcome {
         Outcome::Done(fit) => {
-            let mut report = json!(fit.report);
+            let mut report = report_of(&fit.report);
             if let Some(report) = report.as_object_mut() {
-                report.insert("msd".to_owned(), json!(fit.report.msd));
-                report.insert("xsd".to_owned(), json!(fit.report.xsd));
                 report.insert("parametrization".to_owned(), json!(fit.mapped));
             }
             Some(report.to_string())

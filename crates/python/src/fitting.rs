@@ -11,8 +11,8 @@ use serde_json::{Value, json};
 use spharm::parametrize::Input;
 use spharm::solver::lsq::LsqWarning;
 use spharm::{
-    BatchReport, Error, Fit, FitParams, FitWarning, Kind, ManyReport, Mesh, MeshFit, Method, Model as Inner, Monitor,
-    Objective, Preparation, Signal, Smoothness, Sphere, Target, Weights,
+    BatchReport, Error, Fit, FitParams, FitReport, FitWarning, Kind, ManyReport, Mesh, MeshFit, Method, Model as Inner,
+    Monitor, Objective, Preparation, Signal, Smoothness, Sphere, Target, Weights,
 };
 
 use crate::arrays::{Faces, Positions, SeamIn, SphereArrays, mesh};
@@ -236,6 +236,16 @@ fn target(
     Ok(Target { kind, ..target })
 }
 
+/// Returns a fit's report with its distances at the vertices.
+pub(crate) fn report_of(report: &FitReport) -> Value {
+    let (msd, xsd) = (json!(report.msd), json!(report.xsd));
+    let mut report = json!(report);
+    if let Some(report) = report.as_object_mut() {
+        report.extend([("msd".to_owned(), msd), ("xsd".to_owned(), xsd)]);
+    }
+    report
+}
+
 fn fitted<'py>(
     py: Python<'py>,
     sphere: Sphere,
@@ -244,11 +254,9 @@ fn fitted<'py>(
     map: Option<Value>,
     surface: bool,
 ) -> Fitted<'py> {
-    let mut report = json!(fit.report);
+    let mut report = report_of(&fit.report);
     let (scheme, seconds) = (many.scheme.to_string(), many.seconds);
     if let Some(report) = report.as_object_mut() {
-        report.insert("msd".to_owned(), json!(fit.report.msd));
-        report.insert("xsd".to_owned(), json!(fit.report.xsd));
         report.insert("smoothness".to_owned(), json!(fit.report.smoothness));
         report.insert("scheme_key".to_owned(), json!(scheme));
         report.insert("seconds".to_owned(), json!(seconds));

@@ -56,6 +56,9 @@ pub enum RunError {
     /// A warning, in a strict run.
     #[error("{0}")]
     Strict(String),
+    /// The error of all rows over one sphere, as text.
+    #[error("{0}")]
+    Sphere(String),
     /// A file that is missing.
     #[error("{}: no such file", .path.display())]
     Missing {
@@ -111,20 +114,26 @@ impl RunError {
     /// Returns the messages of the error and its sources as one line, without repetitions.
     #[must_use]
     pub fn line(&self) -> String {
-        let mut parts: Vec<String> = Vec::new();
-        let mut cause: Option<&dyn std::error::Error> = Some(self);
-        while let Some(error) = cause {
-            let text = error.to_string();
-            if !parts.iter().any(|part| part.contains(&text)) {
-                if parts.last().is_some_and(|last| text.starts_with(&format!("{last}: "))) {
-                    parts.pop();
-                }
-                parts.push(text);
-            }
-            cause = error.source();
-        }
-        parts.join(": ").replace(char::is_control, " ")
+        chained(self).replace(char::is_control, " ")
     }
+}
+
+/// Joins the messages of an error and its sources. Skips repeated messages, and file names with which the next message
+/// begins.
+#[must_use]
+pub fn chained(error: &(dyn std::error::Error + 'static)) -> String {
+    let mut parts: Vec<String> = Vec::new();
+    let causes = std::iter::successors(Some(error), |&error| error.source());
+    for text in causes.map(ToString::to_string) {
+        if parts.iter().any(|part| part.contains(&text)) {
+            continue;
+        }
+        if parts.last().is_some_and(|last| text.starts_with(&format!("{last}: "))) {
+            parts.pop();
+        }
+        parts.push(text);
+    }
+    parts.join(": ")
 }
 
 impl From<SurfaceError> for RunError {

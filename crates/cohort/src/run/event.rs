@@ -132,7 +132,7 @@ pub struct RowFit {
 #[non_exhaustive]
 pub struct Mapping {
     /// The file.
-    #[serde(serialize_with = "shown")]
+    #[serde(serialize_with = "crate::files::serialize_shown")]
     pub sphere: PathBuf,
     /// Repair of a volume's label.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -146,11 +146,6 @@ pub struct Mapping {
     /// Report on the map.
     #[serde(flatten)]
     pub report: Report,
-}
-
-/// Serialises a path as text, even if it isn't UTF-8.
-fn shown<S: serde::Serializer>(path: &Path, serializer: S) -> Result<S::Ok, S::Error> {
-    serializer.collect_str(&path.display())
 }
 
 impl Mapping {

@@ -1,6 +1,6 @@
 //! One surface to fit, its outputs, and the decision about existing ones.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use spharm::{FileRecord, FitParams, Silent, Sphere};
 
@@ -9,6 +9,7 @@ use super::event::{Event, Observer};
 use super::params::RunParams;
 use crate::Row;
 use crate::files::{ModelFiles, Replace};
+use crate::reader::SurfaceReader;
 use crate::rerun::{Decision, Request};
 
 /// One surface to fit and the location of its model.
@@ -51,9 +52,10 @@ impl Item {
         // Its inputs are never replaced.
         let inputs =
             [Some(&row.surface), row.sphere.as_ref(), row.weights.as_ref(), row.region.as_ref(), options.mask.as_ref()];
-        let inputs: Vec<&Path> = inputs.into_iter().flatten().map(PathBuf::as_path).collect();
-        if let Some(path) = std::iter::once(&files.model).chain(&beside).find(|output| is_input(output, &inputs)) {
-            return Err(RunError::OutputIsInput { path: path.clone() });
+        let inputs = inputs.into_iter().flatten().map(PathBuf::as_path);
+        let outputs = std::iter::once(&files.model).chain(&beside).map(PathBuf::as_path);
+        if let Some(path) = spharm_files::first_input(inputs, outputs) {
+            return Err(RunError::OutputIsInput { path: path.to_owned() });
         }
         let region = row.region.as_deref().map(FileRecord::of).transpose()?;
         let request = Request {
@@ -68,7 +70,7 @@ impl Item {
             if_exists: options.if_exists,
         };
         // Only called if the model was made without repairs or cuts that are now requested.
-        let read = || options.reader().read(&row.surface, record.label, &Silent);
+        let read = || SurfaceReader::new(options.preparation).read(&row.surface, record.label, &Silent);
         let is_sound = || read().is_ok_and(|input| input.changes(options.preparation.cut_handles).is_empty());
         match request.decide_by(&is_sound)? {
             Decision::Skip => Ok(None),
@@ -86,22 +88,4 @@ impl Item {
 /// Returns the id for a model's provenance, if the row is from a table.
 pub(super) fn id(row: &Row) -> Option<&str> {
     (row.line > 0).then_some(row.id.as_str())
-}
-
-/// Returns whether an output is one of the inputs, however their paths are written, even through links.
-fn is_input(output: &Path, inputs: &[&Path]) -> bool {
-    // An output that doesn't exist can't be an input, and most don't.
-    file_id(output).is_some_and(|id| inputs.iter().any(|input| file_id(input).as_ref() == Some(&id)))
-}
-
-/// Returns the device and inode of a regular file.
-#[cfg(unix)]
-fn file_id(path: &Path) -> Option<(u64, u64)> {
-    use std::os::unix::fs::MetadataExt;
-    std::fs::metadata(path).ok().filter(std::fs::Metadata::is_file).map(|found| (found.dev(), found.ino()))
-}
-
-#[cfg(not(unix))]
-fn file_id(path: &Path) -> Option<PathBuf> {
-    path.canonicalize().ok().filter(|path| path.is_file())
 }

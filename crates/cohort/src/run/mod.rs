@@ -26,6 +26,7 @@ mod own_sphere;
 mod params;
 mod preview;
 mod quiet;
+mod sphere;
 mod sync;
 mod work;
 
@@ -36,11 +37,13 @@ use spharm::Monitor;
 use spharm::io::remove_leftovers;
 use spharm::parametrize::volume::steps_of_labels;
 
-pub use error::{RunError, concerns_all};
+pub use error::{RunError, chained, concerns_all};
 pub use event::{Event, Mapping, Observer, Outcome, RowFit, Unobserved};
 pub use params::{Check, Cohort, RunParams};
 pub use preview::{Preview, PreviewedSphere, preview};
+pub use sphere::read_sphere;
 
+use crate::reader::SurfaceReader;
 use crate::rerun::IfExists;
 use ledger::Ledger;
 use sync::lock;
@@ -86,6 +89,21 @@ pub fn run(
     observer: &dyn Observer,
     monitor: &dyn Monitor,
 ) -> Result<(), RunError> {
+    run_reading(cohort, params, SurfaceReader::new(params.preparation), observer, monitor)
+}
+
+/// Works like [`run`], with a reader that may have read the volume of the first rows already.
+///
+/// # Errors
+///
+/// Those of [`run`].
+pub fn run_reading(
+    cohort: &Cohort,
+    params: &RunParams,
+    reader: SurfaceReader,
+    observer: &dyn Observer,
+    monitor: &dyn Monitor,
+) -> Result<(), RunError> {
     if params.if_exists != IfExists::Refuse {
         // Remove leftovers of killed processes beside the models; those that can't be removed do no harm.
         let models = cohort.rows.iter().map(|row| row.model(&cohort.folder));
@@ -93,7 +111,7 @@ pub fn run(
         folders.iter().filter(|folder| folder.is_dir()).for_each(|folder| drop(remove_leftovers(folder)));
     }
     let ledger = Ledger::new(observer, cohort.rows.len(), params.status.as_deref())?;
-    let work = Work::new(cohort, params, monitor, &ledger);
+    let work = Work::new(cohort, params, reader, monitor, &ledger);
     let result = work.all();
     if result.is_err() {
         // The error that ended the run is the one to report.

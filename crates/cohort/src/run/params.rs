@@ -1,15 +1,11 @@
 //! Surfaces to fit, and settings for all of them.
 
 use std::path::PathBuf;
-use std::sync::Mutex;
 
-use spharm::parametrize::volume::LabelVolume;
 use spharm::{FitParams, Preparation, Sphere, Target};
 
 use super::error::RunError;
-use super::sync::lock;
 use crate::evaluate::Evaluate;
-use crate::reader::SurfaceReader;
 use crate::rerun::IfExists;
 use crate::{Manifest, Row, Shard};
 
@@ -76,8 +72,6 @@ pub struct RunParams {
     pub check: Option<Check>,
     /// A sphere on which every model is evaluated; none by default.
     pub evaluate: Option<Evaluate>,
-    /// The volume that was read last.
-    volume: Mutex<Option<LabelVolume>>,
 }
 
 impl RunParams {
@@ -94,16 +88,6 @@ impl RunParams {
             status: None,
             check: None,
             evaluate: None,
-            volume: Mutex::default(),
         }
-    }
-
-    /// Keeps a volume for the next run, so that it needn't be read again.
-    pub fn keep_volume(&self, volume: LabelVolume) {
-        *lock(&self.volume) = Some(volume);
-    }
-
-    pub(super) fn reader(&self) -> SurfaceReader {
-        SurfaceReader::with_volume(self.preparation, lock(&self.volume).take())
     }
 }

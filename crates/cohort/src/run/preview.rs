@@ -15,6 +15,7 @@ use super::sync::lock;
 use super::work::Work;
 use crate::Row;
 use crate::files::ModelFiles;
+use crate::reader::SurfaceReader;
 use crate::rerun::IfExists;
 
 /// Number of spheres, and of surfaces without one, that are read for their sizes if there are no outputs yet.
@@ -69,7 +70,7 @@ pub fn preview(
     let numbers: Vec<usize> = (0..all).collect();
     let groups = groups(&cohort.rows, &numbers);
     let ledger = Ledger::new(observer, all, None)?;
-    let work = Work::new(cohort, params, monitor, &ledger);
+    let work = Work::new(cohort, params, SurfaceReader::new(params.preparation), monitor, &ledger);
     let mut look = Look { work: &work, spheres: Vec::new(), own: 0, kept: 0, failed: Vec::new() };
     for group in &groups {
         monitor.check()?;
@@ -113,7 +114,7 @@ impl Look<'_> {
             _ => error,
         };
         let line = self.work.ledger.observer.line(&error);
-        self.failed.extend(group.rows.iter().map(|&number| (number, RunError::Strict(line.clone()))));
+        self.failed.extend(group.rows.iter().map(|&number| (number, RunError::Sphere(line.clone()))));
         Ok(())
     }
 

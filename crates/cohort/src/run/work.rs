@@ -5,8 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 use spharm::parametrize::volume::{VoxelSteps, is_volume};
-use spharm::{Error, FileRecord, Fit, FitParams, Kind, Monitor, Sphere, Stage, Target, fit_each, read_sphere};
-use spharm_surface::SphereWarning;
+use spharm::{Error, FileRecord, Fit, FitParams, Kind, Monitor, Sphere, Stage, Target, fit_each};
 
 use super::error::RunError;
 use super::event::{Event, RowFit};
@@ -16,6 +15,7 @@ use super::ledger::Ledger;
 use super::mask;
 use super::params::{Cohort, RunParams};
 use super::quiet::Quiet;
+use super::sphere::read_sphere;
 use super::sync::lock;
 use crate::Row;
 use crate::equal::Inputs;
@@ -65,10 +65,11 @@ impl<'a> Work<'a> {
     pub(super) fn new(
         cohort: &'a Cohort,
         params: &'a RunParams,
+        reader: SurfaceReader,
         monitor: &'a dyn Monitor,
         ledger: &'a Ledger<'a>,
     ) -> Self {
-        let (reader, items, record) = (Mutex::new(params.reader()), Mutex::default(), Mutex::default());
+        let (reader, items, record) = (Mutex::new(reader), Mutex::default(), Mutex::default());
         let (steps, inputs) = (Mutex::default(), Mutex::default());
         Self { cohort, params, monitor, ledger, reader, items, steps, inputs, record }
     }
@@ -190,16 +191,8 @@ impl<'a> Work<'a> {
 
     /// Reads a sphere, and reports or refuses doubtful properties.
     pub(super) fn sphere(&self, path: &Path) -> Result<Sphere, RunError> {
-        let sphere = read_sphere(path)?;
-        for warning in &sphere.warnings {
-            let text = format!("{}: {warning}", path.display());
-            // An open sphere is reported with the surface on it.
-            if self.params.fit.strict && matches!(warning, SphereWarning::RadiusSpread { .. }) {
-                return Err(RunError::Strict(text));
-            }
-            self.ledger.observer.event(&Event::Warning(&text));
-        }
-        Ok(sphere)
+        let observer = self.ledger.observer;
+        read_sphere(path, self.params.fit.strict, &|text| observer.event(&Event::Warning(text)))
     }
 
     /// Fits a group over its sphere.
@@ -237,7 +230,7 @@ impl<'a> Work<'a> {
                     match row.sphere.as_ref().filter(|own| *own != path) {
                         Some(own) => {
                             let line = self.ledger.observer.line(&error).replace(&name, &own.display().to_string());
-                            self.ledger.failed(number, row, &model, &RunError::Strict(line))?;
+                            self.ledger.failed(number, row, &model, &RunError::Sphere(line))?;
                         }
                         None => self.ledger.failed(number, row, &model, &error)?,
                     }

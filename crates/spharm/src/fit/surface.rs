@@ -91,6 +91,8 @@ pub(super) struct Fitter<'a> {
     surface: ReadSurface,
     /// Marks vertices whose values aren't read, (n).
     unread: Option<Vec<bool>>,
+    /// Number of vertices with weight.
+    pub(super) vertices_with_weight: usize,
     pub(super) solver: LsqParams,
 }
 
@@ -111,6 +113,7 @@ impl<'a> Fitter<'a> {
             model_surface: level.map(|level| ModelSurface::new(max_degree, level)).transpose()?,
             surface: ReadSurface::new(sphere, job.unread.as_deref()),
             unread: job.unread.clone(),
+            vertices_with_weight: job.vertices_with_weight(),
             solver: LsqParams {
                 smoothness: match params.smoothness {
                     Smoothness::Fixed(smoothness) => job.fixed_smoothness(smoothness),

@@ -37,7 +37,7 @@ const TOLERANCE_OF_GCV: f64 = 1e-7;
 impl Fitter<'_> {
     /// Chooses the smoothness of a target, (n, c), by generalised cross-validation at the vertices.
     pub(super) fn choose_smoothness(&self, target: ArrayView2<'_, f64>, monitor: &dyn Monitor) -> Result<Gcv, Error> {
-        let (vertices, columns) = (self.vertices_with_weight(), target.ncols());
+        let (vertices, columns) = (self.vertices_with_weight, target.ncols());
         check_auto(vertices, self.params.max_degree)?;
         let probes = self.signs(PROBES_FOR_GCV, &mut SplitMix64::new(0));
         let all = columns + PROBES_FOR_GCV;
@@ -64,7 +64,7 @@ impl Fitter<'_> {
         residual: &Array2<f64>,
         monitor: &dyn Monitor,
     ) -> Result<Array2<f64>, Error> {
-        let (vertices, functions) = (self.vertices_with_weight(), basis_size(self.params.max_degree));
+        let (vertices, functions) = (self.vertices_with_weight, basis_size(self.params.max_degree));
         let (mut variances, mut trace, mut random) = (Array1::zeros(functions), 0.0, SplitMix64::new(1));
         monitor.begin(Stage::counted("standard errors", "fits"), PROBES_FOR_ERRORS as u64);
         for _ in 0..PROBES_FOR_ERRORS / PROBES_AT_A_TIME {
@@ -122,9 +122,5 @@ impl Fitter<'_> {
             values.assign(&self.evaluate(columns)?.slice(s![..rows, ..]));
         }
         Ok(all)
-    }
-
-    fn vertices_with_weight(&self) -> usize {
-        self.weights().map_or(self.vertices(), |weights| weights.iter().filter(|weight| **weight > 0.0).count())
     }
 }
