@@ -55,8 +55,9 @@ def dependencies():
     for folder in table.keys() - manifests.keys():
         yield f"CONTRIBUTING.md: there is no crates/{folder}"
     for folder, text in sorted(manifests.items()):
-        section = re.search(r"^\[dependencies\]\n(.*?)(?=^\[|\Z)", text, re.M | re.S)
-        entries = re.findall(r"^([\w-]+)", section[1], re.M) if section else []
+        manifest = tomllib.loads(text)
+        tables = [manifest, *manifest.get("target", {}).values()]
+        entries = {name for entries in tables for name in entries.get("dependencies", {})}
         found = {names[name] for name in entries if name in names}
         if folder not in table:
             yield f"CONTRIBUTING.md: crates/{folder} is missing from the table"

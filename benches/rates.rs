@@ -1,4 +1,4 @@
-//! What the machine can do, as JSON: the rate of one large OpenBLAS dgemm, in flops a second, and of the kernels.
+//! What the machine can do, as JSON: the rate of one large dense product, in flops a second, and of the kernels.
 //!
 //! `cargo bench --bench rates`. The bars of `./run bench` are stated relative to the first.
 
@@ -7,10 +7,10 @@ use std::time::Instant;
 
 use spharm_harmonics::product::{self, Matrix};
 use spharm_harmonics::{Recurrence, Sweep, basis_size};
-use spharm_solver::blas::Blas;
+use spharm_solver::threaded::{Kernels, ThreadedKernels};
 
 // The program's choice, so that its rates are measured.
-#[cfg(all(target_os = "linux", target_arch = "x86_64"))]
+#[cfg(all(feature = "openblas", target_os = "linux", target_arch = "x86_64"))]
 #[path = "../tools/kernels.rs"]
 mod kernels;
 
@@ -35,8 +35,8 @@ fn main() {
     let matrix = Matrix::new(&a, order, order, order);
     let mut out = vec![0.0; order * order];
     let dgemm = {
-        let mut blas = Blas::with_threads(threads);
-        2.0 * (order as f64).powi(3) / median(|| blas.subtract_outer(matrix, matrix, &mut out, order))
+        let mut kernels = Kernels::with_threads(threads);
+        2.0 * (order as f64).powi(3) / median(|| kernels.subtract_outer(matrix, matrix, &mut out, order))
     };
 
     let (rows, max_degree) = (520, 100);

@@ -31,6 +31,7 @@ mod moments_schemes;
 #[cfg(target_os = "linux")]
 mod odd_files;
 mod outputs;
+#[cfg(feature = "paper")]
 mod paper;
 mod pipeline;
 mod quality;

@@ -74,7 +74,6 @@ fn every_verb_has_help_with_examples_completions_and_a_manual_page() {
         "basis-build",
         "store",
         "generate",
-        "paper",
     ];
     let script = succeed(tool("completions").arg("bash"));
     let folder = tempfile::tempdir().expect("a folder");

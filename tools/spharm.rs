@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 #[cfg(all(target_os = "linux", target_env = "gnu"))]
 mod allocator;
-#[cfg(all(target_os = "linux", target_arch = "x86_64"))]
+#[cfg(all(feature = "openblas", target_os = "linux", target_arch = "x86_64"))]
 mod kernels;
 
 fn main() -> ExitCode {

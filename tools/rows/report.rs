@@ -5,6 +5,7 @@ use serde_json::{Map, Value, json};
 use spharm_cli::machine::memory;
 use spharm_cli::output::{counted, is_stdout, print, print_json, table, write_json};
 use spharm_cohort::State;
+use spharm_solver::threaded::{Kernels, ThreadedKernels};
 
 use super::console::Summary;
 use super::fitted::{Columns, number};
@@ -26,7 +27,7 @@ pub(super) fn report(options: &Options, summary: &Summary, total: f64) -> Value 
     set("dtype", json!(summary.dtype));
     set("granularity", json!(method.granularity()));
     set("start_degree", json!(method.start_degree()));
-    set("openblas", json!(spharm_solver::blas::version()));
+    set("dense_kernels", json!(Kernels::version()));
     let rows: usize = summary.counts().map(|(_, count)| count).sum();
     let counts = summary.counts().map(|(state, count)| (state.name().to_owned(), json!(count)));
     set("rows", Value::Object([("all".to_owned(), json!(rows))].into_iter().chain(counts).collect()));

@@ -10,7 +10,8 @@ use ndarray::Array2;
 use spharm_harmonics::index::max_degree_of;
 use spharm_monitor::Silent;
 use spharm_solver::cholesky::{CholeskyFactor, FactorParams, StoredFactor, build_factor};
-use spharm_solver::{GramMatrix, SolverError, blas};
+use spharm_solver::threaded::{Kernels, ThreadedKernels};
+use spharm_solver::{GramMatrix, SolverError};
 use spharm_store::factor::FactorFile;
 use spharm_store::{FactorSpec, Scalar, SchemeKey, WeightsHash};
 
@@ -51,7 +52,7 @@ fn main() {
     let size = std::env::args().filter_map(|text| text.parse().ok()).next().unwrap_or(10_201);
     let max_degree = max_degree_of(size).expect("a square");
     let threads = std::thread::available_parallelism().map_or(1, |n| n.get());
-    println!("{}; {threads} threads; K = {size}", blas::version());
+    println!("{}; {threads} threads; K = {size}", Kernels::version());
     let folder = tempfile::tempdir().expect("a folder");
     let spec =
         FactorSpec { key: SchemeKey([1; 32]), rows: 4 * size, max_degree, weights: WeightsHash::ONES, smoothness: 0.0 };

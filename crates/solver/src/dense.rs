@@ -1,5 +1,5 @@
 //! Dense matrices on the calling thread, by faer: matrices too small for several threads, and those processed by many
-//! threads at once. Large ones are processed by OpenBLAS ([`blas`](crate::blas)).
+//! threads at once. Large ones are processed by several threads ([`threaded`](crate::threaded)).
 //!
 //! Matrices are column-major slices; right-hand sides and solutions (k, c) of a block are row-major, the order in which
 //! they are summed.

@@ -16,10 +16,10 @@
 //! | [`cholesky`] | the factor of the normal equations, in memory or in a store |
 //! | [`chunked_rows`] | targets and residual, stored in the basis's chunks |
 //! | [`residual`] | the size of a residual |
-//! | `dense`, [`blas`] | dense matrices: faer on one thread, OpenBLAS on several |
+//! | `dense`, [`threaded`] | dense matrices on one thread and on several |
 //!
 //! Without the default feature `dense`, only fast operators, conjugate gradients ([`lsq::cg`]) and cross-validation are
-//! available, and neither OpenBLAS nor `spharm-store` is needed.
+//! available, and `spharm-store` isn't needed.
 //!
 //! ```
 //! use ndarray::Array2;
@@ -40,8 +40,6 @@
 //! ```
 
 #[cfg(feature = "dense")]
-pub mod blas;
-#[cfg(feature = "dense")]
 mod check;
 #[cfg(feature = "dense")]
 pub mod cholesky;
@@ -59,6 +57,8 @@ pub mod lsq;
 mod moment_normal;
 pub mod operator;
 pub mod residual;
+#[cfg(feature = "dense")]
+pub mod threaded;
 
 #[cfg(feature = "dense")]
 pub use cholesky::{CholeskyFactor, FactorParams, MemoryFactor, StoredFactor};

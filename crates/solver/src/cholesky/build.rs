@@ -9,12 +9,12 @@ use spharm_store::factor::{Condition, FactorFile, StartedFactor, check_factor_sp
 use spharm_store::{FactorSpec, FactorWriter, Scalar, StoreError, StoreWarning, TileGrid};
 
 use crate::SolverError;
-use crate::blas::{RESERVED_PER_THREAD, TOUCHED_PER_THREAD};
 use crate::cholesky::factorise::{Panels, factorise as into_tiles};
 use crate::cholesky::tiles::{Finished, MemoryTiles, Tiles};
 use crate::cholesky::{CholeskyFactor, inverse, triangular};
 use crate::condition;
 use crate::gram::GramMatrix;
+use crate::threaded::{Kernels, ThreadedKernels};
 
 /// Default number of rows and columns of a tile: 128 KiB of f64, which fit the L2 cache of any core.
 pub const DEFAULT_TILE: usize = 128;
@@ -60,7 +60,7 @@ pub struct FactorPlan {
     pub panel: usize,
     /// Bytes of memory.
     pub memory: usize,
-    /// Bytes of address space that OpenBLAS reserves and hardly uses; they count against a limit on data.
+    /// Bytes of address space that [`Kernels`] reserve in addition; they count against a limit on data.
     pub reserved: usize,
     /// Bytes of disk space during the computation; 0 for a factor that stays in memory.
     pub disk: u64,
@@ -88,7 +88,7 @@ pub struct FactorReport {
 pub fn plan_factor(size: usize, params: &FactorParams, disk: bool) -> Result<(FactorPlan, TileGrid), SolverError> {
     let grid = TileGrid::new(size, params.tile)?;
     let threads = crate::threads(params.threads);
-    let fixed = BASE + params.held + threads * TOUCHED_PER_THREAD + 128 * grid.count();
+    let fixed = BASE + params.held + threads * Kernels::TOUCHED_PER_THREAD + 128 * grid.count();
     let all: usize = grid.tiles().map(|(row, column)| 8 * grid.len(row, column)).sum();
     let panels = |width: usize| Panels { grid, width, threads };
     let plan = |width: usize, in_memory: bool| FactorPlan {
@@ -96,7 +96,7 @@ pub fn plan_factor(size: usize, params: &FactorParams, disk: bool) -> Result<(Fa
         panel: (width * grid.tile()).min(size),
         // Right-hand sides of the condition estimate need no more memory than a panel.
         memory: fixed + panels(width).bytes() + if in_memory { all } else { 0 },
-        reserved: threads * RESERVED_PER_THREAD,
+        reserved: threads * Kernels::RESERVED_PER_THREAD,
         disk: 0,
     };
     let widths = |most: usize| (1..=(most / grid.tile()).clamp(1, grid.columns())).rev();

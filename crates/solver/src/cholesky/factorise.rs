@@ -8,8 +8,8 @@
 //! C[b.., J] = P[b..] C[J, J]^-T                     (trsm)
 //! ```
 //!
-//! by OpenBLAS, and the finished tiles are stored. Earlier columns are read again for each panel, so with panels of w
-//! columns a total of 4 K^3 / (3 w) bytes is read, in addition to K^3 / 3 flops; the wider the panels that fit the
+//! by [`Kernels`], and the finished tiles are stored. Earlier columns are read again for each panel, so with panels of
+//! w columns a total of 4 K^3 / (3 w) bytes is read, in addition to K^3 / 3 flops; the wider the panels that fit the
 //! budget, the less. In memory "reading" is a copy between tiles and panels. The order of summation of each entry
 //! depends only on the panels' width.
 
@@ -22,9 +22,9 @@ use spharm_monitor::Monitor;
 use spharm_store::TileGrid;
 
 use crate::SolverError;
-use crate::blas::Blas;
 use crate::cholesky::tiles::Finished;
 use crate::gram::GramMatrix;
+use crate::threaded::{Kernels, ThreadedKernels};
 
 /// Number of columns that are subtracted at a time: enough that `dgemm`'s memory traffic on the panel is negligible.
 const RUN: usize = 512;
@@ -94,12 +94,12 @@ pub(crate) fn factorise(
                 gather(finished, grid, tiles, before.clone(), &mut other)?;
                 let (height, at) = (range.len(), range.start - a);
                 let (left, right) = (Matrix::new(&other, height, k, height), Matrix::new(&top, wide, k, wide));
-                Blas::with_threads(threads).subtract_outer(left, right, &mut panel[at..], rows);
+                Kernels::with_threads(threads).subtract_outer(left, right, &mut panel[at..], rows);
                 monitor.step(2 * (height * wide * k) as u64);
             }
         }
         monitor.check()?;
-        Blas::with_threads(threads).cholesky(&mut panel, wide, rows).map_err(|column| not_positive(a + column))?;
+        Kernels::with_threads(threads).cholesky(&mut panel, wide, rows).map_err(|column| not_positive(a + column))?;
         // LAPACK's comparison with zero doesn't detect a NaN.
         if let Some(column) = (0..wide).find(|j| !panel[j * rows + j].is_finite()) {
             return Err(not_positive(a + column));
@@ -107,7 +107,7 @@ pub(crate) fn factorise(
         if rows > wide {
             let triangle: Vec<f64> = panel.chunks(rows).flat_map(|column| &column[..wide]).copied().collect();
             let triangle = Matrix::new(&triangle, wide, wide, wide);
-            Blas::with_threads(threads).divide_by_transpose(triangle, &mut panel[wide..], rows - wide, rows);
+            Kernels::with_threads(threads).divide_by_transpose(triangle, &mut panel[wide..], rows - wide, rows);
         }
         let wide = wide as u64;
         monitor.step(wide * wide * (wide / 3 + rows as u64 - wide));

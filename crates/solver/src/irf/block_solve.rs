@@ -10,10 +10,10 @@ use super::report::BlockReport;
 use super::stream::OpenBlock;
 use super::workers::{Workers, pack};
 use crate::SolverError;
-use crate::blas::Blas;
 use crate::dense::{self, MinimumNorm};
 use crate::gram::GramMatrix;
 use crate::operator::{BlockOperator, Scratch};
+use crate::threaded::{Kernels, ThreadedKernels};
 
 /// Reciprocal condition number of a Gram matrix (1e6 for the block itself) below which the normal equations are not
 /// used: a Cholesky solve would lose more than four digits of a pass.
@@ -181,7 +181,7 @@ impl<'o> BlockSolver<'o> {
                 at += range.len();
             }
             let stacked = Matrix::new(&stacked, rows, k, rows);
-            Blas::with_threads(self.threads).accumulate_gram(stacked, &mut gram, k);
+            Kernels::with_threads(self.threads).accumulate_gram(stacked, &mut gram, k);
         }
         Ok(gram)
     }
@@ -191,7 +191,7 @@ impl<'o> BlockSolver<'o> {
     fn factorise(&self, gram: &mut [f64], k: usize) -> Option<f64> {
         let norm = dense::symmetric_norm(gram, k);
         let positive = if k >= SHARED_FROM {
-            Blas::with_threads(self.threads).cholesky(gram, k, k).is_ok()
+            Kernels::with_threads(self.threads).cholesky(gram, k, k).is_ok()
         } else {
             dense::cholesky(gram, k)
         };

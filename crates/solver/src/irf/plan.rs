@@ -8,8 +8,8 @@ use spharm_harmonics::basis_size;
 use super::blocks::{Method, columns};
 use super::params::IrfParams;
 use crate::SolverError;
-use crate::blas::{RESERVED_PER_THREAD, TOUCHED_PER_THREAD};
 use crate::operator::{BlockOperator, Residency};
+use crate::threaded::{Kernels, ThreadedKernels};
 
 /// Number of columns from which threads share one Gram matrix and a threaded `dsyrk` instead of summing one each.
 pub(super) const SHARED_FROM: usize = 1024;
@@ -40,7 +40,7 @@ pub struct IrfPlan {
     pub total: usize,
     /// The budget.
     pub budget: usize,
-    /// Address space that OpenBLAS reserves in addition and hardly uses; it counts against a limit on data.
+    /// Address space that [`Kernels`] reserve in addition; it counts against a limit on data.
     pub reserved: usize,
     /// Whether to keep factors from the first pass on.
     pub keep_factors: bool,
@@ -112,7 +112,7 @@ struct Needs {
     grams: usize,
     /// All memory except factors and basis.
     fixed: usize,
-    /// Bytes reserved by OpenBLAS, which is only used for wide blocks.
+    /// Bytes reserved by [`Kernels`], which are only used for wide blocks.
     reserved: usize,
     one_factor: usize,
     all_factors: usize,
@@ -145,7 +145,7 @@ impl Needs {
                 + if weighted { chunk_rows * channels } else { 0 });
         // The stacked chunks of a shared Gram matrix, and the chunk being packed.
         let stacked = if shared && from_basis { 8 * widest * (SHARED_ROWS.max(chunk_rows) + chunk_rows) } else { 0 };
-        let blas = threads * if shared { TOUCHED_PER_THREAD } else { PACKED };
+        let products = threads * if shared { Kernels::TOUCHED_PER_THREAD } else { PACKED };
         let singular = if widest > n { rank_revealing_bytes(widest, channels, chunk_rows, threads, n) } else { 0 };
         let factor = |degrees: &RangeInclusive<usize>| 8 * columns(degrees) * columns(degrees).min(n);
         let resident = |degrees| operator.resident_bytes(degrees, Residency::Whole, threads);
@@ -153,8 +153,8 @@ impl Needs {
         Self {
             arrays,
             grams,
-            fixed: params.held + arrays + grams + threads * per_thread + stacked + blas + singular,
-            reserved: if shared { threads * RESERVED_PER_THREAD } else { 0 },
+            fixed: params.held + arrays + grams + threads * per_thread + stacked + products + singular,
+            reserved: if shared { threads * Kernels::RESERVED_PER_THREAD } else { 0 },
             one_factor: 8 * widest * widest.min(n),
             // While one factor is computed the others are in memory; that of a single block is kept in place.
             all_factors: blocks.iter().map(factor).sum::<usize>()

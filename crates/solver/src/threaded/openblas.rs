@@ -1,12 +1,11 @@
-//! OpenBLAS, for matrices that are large enough for several threads to pay off. All calls of it are in this file.
+//! The threaded operations by OpenBLAS. All calls of it are in this file.
 //!
 //! OpenBLAS has one number of threads, and one set of buffers for all callers, for the entire process, and reserves
-//! [`RESERVED_PER_THREAD`] bytes for each calling thread and each of its worker threads. So it is used by one caller at
-//! a time, who holds [`Blas`]. Small matrices, and those processed by several threads at once, are handled by faer
-//! instead (`dense.rs`).
+//! [`RESERVED_PER_THREAD`](ThreadedKernels::RESERVED_PER_THREAD) bytes for each calling thread and each of its worker
+//! threads. So it is used by one caller at a time, who holds [`OpenBlas`].
 //!
-//! Matrices are column-major slices with a leading dimension. `unsafe` is needed because cblas-sys and lapack-sys are
-//! foreign functions; each method checks the extents that its function accesses.
+//! `unsafe` is needed because cblas-sys and lapack-sys are foreign functions; each method checks the extents that its
+//! function accesses.
 
 #![allow(unsafe_code)]
 
@@ -16,10 +15,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use cblas_sys::{CBLAS_DIAG, CBLAS_LAYOUT, CBLAS_SIDE, CBLAS_TRANSPOSE, CBLAS_UPLO};
 use spharm_harmonics::product::Matrix;
 
-pub use spharm_blas::RESERVED_PER_THREAD;
-
-/// Measured bytes of OpenBLAS's buffers that a thread touches while it works on large matrices.
-pub(crate) const TOUCHED_PER_THREAD: usize = 34 << 20;
+use super::{ThreadedKernels, assert_extent};
 
 unsafe extern "C" {
     fn openblas_set_num_threads(threads: c_int);
@@ -29,25 +25,29 @@ unsafe extern "C" {
 
 static IN_USE: Mutex<()> = Mutex::new(());
 
-/// Returns version, kernels and build options of OpenBLAS.
-pub fn version() -> String {
-    // SAFETY: OpenBLAS returns a static text that ends in a zero.
-    unsafe { std::ffi::CStr::from_ptr(openblas_get_config()) }.to_string_lossy().trim().to_owned()
-}
-
 /// Exclusive use of OpenBLAS with some number of threads. A process has one at a time; others wait for it to be
 /// dropped, which restores the previous number of threads.
 ///
 /// It must not be held while waiting for other threads, which may also need it.
 #[derive(Debug)]
-pub struct Blas {
+pub struct OpenBlas {
     threads_before: c_int,
     _only: MutexGuard<'static, ()>,
 }
 
-impl Blas {
+impl ThreadedKernels for OpenBlas {
+    const RESERVED_PER_THREAD: usize = spharm_blas::RESERVED_PER_THREAD;
+    /// Measured.
+    const TOUCHED_PER_THREAD: usize = 34 << 20;
+
+    /// Returns version, kernels and build options of OpenBLAS.
+    fn version() -> String {
+        // SAFETY: OpenBLAS returns a static text that ends in a zero.
+        unsafe { std::ffi::CStr::from_ptr(openblas_get_config()) }.to_string_lossy().trim().to_owned()
+    }
+
     /// Waits until OpenBLAS is free, and sets its number of threads to `threads`.
-    pub fn with_threads(threads: usize) -> Self {
+    fn with_threads(threads: usize) -> Self {
         let only = IN_USE.lock().unwrap_or_else(PoisonError::into_inner);
         // SAFETY: OpenBLAS accepts any number and clamps it to the maximum of its build. Nothing else sets it
         // meanwhile.
@@ -59,11 +59,9 @@ impl Blas {
         Self { threads_before, _only: only }
     }
 
-    /// Computes the lower triangle of `gram += block^T block`, gram (k, k) column-major with `leading`. `n k (k + 1)`
-    /// flops.
-    pub(crate) fn accumulate_gram(&mut self, block: Matrix<'_>, gram: &mut [f64], leading: usize) {
+    fn accumulate_gram(&mut self, block: Matrix<'_>, gram: &mut [f64], leading: usize) {
         let k = block.columns();
-        assert!(leading >= k && gram.len() >= (k.max(1) - 1) * leading + k, "Gram matrix of {k} columns");
+        assert_extent(gram, k, k, leading);
         // SAFETY: `Matrix` has checked the block's extent, the assertion the Gram matrix's.
         unsafe {
             cblas_sys::cblas_dsyrk(
@@ -82,11 +80,8 @@ impl Blas {
         }
     }
 
-    /// Computes the lower Cholesky factor, in place, of a matrix (k, k) given by its lower triangle, column-major with
-    /// `leading`. Entries above the diagonal are unchanged. Fails with the column, from 0, at which the matrix isn't
-    /// positive definite.
-    pub(crate) fn cholesky(&mut self, matrix: &mut [f64], k: usize, leading: usize) -> Result<(), usize> {
-        assert!(leading >= k && matrix.len() >= (k.max(1) - 1) * leading + k, "matrix of order {k}");
+    fn cholesky(&mut self, matrix: &mut [f64], k: usize, leading: usize) -> Result<(), usize> {
+        assert_extent(matrix, k, k, leading);
         const LOWER: c_char = b'L' as c_char;
         let (order, stride, mut info) = (int(k), int(leading), 0);
         // SAFETY: the matrix is k by k with that leading dimension, as asserted.
@@ -94,10 +89,10 @@ impl Blas {
         if info > 0 { Err(info as usize - 1) } else { Ok(()) }
     }
 
-    /// Computes `out = out C^-T`: C (k, k) lower triangular, out (rows, k) column-major with `leading`.
-    pub(crate) fn divide_by_transpose(&mut self, c: Matrix<'_>, out: &mut [f64], rows: usize, leading: usize) {
+    fn divide_by_transpose(&mut self, c: Matrix<'_>, out: &mut [f64], rows: usize, leading: usize) {
         let k = c.columns();
-        assert!(c.rows() == k && leading >= rows && out.len() >= (k.max(1) - 1) * leading + rows, "{rows} x {k}");
+        assert_eq!(c.rows(), k, "a triangle");
+        assert_extent(out, rows, k, leading);
         // SAFETY: extents as asserted, `Matrix` has checked the triangle.
         unsafe {
             cblas_sys::cblas_dtrsm(
@@ -117,15 +112,10 @@ impl Blas {
         }
     }
 
-    /// Computes `out -= a b^T`: a (rows, k), b (columns, k), out (rows, columns) column-major with `leading`.
-    ///
-    /// # Panics
-    ///
-    /// If the shapes don't match.
-    pub fn subtract_outer(&mut self, a: Matrix<'_>, b: Matrix<'_>, out: &mut [f64], leading: usize) {
+    fn subtract_outer(&mut self, a: Matrix<'_>, b: Matrix<'_>, out: &mut [f64], leading: usize) {
         let (rows, columns, k) = (a.rows(), b.rows(), a.columns());
-        let needed = (columns.max(1) - 1) * leading + rows;
-        assert!(b.columns() == k && leading >= rows && out.len() >= needed, "{rows} x {k}");
+        assert_eq!(b.columns(), k, "columns of both factors");
+        assert_extent(out, rows, columns, leading);
         // SAFETY: extents as asserted, `Matrix` has checked both factors.
         unsafe {
             cblas_sys::cblas_dgemm(
@@ -148,7 +138,7 @@ impl Blas {
     }
 }
 
-impl Drop for Blas {
+impl Drop for OpenBlas {
     fn drop(&mut self) {
         // SAFETY: the number was returned by OpenBLAS itself; the lock is released after this.
         unsafe { openblas_set_num_threads(self.threads_before) };
@@ -178,17 +168,17 @@ mod tests {
     fn the_number_of_threads_is_that_of_the_holder_and_comes_back() {
         let before = threads_of_nobody();
         {
-            let _blas = Blas::with_threads(2);
+            let _blas = OpenBlas::with_threads(2);
             assert_eq!(threads(), 2);
         }
         assert_eq!(threads_of_nobody(), before);
         let panicked = std::panic::catch_unwind(|| {
-            let _blas = Blas::with_threads(2);
+            let _blas = OpenBlas::with_threads(2);
             panic!("while it is held");
         });
         assert!(panicked.is_err());
         assert_eq!(threads_of_nobody(), before, "also after a panic");
         // A lock poisoned by a panic is still usable.
-        drop(Blas::with_threads(1));
+        drop(OpenBlas::with_threads(1));
     }
 }

@@ -1,0 +1,159 @@
+//! The threaded operations by faer: large matrices are halved until they are tiles, which rayon's threads process.
+//!
+//! Where a matrix is halved depends only on its size, so results don't depend on the number of threads. faer's own
+//! parallelism isn't used: it is a feature of the entire program that would also make the sequential calls elsewhere
+//! parallel.
+
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::cholesky::llt::factor::{LltError, cholesky_in_place, cholesky_in_place_scratch};
+use faer::linalg::matmul::matmul;
+use faer::linalg::matmul::triangular::{self, BlockStructure};
+use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
+use faer::{Accum, MatMut, MatRef, Par};
+use spharm_harmonics::product::Matrix;
+
+use super::{ThreadedKernels, assert_extent};
+
+/// Largest number of rows and columns of a tile. Larger tiles are multiplied no faster; smaller ones repeat the packing
+/// of their factors.
+const TILE: usize = 512;
+/// Largest order of a matrix that is factorised by one thread.
+const FACTOR: usize = 256;
+/// Largest number of rows that one thread divides by a triangle.
+const DIVIDED_ROWS: usize = 256;
+
+/// faer on the threads of the caller's rayon pool.
+#[derive(Debug)]
+pub struct Faer {
+    parallel: bool,
+}
+
+impl ThreadedKernels for Faer {
+    const RESERVED_PER_THREAD: usize = 0;
+    /// Copies of two tiles' factors, as long as the runs of columns in `cholesky/factorise.rs`, and those of a tile of
+    /// a Gram matrix with 2,048 rows.
+    const TOUCHED_PER_THREAD: usize = 20 << 20;
+
+    fn version() -> String {
+        "faer 0.24".to_owned()
+    }
+
+    fn with_threads(threads: usize) -> Self {
+        Self { parallel: threads > 1 }
+    }
+
+    fn accumulate_gram(&mut self, block: Matrix<'_>, gram: &mut [f64], leading: usize) {
+        let k = block.columns();
+        let block = view(block);
+        self.add_gram(block.transpose(), view_mut(gram, k, k, leading), 1.0);
+    }
+
+    fn cholesky(&mut self, matrix: &mut [f64], k: usize, leading: usize) -> Result<(), usize> {
+        self.factorise(view_mut(matrix, k, k, leading))
+    }
+
+    fn divide_by_transpose(&mut self, c: Matrix<'_>, out: &mut [f64], rows: usize, leading: usize) {
+        assert_eq!(c.rows(), c.columns(), "a triangle");
+        self.divide(view(c), view_mut(out, rows, c.columns(), leading));
+    }
+
+    fn subtract_outer(&mut self, a: Matrix<'_>, b: Matrix<'_>, out: &mut [f64], leading: usize) {
+        assert_eq!(a.columns(), b.columns(), "columns of both factors");
+        self.subtract(view(a), view(b), view_mut(out, a.rows(), b.rows(), leading));
+    }
+}
+
+impl Faer {
+    /// Runs two independent tasks, on two threads if there are several.
+    fn join(&self, first: impl FnOnce() + Send, second: impl FnOnce() + Send) {
+        if self.parallel {
+            rayon::join(first, second);
+        } else {
+            first();
+            second();
+        }
+    }
+
+    /// Computes the lower triangle of `out += sign a a^T`: a (k, n).
+    fn add_gram(&self, a: MatRef<'_, f64>, out: MatMut<'_, f64>, sign: f64) {
+        if out.nrows() <= TILE {
+            let (lower, whole) = (BlockStructure::TriangularLower, BlockStructure::Rectangular);
+            triangular::matmul(out, lower, Accum::Add, a, whole, a.transpose(), whole, sign, Par::Seq);
+            return;
+        }
+        let half = half(out.nrows());
+        let (upper, lower) = a.split_at_row(half);
+        let (first, _, below, second) = out.split_at_mut(half, half);
+        self.join(
+            || self.add_product(lower, upper, below, sign),
+            || self.join(|| self.add_gram(upper, first, sign), || self.add_gram(lower, second, sign)),
+        );
+    }
+
+    fn subtract(&self, a: MatRef<'_, f64>, b: MatRef<'_, f64>, out: MatMut<'_, f64>) {
+        self.add_product(a, b, out, -1.0);
+    }
+
+    /// Computes `out += sign a b^T`: a (rows, k), b (columns, k).
+    fn add_product(&self, a: MatRef<'_, f64>, b: MatRef<'_, f64>, out: MatMut<'_, f64>, sign: f64) {
+        let (rows, columns) = out.shape();
+        if rows.max(columns) <= TILE {
+            matmul(out, Accum::Add, a, b.transpose(), sign, Par::Seq);
+        } else if rows >= columns {
+            let half = half(rows);
+            let (above, below) = a.split_at_row(half);
+            let (first, second) = out.split_at_row_mut(half);
+            self.join(|| self.add_product(above, b, first, sign), || self.add_product(below, b, second, sign));
+        } else {
+            let half = half(columns);
+            let (left, right) = b.split_at_row(half);
+            let (first, second) = out.split_at_col_mut(half);
+            self.join(|| self.add_product(a, left, first, sign), || self.add_product(a, right, second, sign));
+        }
+    }
+
+    /// Computes `out = out C^-T`, each row independently.
+    fn divide(&self, c: MatRef<'_, f64>, out: MatMut<'_, f64>) {
+        if out.nrows() <= DIVIDED_ROWS {
+            solve_lower_triangular_in_place(c, out.transpose_mut(), Par::Seq);
+            return;
+        }
+        let half = half(out.nrows());
+        let (above, below) = out.split_at_row_mut(half);
+        self.join(|| self.divide(c, above), || self.divide(c, below));
+    }
+
+    /// Computes the lower Cholesky factor by halves: the first, the rows below it, and what they leave of the second.
+    fn factorise(&self, matrix: MatMut<'_, f64>) -> Result<(), usize> {
+        let k = matrix.nrows();
+        if k <= FACTOR {
+            let mut scratch = MemBuffer::new(cholesky_in_place_scratch::<f64>(k, Par::Seq, Default::default()));
+            let stack = MemStack::new(&mut scratch);
+            let done = cholesky_in_place(matrix, Default::default(), Par::Seq, stack, Default::default());
+            return match done {
+                Ok(_) => Ok(()),
+                Err(LltError::NonPositivePivot { index }) => Err(index),
+            };
+        }
+        let half = half(k);
+        let (mut first, _, mut below, mut second) = matrix.split_at_mut(half, half);
+        self.factorise(first.as_mut())?;
+        self.divide(first.as_ref(), below.as_mut());
+        self.add_gram(below.as_ref(), second.as_mut(), -1.0);
+        self.factorise(second).map_err(|column| half + column)
+    }
+}
+
+/// Returns the number of rows of the first half: a multiple of 64, so that tiles of larger matrices are aligned alike.
+fn half(rows: usize) -> usize {
+    (rows / 2).next_multiple_of(64)
+}
+
+fn view(matrix: Matrix<'_>) -> MatRef<'_, f64> {
+    MatRef::from_column_major_slice_with_stride(matrix.values(), matrix.rows(), matrix.columns(), matrix.leading())
+}
+
+fn view_mut(values: &mut [f64], rows: usize, columns: usize, leading: usize) -> MatMut<'_, f64> {
+    assert_extent(values, rows, columns, leading);
+    MatMut::from_column_major_slice_with_stride_mut(values, rows, columns, leading)
+}
