@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from . import _core
 
 Floats = NDArray[np.float64]
 Triangles = NDArray[np.uint32]
@@ -65,6 +68,23 @@ def weights(values: ArrayLike, vertices: int) -> Floats:
     if array.shape != (vertices,):
         raise ValueError(f"weights: expected shape ({vertices},), found {array.shape}")
     return array
+
+
+def mask(values: Any, vertices: int) -> NDArray[np.bool_] | None:
+    """Returns whether each vertex is read, (n,), from an array or a file, or None for all."""
+    if values is None:
+        return None
+    if isinstance(values, (str, os.PathLike)):
+        return _core.read_mask(os.fspath(values), vertices)
+    array = np.asarray(values)
+    if array.dtype != bool:
+        numbers = real("mask", values, f"({vertices},)")
+        if np.isnan(numbers).any():
+            raise ValueError(f"mask: expected true or false at each vertex, found NaN at vertex {int(np.isnan(numbers).argmax())}")
+        array = numbers != 0
+    if array.shape != (vertices,):
+        raise ValueError(f"mask: expected shape ({vertices},), found {array.shape}")
+    return np.ascontiguousarray(array)
 
 
 def whole(what: str, value: Any, least: int = 0) -> int:

@@ -26,6 +26,7 @@ def _settings(
     *,
     objective: str | None = None,
     weights: str | ArrayLike = "uniform",
+    mask: ArrayLike | Path | None = None,
     smoothness: float | str | None = None,
     denoise: bool = False,
     stderr: bool = False,
@@ -60,6 +61,7 @@ def _settings(
         "smoothness": None if smoothness is None else str(smoothness),
         "denoise": bool(denoise),
         "weights": weights if isinstance(weights, str) else _arrays.weights(weights, vertices),
+        "mask": _arrays.mask(mask, vertices),
         "hold_out": None if hold_out is None else float(hold_out),
         "standard_errors": bool(stderr),
         "tolerance": float(tolerance),
@@ -90,6 +92,7 @@ def fit(
     cut_handles: bool = False,
     objective: str | None = None,
     weights: str | ArrayLike = "uniform",
+    mask: ArrayLike | Path | None = None,
     smoothness: float | str | None = None,
     denoise: bool = False,
     stderr: bool = False,
@@ -129,6 +132,9 @@ def fit(
     weights : {"uniform", "area"} or array_like of float, (n,)
         Weight of each vertex: one, its share of the sphere, or these. Values at vertices of weight 0 are never read, and may
         be NaN; a fit of the surface leaves out the triangles that they are corners of.
+    mask : array_like of bool, (n,), or path, optional
+        Vertices to read; the others have weight 0. A file has a value for each vertex, of which 0 leaves it out, or is a
+        FreeSurfer label, or a label of GIfTI.
     smoothness : float or "auto", optional
         Penalty ``lambda * sum (l (l + 1))**2 * a**2``; ``"auto"`` chooses it by generalised cross-validation. By default
         none; for the vertices over a sphere that `parametrize` made, a small one.
@@ -224,6 +230,7 @@ def fit(
         len(values),
         objective=objective,
         weights=weights,
+        mask=mask,
         smoothness=smoothness,
         denoise=denoise,
         stderr=stderr,
@@ -332,6 +339,7 @@ def solve(
     max_degree: int | None = None,
     *,
     weights: str | ArrayLike = "uniform",
+    mask: ArrayLike | Path | None = None,
     smoothness: float | str | None = None,
     tolerance: float = 1e-10,
     max_iterations: int = 3000,
@@ -349,7 +357,7 @@ def solve(
     values : array_like of float, (n,) or (n, c)
     max_degree : int, optional
         Required with directions; by default the transform's.
-    weights, smoothness, tolerance, max_iterations, preconditioner, memory, threads, progress
+    weights, mask, smoothness, tolerance, max_iterations, preconditioner, memory, threads, progress
         As for `fit`.
 
     Returns
@@ -372,14 +380,17 @@ def solve(
     else:
         directions, degree = _arrays.positions("directions", transform), -1
     if max_degree is not None:
-        degree = max_degree
+        degree = _arrays.whole("max_degree", max_degree)
     if degree == -1:
         raise ValueError("max_degree: expected a degree beside the directions, found None")
     array = _arrays.channels("values", values)
+    if len(array) != len(directions):
+        raise ValueError(f"values: expected a row for each of {len(directions)} directions, found shape {np.shape(values)}")
     settings = _settings(
         degree,
         len(directions),
         weights=weights,
+        mask=mask,
         smoothness=smoothness,
         tolerance=tolerance,
         max_iterations=max_iterations,
@@ -387,20 +398,12 @@ def solve(
         memory=memory,
         threads=threads,
     )
-    model = _model(
-        _core.fit(
-            array,
-            None,
-            directions,
-            None,
-            surface=False,
-            parametrized=False,
-            seam=None,
-            cut_handles=False,
-            settings=settings,
-            progress=callback(progress),
-        )
-    )
-    return model._inner.coefficients, model.report
-
-
+    # The transform is planned, but perhaps to another degree, or too coarsely.
+    planned = isinstance(transform, Transform) and transform._inner.serves(degree)
+    at = transform._inner if isinstance(transform, Transform) and planned else directions
+    coefficients, text, problems = _core.solve(at, array, settings=settings, progress=callback(progress))
+    for kind, problem in problems:
+        _warnings.warn(problem, getattr(errors, kind), stacklevel=2)
+    report = json.loads(text)
+    report["warnings"] = [problem for _, problem in problems]
+    return coefficients, report

@@ -7,6 +7,7 @@ the workers.
 
 from __future__ import annotations
 
+import os
 from typing import Any, Iterable, Sequence
 
 try:
@@ -17,8 +18,11 @@ except ImportError:
     raise ImportError("spharm_rs.dask needs Dask: pip install 'spharm-rs[dask]'")
 
 from . import _arrays
+from ._cohort import CohortFit
+from ._cohort import fit_cohort as fit_cohort_here
 from ._model import Model
 from ._moments import Moments
+from ._surface import Path
 
 
 def moments(
@@ -128,6 +132,80 @@ def fit(
     )
     found: Moments = planned.compute()
     return found.fit(max_degree, **settings)
+
+
+def fit_cohort(
+    table: Any,
+    output: Path | None = None,
+    max_degree: int = 20,
+    *,
+    shards: int | None = None,
+    threads: int = 1,
+    **settings: Any,
+) -> Any:
+    """Plans the fits of many surfaces from files, in shards that any Dask scheduler computes.
+
+    Each shard is a call of `spharm_rs.fit_cohort` on a worker, which reads surfaces from and writes models to files that all
+    workers share.
+
+    Parameters
+    ----------
+    table, output, max_degree
+        As for `spharm_rs.fit_cohort`.
+    shards : int, optional
+        Number of parts of the table; by default one per eight rows, so that few rows are repeated if a worker is lost.
+    threads : int
+        Threads per shard. Dask runs several shards in parallel.
+    **settings
+        The other arguments of `spharm_rs.fit_cohort`. By default ``on_error`` is ``"collect"``: one bad surface doesn't end the
+        others.
+
+    Returns
+    -------
+    dask.delayed.Delayed
+        Yields a list of `spharm_rs.CohortFit`, in the order of the table's shards.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib, spharm_rs as sp, spharm_rs.dask
+    >>> folder = pathlib.Path(tempfile.mkdtemp())
+    >>> for seed in range(3):
+    ...     sp.example_surface(3, seed)[0].save(folder / f"s{seed}.ply")
+    >>> rows = [{"id": f"s{seed}", "surface": folder / f"s{seed}.ply"} for seed in range(3)]
+    >>> fits = sp.dask.fit_cohort(rows, folder, 8, shards=2).compute(scheduler="synchronous")
+    >>> sorted((fit.id, fit.state) for fit in fits)
+    [('s0', 'done'), ('s1', 'done'), ('s2', 'done')]
+    """
+    _arrays.threads(threads)
+    if "shard" in settings or "progress" in settings:
+        raise ValueError("shard, progress: of `spharm_rs.fit_cohort` alone; expected shards=N")
+    rows = _table(table)
+    count = _arrays.whole("shards", -(-_rows(rows) // 8) if shards is None else shards, 1)
+    settings = {"on_error": "collect", **settings, "threads": threads}
+    part, join = dask.delayed(_shard), dask.delayed(_joined)
+    return join([part(rows, output, max_degree, f"{shard}/{count}", settings) for shard in range(count)])
+
+
+def _table(table: Any) -> Any:
+    """Returns a table that can be sent to workers and read more than once."""
+    if isinstance(table, (str, os.PathLike)) or hasattr(table, "to_dict"):
+        return table
+    return [dict(row) for row in table]
+
+
+def _rows(table: Any) -> int:
+    if not isinstance(table, (str, os.PathLike)):
+        return len(table)
+    with open(table, encoding="utf-8", errors="replace") as file:
+        return max(1, sum(1 for line in file if line.strip()) - 1)
+
+
+def _shard(table: Any, output: Path | None, max_degree: int, shard: str, settings: dict[str, Any]) -> list[CohortFit]:
+    return list(fit_cohort_here(table, output, max_degree, shard=shard, **settings))
+
+
+def _joined(parts: list[list[CohortFit]]) -> list[CohortFit]:
+    return [fit for part in parts for fit in part]
 
 
 def _chunks(samples: Any, values: Any, weights: Any) -> list[Any]:

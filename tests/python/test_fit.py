@@ -111,6 +111,38 @@ def test_values_of_weight_zero_are_never_read(study: Study) -> None:
     assert np.isfinite(sp.fit(signal, sphere, 3, weights=weights).coefficients).all()
 
 
+def test_a_mask_is_a_weight_of_zero(study: Study, tmp_path: Path) -> None:
+    surface, sphere = study[:2]
+    keep = sphere.vertices[:, 2] <= 0.9 * sphere.vertices.max()
+    wild = np.where(keep[:, None], surface.vertices, np.nan)
+    label = tmp_path / "lh.cortex.label"
+    rows = "".join(f"{vertex} 0.0 0.0 0.0 0.0\n" for vertex in np.flatnonzero(keep))
+    label.write_text(f"#!ascii label\n{keep.sum()}\n{rows}")
+    for objective in ("surface", "vertices"):
+        right = sp.fit(surface, sphere, 8, objective=objective, weights=keep.astype(float))
+        for mask in (keep, keep.astype(np.int32).tolist(), label):
+            found = sp.fit(wild, sphere, 8, objective=objective, mask=mask)
+            assert np.array_equal(found.coefficients, right.coefficients)
+    # Weights given beside it count where the mask reads.
+    weights = np.random.default_rng(0).random(len(keep)) + 0.5
+    both = sp.fit(wild, sphere, 8, weights=weights, mask=keep).coefficients
+    assert np.array_equal(both, sp.fit(wild, sphere, 8, weights=weights * keep).coefficients)
+    area = sp.fit(wild, sphere, 8, weights="area", mask=keep)
+    assert np.isfinite(area.coefficients).all() and not np.array_equal(area.coefficients, both)
+    # Of many, and of a mesh that is mapped first: the map reads all of it, the fit doesn't.
+    many = sp.fit_many([wild, wild], sphere, 8, mask=keep)
+    assert all(np.array_equal(model.coefficients, many[0].coefficients) for model in many)
+    bare, whole = sp.fit(surface, max_degree=8, mask=keep, weights="area"), sp.fit(surface, max_degree=8, weights="area")
+    assert not np.array_equal(bare.coefficients, whole.coefficients)
+    for wrong, message in (
+        (keep[:-1], "shape"),
+        (np.zeros(len(keep)), "not all zero"),
+        (np.where(keep, np.nan, 1.0), "NaN at vertex"),
+    ):
+        with pytest.raises((ValueError, sp.errors.SpharmError), match=message):
+            sp.fit(surface, sphere, 8, mask=wrong)
+
+
 def test_a_setting_leaves_the_objective_as_it_is(study: Study) -> None:
     surface, sphere = study
     settings: list[dict[str, Any]] = [{"hold_out": 0.1}, {"stderr": True}, {"smoothness": "auto"}, {"preconditioner": "density"}]

@@ -159,6 +159,23 @@ def test_dask_workers_give_the_model_of_one_process(cluster: Any) -> None:
         sp.dask.fit(at, values * np.nan, 3)
 
 
+def test_dask_fits_a_cohort_in_shards(cluster: Any, tmp_path: Path) -> None:
+    import spharm_rs.dask
+
+    for seed in range(3):
+        sp.example_surface(3, seed)[0].save(tmp_path / f"s{seed}.ply", double=True)
+    rows = [{"id": f"s{seed}", "surface": tmp_path / f"s{seed}.ply"} for seed in range(3)]
+    rows.append({"id": "gone", "surface": tmp_path / "gone.ply"})
+    fits = sp.dask.fit_cohort(rows, tmp_path / "shards", 6, shards=3).compute()
+    assert {fit.id: fit.state for fit in fits} == {"s0": "done", "s1": "done", "s2": "done", "gone": "failed"}
+    for fit in fits[:3]:
+        if fit.state == "done":
+            alone = sp.fit_cohort([row for row in rows if row["id"] == fit.id], tmp_path / "alone", 6, threads=1)
+            assert np.array_equal(next(alone).model.coefficients, fit.model.coefficients)
+    with pytest.raises(ValueError, match="shards"):
+        sp.dask.fit_cohort(rows, tmp_path, 6, shard="0/3")
+
+
 def test_dask_says_what_it_expects() -> None:
     da = pytest.importorskip("dask.array", reason="Dask isn't installed")
     import spharm_rs.dask

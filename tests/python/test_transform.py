@@ -56,3 +56,25 @@ def test_the_least_squares_of_a_masked_sky_is_numpys() -> None:
 def test_wrong_directions_are_refused(wrong: object) -> None:
     with pytest.raises(ValueError):
         sp.Transform(wrong, 3)  # type: ignore[arg-type]
+
+
+def test_solves_with_a_transform_take_its_plan_or_make_their_own() -> None:
+    rng = np.random.default_rng(3)
+    directions = rng.normal(size=(3000, 3))
+    truth = rng.normal(size=(169, 2))
+    values = sp.Transform(directions, 12).synthesis(truth)
+    transform = sp.Transform(directions, 12)
+    for given in (transform, transform, sp.Transform(directions, 12, accuracy=1e-4), sp.Transform(directions, 5)):
+        coefficients, report = sp.solve(given, values, 12)
+        assert np.allclose(coefficients, truth, atol=1e-8) and report["solver"]["optimality"] < 1e-9
+        assert report["scheme_key"] == sp.solve(directions, values, 12)[1]["scheme_key"]
+    # Another right-hand side, other weights, a mask, and a smoothness, of the same plan.
+    weights, keep = rng.random(3000) + 0.1, rng.random(3000) > 0.2
+    wild = np.where(keep[:, None], values, np.nan)
+    for settings in ({"weights": weights}, {"mask": keep}, {"weights": weights, "mask": keep, "smoothness": 1e-12}):
+        coefficients, _ = sp.solve(transform, 2 * wild if "mask" in settings else 2 * values, **settings)
+        assert np.allclose(coefficients, 2 * truth, atol=1e-7)
+    with pytest.raises(sp.errors.MemoryBudgetError):
+        sp.solve(transform, values, memory="1MiB")
+    with pytest.raises(ValueError, match="3000 directions"):
+        sp.solve(transform, values[:5])

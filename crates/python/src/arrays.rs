@@ -3,6 +3,8 @@
 //! Arrays may have any strides and are never written to. Shapes are checked here, since a binding that trusts its
 //! callers would panic; values are checked by the library.
 
+use std::borrow::Cow;
+
 use ndarray::{Array2, ArrayView2};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
@@ -27,6 +29,11 @@ pub(crate) type PositionsOut<'py> = Bound<'py, PyArray2<f64>>;
 ///
 /// `ValueError` for another shape.
 pub(crate) fn rows<T: Copy>(what: &str, array: ArrayView2<'_, T>) -> PyResult<Vec<[T; 3]>> {
+    borrowed_rows(what, array).map(Cow::into_owned)
+}
+
+/// As [`rows`], without a copy of a C-contiguous array.
+pub(crate) fn borrowed_rows<'a, T: Copy>(what: &str, array: ArrayView2<'a, T>) -> PyResult<Cow<'a, [[T; 3]]>> {
     if array.ncols() != 3 {
         let shape = array.shape();
         return Err(PyValueError::new_err(format!(
@@ -34,8 +41,8 @@ pub(crate) fn rows<T: Copy>(what: &str, array: ArrayView2<'_, T>) -> PyResult<Ve
             shape[0], shape[1]
         )));
     }
-    Ok(match array.as_slice() {
-        Some(values) => values.as_chunks().0.to_vec(),
+    Ok(match array.to_slice() {
+        Some(values) => Cow::Borrowed(values.as_chunks().0),
         None => array.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect(),
     })
 }
@@ -55,8 +62,9 @@ pub(crate) fn mesh(what: &str, vertices: &Positions<'_>, faces: &Faces<'_>) -> P
 }
 
 /// A sphere as passed from Python: directions of any length, and triangles if there are any.
-pub(crate) struct SphereArrays {
-    mesh: Mesh,
+pub(crate) struct SphereArrays<'a> {
+    vertices: Cow<'a, [[f64; 3]]>,
+    faces: Vec<[u32; 3]>,
     parametrized: bool,
     seam: Option<Seam>,
 }
@@ -72,14 +80,20 @@ pub(crate) fn seam_out(py: Python<'_>, seam: Seam) -> SeamOut<'_> {
     (seam.vertices, seam.faces, seam.copies.into_pyarray(py))
 }
 
-impl SphereArrays {
+impl<'a> SphereArrays<'a> {
     /// # Errors
     ///
     /// `ValueError` for wrong shapes.
-    pub(crate) fn new(vertices: &Positions<'_>, faces: Option<&Faces<'_>>, parametrized: bool) -> PyResult<Self> {
-        let vertices = rows("sphere", vertices.as_array())?;
+    pub(crate) fn new(vertices: &'a Positions<'_>, faces: Option<&Faces<'_>>, parametrized: bool) -> PyResult<Self> {
+        let vertices = borrowed_rows("sphere", vertices.as_array())?;
         let faces = faces.map(|faces| rows("the sphere's faces", faces.as_array())).transpose()?.unwrap_or_default();
-        Ok(Self { mesh: Mesh::new(vertices, faces), parametrized, seam: None })
+        Ok(Self { vertices, faces, parametrized, seam: None })
+    }
+
+    /// Copies the vertices unless they are already a copy, for work that may outlive the call.
+    pub(crate) fn owned(self) -> SphereArrays<'static> {
+        let Self { vertices, faces, parametrized, seam } = self;
+        SphereArrays { vertices: Cow::Owned(vertices.into_owned()), faces, parametrized, seam }
     }
 
     /// Adds the seam of a surface whose handles were cut.
@@ -89,15 +103,15 @@ impl SphereArrays {
 
     /// Checks the sphere, which takes a while.
     pub(crate) fn check(self) -> Result<Sphere, Failure> {
-        let Self { mesh, parametrized, seam } = self;
-        let fits = |seam: Seam| seam.checked(mesh.vertices.len(), mesh.faces.len());
+        let Self { vertices, faces, parametrized, seam } = self;
+        let fits = |seam: Seam| seam.checked(vertices.len(), faces.len());
         let seam = seam.map(fits).transpose().map_err(|found| Failure::Argument(format!("seam: {found}")))?;
-        let sphere = if mesh.faces.is_empty() {
+        let sphere = if faces.is_empty() {
             Sphere::from_directions(
-                spharm::harmonics::Directions::from_vertices(&mesh.vertices).map_err(spharm::Error::from)?,
+                spharm::harmonics::Directions::from_vertices(&vertices).map_err(spharm::Error::from)?,
             )
         } else {
-            Sphere::from_mesh(&mesh)?
+            Sphere::from_mesh(&Mesh::new(vertices.into_owned(), faces))?
         };
         Ok(Sphere { parametrized, seam, ..sphere })
     }

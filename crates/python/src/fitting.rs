@@ -20,6 +20,7 @@ use crate::errors::Failure;
 use crate::models::Model;
 use crate::run::run;
 use crate::stores::scalar;
+use crate::transforms::Transform;
 
 /// Settings of a fit: the keyword arguments of `spharm_rs.fit`, whose types are checked there.
 #[derive(FromPyObject)]
@@ -36,6 +37,7 @@ pub(crate) struct Settings<'py> {
     smoothness: Option<String>,
     denoise: bool,
     weights: WeightsGiven<'py>,
+    mask: Option<PyReadonlyArray1<'py, bool>>,
     hold_out: Option<f64>,
     standard_errors: bool,
     tolerance: f64,
@@ -59,7 +61,12 @@ fn parsed<T: FromStr<Err = String>>(what: &str, text: &str) -> PyResult<T> {
 }
 
 impl Settings<'_> {
-    /// Converts them to the library's settings.
+    /// Returns the mask of vertices to read, if there is one.
+    pub(crate) fn mask(&self) -> Option<Vec<bool>> {
+        self.mask.as_ref().map(|mask| mask.as_array().to_vec())
+    }
+
+    /// Converts them to the library's settings, except for the mask, which needs the sphere.
     ///
     /// # Errors
     ///
@@ -137,12 +144,12 @@ pub(crate) fn fit<'py>(
     settings: Settings<'py>,
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Fitted<'py>> {
-    let params = settings.params()?;
+    let (params, mask) = (settings.params()?, settings.mask());
     let given = match (&sphere, &faces) {
         (Some(sphere), _) => {
             Given::Sphere(SphereArrays::new(sphere, sphere_faces.as_ref(), parametrized)?.with_seam(seam))
         }
-        (None, Some(faces)) => Given::Bare(mesh("surface", &values, faces)?),
+        (None, Some(faces)) => Given::Bare(Box::new(mesh("surface", &values, faces)?)),
         (None, None) => return Err(PyValueError::new_err("sphere: a surface without triangles and a signal need one")),
     };
     let triangles = faces.map(|faces| crate::arrays::rows("faces", faces.as_array())).transpose()?;
@@ -152,13 +159,14 @@ pub(crate) fn fit<'py>(
             let sphere = sphere.check()?;
             let target = target(view, triangles.as_deref(), surface, &sphere)?;
             refuse_doubtful(&sphere, &params)?;
+            let params = masked(params, mask.as_deref(), &sphere)?;
             let (fit, many) = spharm::fit_target(&sphere, target, &params, monitor)?;
             Ok((sphere, fit, many, None))
         }
         Given::Bare(mesh) => {
             let preparation = Preparation { cut_handles, ..Preparation::default() };
-            let found = spharm::fit_mesh_with(Input::Mesh(mesh), preparation, &params, monitor)?;
-            let MeshFit { surface, fit, many } = found;
+            let (input, keep) = (Input::Mesh(*mesh), mask.as_deref());
+            let MeshFit { surface, fit, many } = spharm::fit_mesh_masked(input, preparation, keep, &params, monitor)?;
             Ok((surface.parametrized.sphere.clone(), fit, many, Some(surface)))
         }
     })?;
@@ -176,9 +184,61 @@ pub(crate) fn fit<'py>(
     Ok(found)
 }
 
-enum Given {
-    Sphere(SphereArrays),
-    Bare(Mesh),
+enum Given<'a> {
+    Sphere(SphereArrays<'a>),
+    Bare(Box<Mesh>),
+}
+
+/// Coefficients, (K, c), report as JSON, and warnings as (kind, text).
+type Solution<'py> = (Bound<'py, PyArray2<f64>>, String, Vec<(&'static str, String)>);
+
+/// Directions of samples.
+#[derive(FromPyObject)]
+pub(crate) enum At<'py> {
+    /// Planned.
+    Transform(Bound<'py, Transform>),
+    Directions(Positions<'py>),
+}
+
+/// Fits a signal at directions.
+#[pyfunction]
+#[pyo3(signature = (at, values, *, settings, progress = None))]
+pub(crate) fn solve<'py>(
+    py: Python<'py>,
+    at: At<'py>,
+    values: PyReadonlyArray2<'py, f64>,
+    settings: Settings<'py>,
+    progress: Option<Bound<'py, PyAny>>,
+) -> PyResult<Solution<'py>> {
+    let (params, mask) = (settings.params()?, settings.mask());
+    let view = values.as_array();
+    let checked = |sphere: &Sphere, params: FitParams| -> Result<_, Failure> {
+        refuse_doubtful(sphere, &params)?;
+        Ok((target(view, None, false, sphere)?, masked(params, mask.as_deref(), sphere)?))
+    };
+    let (fit, many, warnings) = match &at {
+        At::Transform(transform) => {
+            let planned = &transform.get().planned;
+            let (fit, many) = run(py, settings.threads, progress.as_ref(), |monitor| {
+                let (target, params) = checked(planned.sphere(), params)?;
+                Ok(planned.fit(target, &params, monitor)?)
+            })?;
+            let warnings = warnings(planned.sphere(), &fit);
+            (fit, many, warnings)
+        }
+        At::Directions(directions) => {
+            let sphere = SphereArrays::new(directions, None, false)?;
+            run(py, settings.threads, progress.as_ref(), |monitor| {
+                let sphere = sphere.check()?;
+                let (target, params) = checked(&sphere, params)?;
+                let (fit, many) = spharm::fit_target(&sphere, target, &params, monitor)?;
+                let warnings = warnings(&sphere, &fit);
+                Ok((fit, many, warnings))
+            })?
+        }
+    };
+    let report = report_of_call(&fit, &many, None);
+    Ok((fit.coefficients.values().to_owned().into_pyarray(py), report.to_string(), warnings))
 }
 
 /// Fits targets over one sphere: `values` are arrays of the sphere's vertices.
@@ -196,17 +256,23 @@ pub(crate) fn fit_many<'py>(
     settings: Settings<'py>,
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Vec<Fitted<'py>>> {
-    let params = settings.params()?;
+    let (params, mask) = (settings.params()?, settings.mask());
     let sphere = SphereArrays::new(&sphere, sphere_faces.as_ref(), parametrized)?.with_seam(seam);
     let views: Vec<ArrayView2<'_, f64>> = values.iter().map(|values| values.as_array()).collect();
     let (sphere, fits, report) = run(py, settings.threads, progress.as_ref(), |monitor: &dyn Monitor| {
         let sphere = sphere.check()?;
         refuse_doubtful(&sphere, &params)?;
+        let params = masked(params, mask.as_deref(), &sphere)?;
         let read = |number: usize| target(views[number], None, surface, &sphere);
         let (fits, report) = spharm::fit_many(&sphere, views.len(), &read, &params, &|_, fit| Ok(fit), monitor)?;
         Ok((sphere, fits, report))
     })?;
     Ok(fits.into_iter().map(|fit| fitted(py, sphere.clone(), fit, &report, None, surface)).collect())
+}
+
+/// Applies a mask to the settings, if there is one.
+fn masked(params: FitParams, mask: Option<&[bool]>, sphere: &Sphere) -> Result<FitParams, Error> {
+    mask.map_or(Ok(params.clone()), |keep| params.masked(keep, sphere))
 }
 
 /// With strict settings, refuses a doubtful sphere.
@@ -246,14 +312,8 @@ pub(crate) fn report_of(report: &FitReport) -> Value {
     report
 }
 
-fn fitted<'py>(
-    py: Python<'py>,
-    sphere: Sphere,
-    fit: Fit,
-    many: &ManyReport,
-    map: Option<Value>,
-    surface: bool,
-) -> Fitted<'py> {
+/// Returns a fit's report with that of the call that made it, and that of the map of a surface without a sphere.
+fn report_of_call(fit: &Fit, many: &ManyReport, map: Option<Value>) -> Value {
     let mut report = report_of(&fit.report);
     let (scheme, seconds) = (many.scheme.to_string(), many.seconds);
     if let Some(report) = report.as_object_mut() {
@@ -265,9 +325,25 @@ fn fitted<'py>(
             report.insert("solver".to_owned(), json!(solver));
         }
     }
+    report
+}
+
+/// Returns the warnings of a sphere and of a fit over it, each with its class.
+fn warnings(sphere: &Sphere, fit: &Fit) -> Vec<(&'static str, String)> {
     let doubts = sphere.warnings.iter().map(|warning| ("SpharmWarning", format!("the sphere: {warning}")));
     let warnings = fit.report.warnings.iter().map(|warning| (category(warning), warning.to_string()));
-    let warnings = doubts.chain(warnings).collect();
+    doubts.chain(warnings).collect()
+}
+
+fn fitted<'py>(
+    py: Python<'py>,
+    sphere: Sphere,
+    fit: Fit,
+    many: &ManyReport,
+    map: Option<Value>,
+    surface: bool,
+) -> Fitted<'py> {
+    let (report, warnings) = (report_of_call(&fit, many, map), warnings(&sphere, &fit));
     let errors = fit.standard_errors.clone().map(|errors| errors.into_pyarray(py));
     let kind = if surface { Kind::Surface } else { Kind::Signal };
     (Model { inner: Inner::new(sphere, fit, kind) }, errors, report.to_string(), warnings)

@@ -40,7 +40,8 @@ impl Model {
         seam: Option<SeamIn>,
     ) -> PyResult<Self> {
         let values = coefficients.as_array().to_owned();
-        let sphere = sphere.map(|sphere| SphereArrays::new(&sphere, faces.as_ref(), parametrized)).transpose()?;
+        let sphere =
+            sphere.as_ref().map(|sphere| SphereArrays::new(sphere, faces.as_ref(), parametrized)).transpose()?;
         let sphere = sphere.map(|sphere| sphere.with_seam(seam));
         let inner = run(py, Some(1), None, move |_| {
             let coefficients = Coefficients::new(values).map_err(Error::from)?;
@@ -167,7 +168,7 @@ impl Model {
         degree: usize,
         threads: Option<usize>,
     ) -> PyResult<(PositionsOut<'py>, FacesOut<'py>)> {
-        let sphere = sphere.map(|sphere| SphereArrays::new(&sphere, faces.as_ref(), false)).transpose()?;
+        let sphere = sphere.as_ref().map(|sphere| SphereArrays::new(sphere, faces.as_ref(), false)).transpose()?;
         let mesh = run(py, threads, None, |_| {
             let found = match sphere {
                 Some(sphere) => self.inner.reconstruct(&sphere.check()?, degree),

@@ -178,7 +178,7 @@ fn shape_even<'py>(
     threads: Option<usize>,
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<(PositionsOut<'py>, f64, f64, usize)> {
-    let sphere = SphereArrays::new(&sphere, Some(&faces), false)?;
+    let sphere = SphereArrays::new(&sphere, Some(&faces), false)?.owned();
     let inner = Model { inner: model.inner.clone() };
     let found = run_owned(py, threads, progress.as_ref(), move |monitor| {
         Ok(even_sphere(&to_degree(&inner, degree)?, &sphere.check()?, steps, monitor)?)

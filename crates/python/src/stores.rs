@@ -48,7 +48,7 @@ fn store_build<'py>(
     threads: Option<usize>,
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<String> {
-    let sphere = SphereArrays::new(&sphere, faces.as_ref(), false)?;
+    let sphere = SphereArrays::new(&sphere, faces.as_ref(), false)?.owned();
     let params = BuildParams { max_degree, scalar: scalar(dtype)?, memory, allow_large, ..BuildParams::default() };
     let report = run_owned(py, threads, progress.as_ref(), move |monitor| {
         // Use the threads of the calling pool.
@@ -86,7 +86,7 @@ fn store_factor<'py>(
     if !(smoothness.is_finite() && smoothness >= 0.0) {
         return Err(PyValueError::new_err(format!("smoothness: expected a number from 0, found {smoothness}")));
     }
-    let sphere = SphereArrays::new(&sphere, faces.as_ref(), false)?;
+    let sphere = SphereArrays::new(&sphere, faces.as_ref(), false)?.owned();
     let (scalar, basis_scalar) = (scalar(dtype)?, scalar(basis_dtype)?);
     let report = run_owned(py, threads, progress.as_ref(), move |monitor| {
         let threads = rayon::current_num_threads();

@@ -43,7 +43,7 @@ pub(crate) fn shape_measure_group<'py>(
             return Err(PyValueError::new_err(format!("signal: expected normal, position or value; found {found}")));
         }
     };
-    let sphere = SphereArrays::new(&directions, None, false)?;
+    let sphere = SphereArrays::new(&directions, None, false)?.owned();
     let models = coefficients(&models);
     let (field, warnings) = run_owned(py, threads, progress.as_ref(), move |monitor| {
         let group = group(&models, kind, degree, monitor)?;

@@ -37,6 +37,7 @@ pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(parametrize_volume, module)?)?;
     module.add_function(wrap_pyfunction!(labels, module)?)?;
     module.add_function(wrap_pyfunction!(resample, module)?)?;
+    module.add_function(wrap_pyfunction!(read_mask, module)?)?;
     module.add_function(wrap_pyfunction!(quality, module)?)?;
     module.add_function(wrap_pyfunction!(compare, module)?)?;
     module.add_function(wrap_pyfunction!(surface_distance, module)?)?;
@@ -70,6 +71,12 @@ fn read_values(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyArray2<f64
         Array2::from_shape_vec((vertices, channels), values).map_err(|_| Failure::Panic)
     })?;
     Ok(values.into_pyarray(py))
+}
+
+#[pyfunction]
+fn read_mask(py: Python<'_>, path: PathBuf, vertices: usize) -> PyResult<Bound<'_, PyArray1<bool>>> {
+    let keep = run(py, Some(1), None, move |_| Ok(spharm::io::read_mask(path, vertices)?))?;
+    Ok(keep.into_pyarray(py))
 }
 
 #[pyfunction]

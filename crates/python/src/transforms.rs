@@ -4,18 +4,18 @@ use ndarray::{Array2, ArrayView2};
 use numpy::{IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use spharm::Error;
 use spharm::harmonics::Directions;
 use spharm::transform::{Transform as Inner, TransformError, TransformParams};
+use spharm::{Error, PlannedSphere, Sphere};
 
-use crate::arrays::{Positions, rows};
+use crate::arrays::{Positions, borrowed_rows};
 use crate::errors::exception;
 use crate::run::{pool, run};
 
 /// A plan for transforms at one list of directions. It is immutable.
 #[pyclass(frozen, module = "spharm_rs._core")]
 pub(crate) struct Transform {
-    inner: Inner,
+    pub(crate) planned: PlannedSphere,
     threads: Option<usize>,
 }
 
@@ -29,7 +29,7 @@ impl Transform {
         work: impl FnOnce(&Inner) -> Result<Array2<f64>, TransformError> + Send,
     ) -> PyResult<Values<'py>> {
         let pool = pool(self.threads)?;
-        let values = py.detach(|| pool.install(|| work(&self.inner)));
+        let values = py.detach(|| pool.install(|| work(self.planned.transform())));
         Ok(values.map_err(|error| exception(py, Error::from(error).into()))?.into_pyarray(py))
     }
 }
@@ -46,22 +46,27 @@ impl Transform {
         channels: usize,
         threads: Option<usize>,
     ) -> PyResult<Self> {
-        let directions = rows("directions", directions.as_array())?;
-        let inner = run(py, threads, None, move |_| {
-            let directions = Directions::from_vertices(&directions).map_err(Error::from)?;
-            Ok(Inner::new(&directions, &TransformParams { max_degree, accuracy, channels }).map_err(Error::from)?)
+        let directions = borrowed_rows("directions", directions.as_array())?;
+        let planned = run(py, threads, None, move |_| {
+            let sphere = Sphere::from_directions(Directions::from_vertices(&directions).map_err(Error::from)?);
+            Ok(PlannedSphere::new(sphere, &TransformParams { max_degree, accuracy, channels })?)
         })?;
-        Ok(Self { inner, threads })
+        Ok(Self { planned, threads })
     }
 
     #[getter]
     fn max_degree(&self) -> usize {
-        self.inner.max_degree()
+        self.planned.transform().max_degree()
     }
 
     #[getter]
     fn directions(&self) -> usize {
-        self.inner.directions()
+        self.planned.transform().directions()
+    }
+
+    /// Whether a fit to a degree uses this plan.
+    fn serves(&self, max_degree: usize) -> bool {
+        self.planned.serves(max_degree)
     }
 
     fn synthesis<'py>(&self, py: Python<'py>, coefficients: PyReadonlyArray2<'py, f64>) -> PyResult<Values<'py>> {

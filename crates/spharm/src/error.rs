@@ -10,7 +10,7 @@ use spharm_register::RegisterError;
 use spharm_shape::ShapeError;
 use spharm_solver::SolverError;
 use spharm_store::StoreError;
-use spharm_surface::SurfaceError;
+use spharm_surface::{Sphere, SurfaceError};
 use spharm_transform::TransformError;
 
 /// Errors of this crate. Errors of its dependencies are their sources.
@@ -178,6 +178,10 @@ pub enum Error {
 }
 
 impl Error {
+    pub(crate) fn area_without_triangles(sphere: &Sphere) -> Self {
+        Self::NeedsTriangles { what: "the area of a vertex", sphere: sphere.name().to_owned() }
+    }
+
     /// Adds the index of a group's surface to an error. Interruptions are returned unchanged, since they don't belong
     /// to a surface.
     pub(crate) fn of_member(index: usize, error: Self) -> Self {

@@ -9,6 +9,7 @@ mod irf;
 mod job;
 mod lsq;
 mod lsq_plan;
+mod planned;
 mod quadrature;
 mod range;
 mod seam;
@@ -20,6 +21,7 @@ mod vertex_noise;
 
 pub use check::{check_mapping, check_memory};
 pub use from_moments::{MomentsFit, MomentsReport, fit_moments};
+pub use planned::PlannedSphere;
 pub use quadrature::Quadrature;
 
 use std::borrow::Cow;
@@ -116,9 +118,29 @@ pub fn fit_with(
 /// # Errors
 ///
 /// Those of [`fit_with`].
-#[expect(clippy::missing_panics_doc, reason = "the one target is read and handed over once, or there was an error")]
 pub fn fit_target(
     sphere: &Sphere,
+    target: Target,
+    params: &FitParams,
+    monitor: &dyn Monitor,
+) -> Result<(Fit, ManyReport), Error> {
+    fit_one(sphere, None, target, params, monitor)
+}
+
+impl PlannedSphere {
+    /// Fits a target over the sphere.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`fit_target`].
+    pub fn fit(&self, target: Target, params: &FitParams, monitor: &dyn Monitor) -> Result<(Fit, ManyReport), Error> {
+        fit_one(self.sphere(), Some(self), target, params, monitor)
+    }
+}
+
+fn fit_one(
+    sphere: &Sphere,
+    planned: Option<&PlannedSphere>,
     target: Target,
     params: &FitParams,
     monitor: &dyn Monitor,
@@ -126,7 +148,7 @@ pub fn fit_target(
     let target = Mutex::new(Some(target));
     let taken = || target.lock().unwrap_or_else(PoisonError::into_inner).take();
     let read = |_| Ok::<_, Error>(taken().expect("a target is read once"));
-    let (mut fits, report) = fit_many(sphere, 1, &read, params, &|_, fit| Ok(fit), monitor)?;
+    let (mut fits, report) = fit_over((sphere, planned), 1, &read, params, &|_, fit| fit, monitor)?;
     Ok((fits.pop().expect("a target that was read has been fitted, or there was an error"), report))
 }
 
@@ -167,9 +189,21 @@ pub fn fit_each<T: Send, E: From<Error> + Send>(
     done: &(dyn Fn(usize, Result<Fit, E>) -> Result<T, E> + Sync),
     monitor: &dyn Monitor,
 ) -> Result<(Vec<T>, ManyReport), E> {
+    fit_over((sphere, None), count, read, params, done, monitor)
+}
+
+/// As [`fit_each`], with the transforms of a planned sphere if there are any.
+fn fit_over<T: Send, E: From<Error> + Send>(
+    (sphere, planned): (&Sphere, Option<&PlannedSphere>),
+    count: usize,
+    read: &(dyn Fn(usize) -> Result<Target, E> + Sync),
+    params: &FitParams,
+    done: &(dyn Fn(usize, Result<Fit, E>) -> Result<T, E> + Sync),
+    monitor: &dyn Monitor,
+) -> Result<(Vec<T>, ManyReport), E> {
     params.check()?;
     in_pool(params.threads, || {
-        let job = Job::new(sphere, params, monitor)?;
+        let job = Job::new(sphere, planned, params, monitor)?;
         let (scheme, scalar) = (job.key, job.scalar);
         let mut run = Run::new(job, count, read, done, monitor)?;
         match params.method {

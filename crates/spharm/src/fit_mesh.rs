@@ -189,10 +189,29 @@ pub fn fit_mesh_with(
     params: &FitParams,
     monitor: &dyn Monitor,
 ) -> Result<MeshFit, Error> {
+    fit_mesh_masked(surface, preparation, None, params, monitor)
+}
+
+/// As [`fit_mesh_with`], without reading the vertices at which `keep` is false: the triangles at them aren't fitted.
+/// The mask, one element per vertex of the prepared surface, applies to the fit, not to the map.
+///
+/// # Errors
+///
+/// Those of [`fit_mesh_with`], and of [`Weights::masked`](crate::Weights::masked).
+pub fn fit_mesh_masked(
+    surface: Input,
+    preparation: Preparation,
+    keep: Option<&[bool]>,
+    params: &FitParams,
+    monitor: &dyn Monitor,
+) -> Result<MeshFit, Error> {
     params.check()?;
     check_surface(&surface, params)?;
     let surface = preparation.apply(surface, monitor)?;
     let surface = MappedSurface::new(&surface, params, monitor)?;
-    let (fit, many) = surface.fit(params, monitor)?;
+    let (fit, many) = match keep {
+        None => surface.fit(params, monitor)?,
+        Some(keep) => surface.fit(&params.masked(keep, &surface.parametrized.sphere)?, monitor)?,
+    };
     Ok(MeshFit { surface, fit, many })
 }

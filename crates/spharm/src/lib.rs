@@ -114,18 +114,20 @@ pub mod params;
 pub mod prelude;
 pub mod report;
 pub mod warning;
+mod weights;
 
 pub use error::Error;
 pub use fit::{
-    Fit, MomentsFit, MomentsReport, Quadrature, ToTarget, check_mapping, check_memory, fit, fit_each, fit_many,
-    fit_moments, fit_target, fit_with,
+    Fit, MomentsFit, MomentsReport, PlannedSphere, Quadrature, ToTarget, check_mapping, check_memory, fit, fit_each,
+    fit_many, fit_moments, fit_target, fit_with,
 };
-pub use fit_mesh::{MappedSurface, MeshFit, Preparation, check_surface, fit_mesh, fit_mesh_with};
+pub use fit_mesh::{MappedSurface, MeshFit, Preparation, check_surface, fit_mesh, fit_mesh_masked, fit_mesh_with};
 pub use model::versions;
 pub use objective::Objective;
-pub use params::{FitParams, Method, Preconditioner, Smoothness, Weights};
+pub use params::{FitParams, Method, Preconditioner, Smoothness};
 pub use report::{BatchReport, Denoised, FitReport, ManyReport, Seconds, Settings};
 pub use warning::FitWarning;
+pub use weights::Weights;
 
 pub use spharm_harmonics as harmonics;
 pub use spharm_moments as moments;

@@ -1,16 +1,16 @@
 //! Settings of fits: [`FitParams`] and its parts.
 
 use std::fmt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::str::FromStr;
 
 use spharm_harmonics::MAX_DEGREE;
-use spharm_store::{Scalar, WeightsHash};
-use spharm_surface::io::read_signal;
+use spharm_store::Scalar;
+use spharm_surface::Sphere;
 
 use crate::machine::available_memory;
 use crate::parametrize::CaldParams;
-use crate::{Error, Objective, defaults};
+use crate::{Error, Objective, Weights, defaults};
 
 /// How the coefficients are found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -144,56 +144,6 @@ impl FromStr for Smoothness {
     }
 }
 
-/// Weight of each vertex in the least squares. A fit of the surface weighs a sample of a triangle by the harmonic mean
-/// of its corners' weights. A vertex of weight 0 is left out, as by a mask: its value is never read and may be NaN, and
-/// a fit of the surface leaves out its triangles.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub enum Weights {
-    /// One.
-    #[default]
-    Uniform,
-    /// Its share of the sphere's area, in steradians.
-    Area,
-    /// Given values, (n), finite, not negative and not all zero.
-    Values {
-        /// Their name in the model's provenance: a file name.
-        name: String,
-        /// The weights, (n).
-        values: Vec<f64>,
-    },
-}
-
-impl Weights {
-    /// Reads weights from a file with one value for each vertex: GIfTI, FreeSurfer curv, CSV.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::Surface`] if it can't be read, [`Error::WeightCount`] if it has several columns.
-    pub fn read(path: impl AsRef<Path>) -> Result<Self, Error> {
-        let (signal, name) = (read_signal(&path)?, path.as_ref().to_string_lossy().into_owned());
-        if signal.channels != 1 {
-            let (expected, found) = (signal.vertices, signal.vertices * signal.channels);
-            return Err(Error::WeightCount { name, expected, found });
-        }
-        Ok(Self::Values { name, values: signal.values })
-    }
-
-    /// Returns their name in the provenance: `uniform`, `area`, or the name of the values.
-    pub fn name(&self) -> &str {
-        match self {
-            Self::Uniform => "uniform",
-            Self::Area => "area",
-            Self::Values { name, .. } => name,
-        }
-    }
-
-    /// Returns a hash of the given values, 64 hexadecimal digits. A store identifies a factor's weights by it.
-    pub fn hash(&self) -> Option<String> {
-        let Self::Values { values, .. } = self else { return None };
-        Some(WeightsHash::of(Some(values)).0.iter().map(|byte| format!("{byte:02x}")).collect())
-    }
-}
-
 /// Preconditioner of the iterations of the full least squares.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Preconditioner {
@@ -314,6 +264,20 @@ impl FitParams {
             memory: None,
             threads: None,
         }
+    }
+
+    /// Returns the settings with weight 0 at the vertices of a sphere at which `keep`, (n), is false. They are named
+    /// `mask` in the provenance.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`Weights::masked`].
+    pub fn masked(&self, keep: &[bool], sphere: &Sphere) -> Result<Self, Error> {
+        let name = match &self.weights {
+            Weights::Uniform => "mask".to_owned(),
+            weights => format!("{}, mask", weights.name()),
+        };
+        Ok(Self { weights: self.weights.masked(keep, name, sphere)?, ..self.clone() })
     }
 
     /// Returns iterative residual fitting over a store, one pass with the paper's granularity.

@@ -56,8 +56,8 @@ pub struct SchemeKey(pub [u8; 32]);
 
 const CONTEXT: &str = "spharm-rs 2026-11 sampling scheme key v1";
 
-/// Coordinates that are hashed at a time.
-const PART: usize = 1 << 15;
+/// Coordinates that are hashed at a time: 2 MiB, enough for several threads.
+const PART: usize = 1 << 18;
 
 impl SchemeKey {
     /// Computes the key of harmonics of type `scalar` at `directions`, (n) unit vectors in order.
@@ -87,7 +87,11 @@ impl SchemeKey {
             // -0 becomes +0; Directions has no NaN and no infinity.
             let (words, _) = bytes.as_chunks_mut();
             words.iter_mut().zip(part).for_each(|(word, &c)| *word = (c + 0.0).to_bits().to_le_bytes());
-            hasher.update(bytes);
+            // Outside of a pool the global one would be used, which a forked process doesn't have.
+            match rayon::current_thread_index() {
+                Some(_) => hasher.update_rayon(bytes),
+                None => hasher.update(bytes),
+            };
         }
         Self(*hasher.finalize().as_bytes())
     }

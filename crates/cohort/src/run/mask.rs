@@ -5,7 +5,7 @@ use std::path::Path;
 
 use rayon::prelude::*;
 use spharm::parametrize::fill_in;
-use spharm::{Fit, FitParams, Kind, Method, Model, Monitor, Sphere, SurfaceError, Target, Weights};
+use spharm::{Fit, FitParams, Kind, Method, Model, Monitor, Sphere, Target, Weights};
 use spharm_surface::io::{is_named_signal, read_mask, read_signal_with_gaps};
 
 use super::error::RunError;
@@ -24,27 +24,14 @@ pub(super) fn weighted(params: &FitParams, row: &Row) -> Result<FitParams, RunEr
 }
 
 /// Returns the weights, with those of the vertices at which a mask is 0 set to zero.
-pub(super) fn masked(weights: &Weights, mask: &Path, sphere: &Sphere) -> Result<Weights, SurfaceError> {
+pub(super) fn masked(weights: &Weights, mask: &Path, sphere: &Sphere) -> Result<Weights, RunError> {
     let path = mask.display();
-    let mask = read_mask(mask, sphere.directions.len())?;
+    let keep = read_mask(mask, sphere.directions.len())?;
     let name = match weights {
         Weights::Uniform => format!("mask {path}"),
         _ => format!("{}, mask {path}", weights.name()),
     };
-    Ok(without(weights, sphere, name, |vertex| !mask[vertex]))
-}
-
-/// Returns the weights, set to 0 at some vertices.
-fn without(weights: &Weights, sphere: &Sphere, name: String, leave_out: impl Fn(usize) -> bool) -> Weights {
-    let mut values = match weights {
-        Weights::Uniform => vec![1.0; sphere.directions.len()],
-        Weights::Area => sphere.areas(),
-        Weights::Values { values, .. } if values.len() == sphere.directions.len() => values.clone(),
-        // The fit refuses them with its own message.
-        other @ Weights::Values { .. } => return other.clone(),
-    };
-    values.iter_mut().enumerate().filter(|(vertex, _)| leave_out(*vertex)).for_each(|(_, weight)| *weight = 0.0);
-    Weights::Values { name, values }
+    Ok(weights.masked(&keep, name, sphere)?)
 }
 
 /// Rows that leave out the same vertices.
@@ -77,11 +64,16 @@ pub(super) fn parts(
         }
     }
     let part = |(gaps, numbers): (Vec<bool>, Vec<usize>)| {
+        let nothing = || RunError::NothingToRead { path: rows[numbers[0]].surface.clone() };
         let params = match gaps.is_empty() {
             true => params.clone(),
             false => {
+                let keep: Vec<bool> = gaps.iter().map(|gap| !gap).collect();
+                if !keep.contains(&true) {
+                    return Err(nothing());
+                }
                 let name = params.weights.name().to_owned();
-                FitParams { weights: without(&params.weights, sphere, name, |vertex| gaps[vertex]), ..params.clone() }
+                FitParams { weights: params.weights.masked(&keep, name, sphere)?, ..params.clone() }
             }
         };
         let left_out = match &params.weights {
@@ -89,7 +81,7 @@ pub(super) fn parts(
             _ => 0,
         };
         if left_out == sphere.directions.len() {
-            return Err(RunError::NothingToRead { path: rows[numbers[0]].surface.clone() });
+            return Err(nothing());
         }
         Ok(Part { rows: numbers, params, left_out })
     };

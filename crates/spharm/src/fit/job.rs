@@ -5,6 +5,7 @@ use spharm_monitor::{Level, Monitor};
 use spharm_store::{Scalar, Scheme, SchemeKey};
 use spharm_surface::{Kind, Sphere};
 
+use super::planned::PlannedSphere;
 use super::range::{smoothness_into_range, weights_into_range};
 use crate::assess::{HoldOut, OffVertex};
 use crate::{Error, FitParams, Method, Smoothness, Weights, defaults};
@@ -12,6 +13,8 @@ use crate::{Error, FitParams, Method, Smoothness, Weights, defaults};
 /// A call's settings, resolved on its sphere.
 pub(crate) struct Job<'a> {
     pub(crate) sphere: &'a Sphere,
+    /// The sphere with its transforms, if they are planned and serve this fit.
+    pub(crate) planned: Option<&'a PlannedSphere>,
     pub(crate) params: &'a FitParams,
     /// Weights of the vertices divided by 2^`weight_exponent`, (n); zero for held-out vertices.
     pub(crate) weights: Option<Vec<f64>>,
@@ -31,7 +34,12 @@ pub(crate) struct Job<'a> {
 }
 
 impl<'a> Job<'a> {
-    pub(crate) fn new(sphere: &'a Sphere, params: &'a FitParams, monitor: &dyn Monitor) -> Result<Self, Error> {
+    pub(crate) fn new(
+        sphere: &'a Sphere,
+        planned: Option<&'a PlannedSphere>,
+        params: &'a FitParams,
+        monitor: &dyn Monitor,
+    ) -> Result<Self, Error> {
         let n = sphere.directions.len();
         let hold_out = params.hold_out.map(|fraction| HoldOut::new(n, fraction)).transpose()?;
         let mut weights = weights(&params.weights, sphere)?;
@@ -51,9 +59,14 @@ impl<'a> Job<'a> {
             scheme = Some(found);
         }
         let scalar = scheme.as_ref().map_or(Scalar::F64, Scheme::scalar);
-        let key = scheme.as_ref().map_or_else(|| SchemeKey::of(&sphere.directions, scalar), Scheme::key);
+        let key = match (&scheme, planned) {
+            (Some(scheme), _) => scheme.key(),
+            (None, Some(planned)) => planned.key(),
+            (None, None) => SchemeKey::of(&sphere.directions, scalar),
+        };
         Ok(Self {
             sphere,
+            planned: planned.filter(|planned| planned.serves(params.max_degree)),
             params,
             weights,
             weight_exponent,
@@ -130,9 +143,7 @@ pub(crate) fn reading(vertices: usize, faces: usize, channels: usize) -> usize {
 fn weights(choice: &Weights, sphere: &Sphere) -> Result<Option<Vec<f64>>, Error> {
     match choice {
         Weights::Uniform => Ok(None),
-        Weights::Area if sphere.faces.is_empty() => {
-            Err(Error::NeedsTriangles { what: "the area of a vertex", sphere: sphere.name().to_owned() })
-        }
+        Weights::Area if sphere.faces.is_empty() => Err(Error::area_without_triangles(sphere)),
         Weights::Area => Ok(Some(sphere.areas())),
         Weights::Values { name, values } => {
             let (expected, found) = (sphere.directions.len(), values.len());

@@ -44,10 +44,15 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     let moment_bytes = moment_bytes.unwrap_or(usize::MAX);
     let shared = moments_pay(n, params.max_degree, together * channels, params.tolerance)
         && moment_bytes <= plan.spare(together);
-    let with_moments = || MatrixFreeOperator::with_moments(directions, &transform).map_err(Error::from);
-    let with_moments = shared.then(with_moments).transpose()?;
+    let transforms = match job.planned {
+        Some(planned) => Some(planned.operator(shared)?),
+        None if shared => {
+            Some(Arc::new(MatrixFreeOperator::with_moments(directions, &transform).map_err(Error::from)?))
+        }
+        None => None,
+    };
     let deferred = DeferredOperator::new(directions, &transform);
-    let operator: &dyn Operator = with_moments.as_ref().map_or(&deferred, |operator| operator);
+    let operator: &dyn Operator = transforms.as_deref().map_or(&deferred, |operator| operator);
     let mut warnings = Vec::new();
     if params.standard_errors && params.weights == Weights::Area {
         warnings.push(FitWarning::AreaErrors);
@@ -68,7 +73,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
         if let Some(made) = &*moments {
             return Ok((Arc::clone(made), None));
         }
-        let (made, right_sides) = match &with_moments {
+        let (made, right_sides) = match transforms.as_ref().filter(|_| shared) {
             Some(operator) => operator.moments(directions, weights.as_deref(), accuracy, targets)?,
             None => (moment_normal(directions, weights.as_deref(), params.max_degree, accuracy)?, None),
         };

@@ -263,7 +263,7 @@ mod tests {
         let denoised = FitParams { denoise: true, ..weighted.clone() };
         for (seam, params) in [(false, &FitParams::lsq(9)), (true, &weighted), (true, &denoised)] {
             sphere.seam = seam.then(|| Seam { vertices: n, faces: sphere.faces.len() - 40, copies: Vec::new() });
-            let job = Job::new(&sphere, params, &Silent).unwrap();
+            let job = Job::new(&sphere, None, params, &Silent).unwrap();
             let mut sums = SurfaceSums::new(&job).unwrap();
             let (a, b) = (values(3), values(1));
             let targets = [(0..3, a.view()), (3..4, b.view())];
@@ -289,7 +289,7 @@ mod tests {
     fn vertices_are_chosen_by_memory() {
         let chosen = |sphere: &Sphere, budget: usize, several: bool| {
             let params = FitParams::lsq(100);
-            let job = Job::new(sphere, &params, &Silent).unwrap();
+            let job = Job::new(sphere, None, &params, &Silent).unwrap();
             let mut sums = SurfaceSums::new(&job).unwrap();
             let sizes = Sizes {
                 vertices: sphere.directions.len(),
