@@ -1,23 +1,25 @@
 //! Puts large arrays in huge pages, and lets the allocator keep freed memory.
 //!
 //! A fit allocates and drops arrays of megabytes in every step. Each new 4 KiB page costs a page fault and must be
-//! cleared, which took a quarter of the time of a small fit. So arrays of at least [`LARGE`] bytes request pages of
-//! 2 MiB, if the system grants them on request (`/sys/kernel/mm/transparent_hugepage/enabled`: `madvise`, the default
-//! of most distributions). Memory comes from the system's allocator; an array that is touched only in part takes at
-//! most the rest of one page more.
+//! cleared, which took a quarter of the time of a small fit. Therefore arrays of at least [`LARGE`] bytes request pages
+//! of 2 MiB. The system grants them if `/sys/kernel/mm/transparent_hugepage/enabled` is `madvise`, the default of most
+//! distributions. Memory comes from the system's allocator. An array of which only a part is used takes at most one
+//! huge page more than that part.
 //!
-//! Smaller arrays are also allocated and dropped in every step. The allocator would return their pages to the system
-//! and request others, which took a third of the time of a least-squares fit of a cortex at degree 100; [`keep_freed`]
-//! lets it keep some.
+//! Smaller arrays are also allocated and dropped in every step. By default the allocator returns their pages to the
+//! system and requests new ones, which took a third of the time of a least-squares fit of a cortex at degree 100.
+//! [`keep_freed`] lets the allocator keep some of the freed pages.
 //!
-//! This choice belongs to programs, not to libraries, as does that of OpenBLAS's kernels.
+//! Only a program may choose its allocator, and the kernels of OpenBLAS (`kernels.rs`); libraries leave both choices to
+//! the program.
 
 #![allow(unsafe_code)]
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::ffi::OsString;
 
-/// Smallest size in bytes of an array that requests huge pages: it contains a complete one, wherever it begins.
+/// Smallest size in bytes of an array that requests huge pages: an array of this size contains a complete huge page
+/// wherever the array begins.
 const LARGE: usize = 4 << 20;
 
 /// Size of a huge page, in bytes.
@@ -31,8 +33,8 @@ const LARGEST: usize = 32 << 20;
 
 /// Lets the allocator keep freed memory at the end of each thread's heap: a sixteenth of the free memory, shared among
 /// the threads, at most [`KEPT`] for each. Does nothing if that is less than the allocator keeps by default, if the
-/// user has set a memory budget, or if the user has configured the allocator. Verbs with a small default budget are not
-/// treated separately: they use less than it.
+/// user has set a memory budget, or if the user has configured the allocator. Verbs with a small default budget need no
+/// exception, because they free less memory than is kept.
 pub(crate) fn keep_freed(mut arguments: impl Iterator<Item = OsString>) {
     let limited = arguments.any(|argument| argument.as_encoded_bytes().starts_with(b"--memory"));
     let set_up = ["GLIBC_TUNABLES", "MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_"];
@@ -41,7 +43,7 @@ pub(crate) fn keep_freed(mut arguments: impl Iterator<Item = OsString>) {
     }
     let threads = std::thread::available_parallelism().map_or(1, |threads| threads.get());
     let kept = (spharm::machine::available_memory() / 16 / (threads + 1)).min(KEPT);
-    // By default, glibc keeps twice the size of the largest array that it has returned to the system.
+    // By default, glibc keeps twice the size of the largest array returned to the system.
     if kept < 2 * LARGEST {
         return;
     }
@@ -78,17 +80,17 @@ unsafe impl GlobalAlloc for LargePages {
     }
 
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
-        // SAFETY: as above.
+        // SAFETY: the caller upholds the contract of `System`, which is the same.
         advised(unsafe { System.alloc_zeroed(layout) }, layout.size())
     }
 
     unsafe fn dealloc(&self, array: *mut u8, layout: Layout) {
-        // SAFETY: as above; the array is one of `System`'s.
+        // SAFETY: the caller upholds the contract of `System`, which is the same; `System` allocated the array.
         unsafe { System.dealloc(array, layout) };
     }
 
     unsafe fn realloc(&self, array: *mut u8, layout: Layout, bytes: usize) -> *mut u8 {
-        // SAFETY: as above.
+        // SAFETY: the caller upholds the contract of `System`, which is the same; `System` allocated the array.
         advised(unsafe { System.realloc(array, layout, bytes) }, bytes)
     }
 }

@@ -1,9 +1,9 @@
 //! Chooses the kernels that OpenBLAS uses in this program.
 //!
-//! OpenBLAS chooses its kernels in an initialiser that runs before `main`, from the environment alone. So the
-//! environment must be set even earlier, in an initialiser of this program. Only programs may do that: a library loaded
-//! into a running process would change the environment under other threads, so no library crate of this project does
-//! it.
+//! OpenBLAS chooses its kernels in an initialiser that runs before `main`, from the environment alone. So an
+//! initialiser of this program sets the environment before that one runs. A library must not do so: loaded into a
+//! running process, it would change the environment while other threads read it. Therefore no library crate of this
+//! project does it.
 
 #![allow(unsafe_code)]
 

@@ -1,7 +1,7 @@
 //! `spharm`: one program with a verb for each step from a surface to its model and back.
 //!
-//! Each verb is a module: its arguments, the calls of the library, and its output. This is a library so that the Python
-//! package can include the program; the computations are in the crate `spharm`.
+//! Each verb is a module with its arguments, its calls of the library, and its output. These modules form a library so
+//! that the Python package can include the program; the computations are in the crate `spharm`.
 
 mod basis_build;
 mod bids;
@@ -107,7 +107,7 @@ fn run_command(arguments: &[String]) -> anyhow::Result<()> {
     Parsed::of(arguments).map_err(told)?.run()
 }
 
-/// Checks the arguments of such a command without running it.
+/// Checks the arguments of a command that is a step of another verb, without running it.
 fn parse_command(arguments: &[String]) -> anyhow::Result<()> {
     Parsed::of(arguments).map(drop).map_err(told)
 }
@@ -120,7 +120,7 @@ fn preview_fit(arguments: &[String], manifest: Manifest) -> anyhow::Result<rows:
     }
 }
 
-/// Converts an error in a command's arguments to one line.
+/// Converts an error of clap about a command's arguments to one line.
 fn told(error: clap::Error) -> anyhow::Error {
     let text = error.to_string().replace("\n\n  tip: ", "; ");
     let said: Vec<&str> = text.split("\n\nUsage:").next().unwrap_or_default().split_whitespace().collect();
@@ -130,7 +130,7 @@ fn told(error: clap::Error) -> anyhow::Error {
 
 /// Returns the program's command. The flags common to all verbs may also precede the verb.
 fn command() -> Command {
-    // Only the arguments: the description of `Common` must not become that of the program.
+    // Only the arguments of `Common` are added: its description must not replace the program's.
     let common = Common::augment_args(Command::new("common"));
     Spharm::command().args(common.get_arguments().cloned())
 }
@@ -166,8 +166,8 @@ impl Parsed {
     }
 }
 
-/// Runs the program with these arguments, the program's name first, and returns its exit code, also if the arguments
-/// are wrong or request help.
+/// Runs the program with these arguments, of which the first is the program's name. Returns its exit code, also after
+/// wrong arguments or a request for help.
 pub fn main(given: impl IntoIterator<Item = OsString>) -> u8 {
     ask_for_free_memory(available_memory);
     let given = arguments(given);
@@ -180,7 +180,7 @@ pub fn main(given: impl IntoIterator<Item = OsString>) -> u8 {
     exit::run(|| parsed.run(), || exit::command_of(command(), verb))
 }
 
-/// Returns the arguments, with the verb inserted if this program was called by a verb's name, through a link.
+/// Returns the arguments. If the program was called by a verb's name, through a link, the verb is inserted.
 fn arguments(given: impl IntoIterator<Item = OsString>) -> Vec<OsString> {
     let mut arguments: Vec<OsString> = given.into_iter().collect();
     let name = arguments.first().and_then(|name| Path::new(name).file_stem()).unwrap_or_default().to_owned();

@@ -21,8 +21,8 @@ fn role(verb: &str, name: &str) -> Option<Role> {
         (_, "output" | "output_dir" | "surface_output" | "mean" | "scores" | "maps" | "animation" | "curves") => {
             Role::Output
         }
-        // Weights may be a keyword, and "minus" a folder or a column. They are treated as inputs, because a file with
-        // that name must not be written to either.
+        // `weights` may be a keyword instead of a file, and `minus` a folder or a column. Both are treated as inputs,
+        // so that no output can overwrite a file of that name.
         (_, "surface" | "surfaces" | "sphere" | "manifest" | "moments" | "mask" | "weights" | "original")
         | (_, "reconstruction" | "model" | "models" | "files" | "file" | "samples" | "parts" | "map" | "fit_report")
         | (_, "modes" | "test" | "a" | "b" | "minus" | "to" | "from" | "among" | "study" | "volumes" | "landmarks") => {

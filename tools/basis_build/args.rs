@@ -17,8 +17,9 @@ use spharm_store::basis::DEFAULT_CHUNK_ROWS;
 /// interrupted build, and a higher --max-degree extends a finished one. Several builds may run at once.
 ///
 /// With --factor, the Cholesky factor of the normal equations to degree L is computed as well and kept beside the
-/// basis: with it the full least squares of any surface over the scheme is two triangular solves. It takes 4 (L + 1)^4
-/// bytes of disk in f64, whatever the number of vertices. After an interruption it is computed anew.
+/// basis. With the factor, a full least-squares fit over the scheme takes two triangular solves. It takes 4 (L + 1)^4
+/// bytes of disk in f64, whatever the number of vertices. An interrupted computation of the factor starts again from
+/// the beginning.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -66,7 +67,7 @@ pub(crate) struct Cli {
     pub(super) codec: CodecName,
     /// Rows of a chunk, a multiple of 8
     ///
-    /// An existing scheme keeps its own.
+    /// An existing scheme keeps its number of rows.
     #[arg(long, value_name = "ROWS", default_value_t = DEFAULT_CHUNK_ROWS, hide_short_help = true, help_heading = METHOD)]
     pub(super) chunk_rows: usize,
     /// Also compute the factor of the normal equations to degree L

@@ -23,14 +23,14 @@ use self::output::{Basis, FactorRow, Report, lines};
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     let started = Instant::now();
     let console = cli.common.console();
-    // From here on signals are handled.
+    // From here on a signal such as Ctrl-C requests an orderly stop.
     spharm_cli::exit::cancel();
     raise_file_limit();
     let report_file = cli.report.as_ref().or(cli.json_file.as_ref());
     check_outputs(report_file.map(|path| OutputFile::new(path, "--report")), cli.force)?;
     let sphere = read_sphere(&cli.sphere, false, &console)?;
     let params = BuildParams {
-        // Without a degree no basis is built.
+        // --max-degree may be missing only with --factor-only, which builds no basis.
         max_degree: cli.max_degree.unwrap_or_default(),
         scalar: cli.dtype.scalar(),
         codec: cli.codec.codec(),
@@ -40,7 +40,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         allow_large: cli.yes,
     };
     let pool = cli.threads.pool()?;
-    // The factor's requirements are reported, and checked, before a basis is built.
+    // The memory and disk space that the factor needs are reported and checked before the basis is built.
     let factor = cli.factor.map(|degree| plan_factor(cli, &sphere, params.scalar, degree, &console)).transpose()?;
     let basis = (!cli.factor_only).then(|| pool.install(|| basis(cli, &sphere, &params, &console))).transpose()?;
     let factor = factor.map(|planned| pool.install(|| factor_row(&planned, &console))).transpose()?;
@@ -77,7 +77,7 @@ fn basis(cli: &Cli, sphere: &Sphere, params: &BuildParams, console: &Console) ->
     Ok(report)
 }
 
-/// Prints the requirements of the factor, before anything is built.
+/// Prints the memory and disk space that the factor needs, before anything is built.
 fn plan_factor<'a>(
     cli: &'a Cli,
     sphere: &'a Sphere,

@@ -36,7 +36,7 @@ pub(crate) struct Cli {
     /// Folder of the derivative dataset
     #[arg(value_name = "OUT")]
     pub(super) output: PathBuf,
-    /// What to do
+    /// Level of the analysis
     #[arg(value_enum)]
     pub(super) level: Level,
     /// Subjects, with or without `sub-` [default: all]
@@ -90,7 +90,7 @@ pub(super) enum Surface {
 }
 
 impl Surface {
-    /// Returns the BIDS suffix, which is also FreeSurfer's name, except for the middle surface.
+    /// Returns the BIDS suffix. It is also FreeSurfer's name of the surface, except for the middle surface.
     pub(super) fn name(self) -> &'static str {
         match self {
             Self::Pial => "pial",
@@ -116,7 +116,7 @@ impl Hemi {
         }
     }
 
-    /// Returns FreeSurfer's prefix.
+    /// Returns FreeSurfer's prefix of file names.
     pub(super) fn prefix(self) -> &'static str {
         match self {
             Self::L => "lh",

@@ -11,7 +11,7 @@ use super::args::{Cli, Hemi, Surface};
 pub(super) struct Found {
     /// The subject's label, without `sub-`.
     pub(super) subject: String,
-    /// The session's label, if the surfaces belong to a session.
+    /// The session's label, if the subject has sessions.
     pub(super) session: Option<String>,
     pub(super) hemi: Hemi,
     pub(super) surface: Surface,
@@ -19,15 +19,15 @@ pub(super) struct Found {
     pub(super) sphere: PathBuf,
 }
 
-/// Surfaces found, and surfaces missing.
+/// The surfaces found in a dataset, and the missing ones.
 #[derive(Debug, Default)]
 pub(super) struct Dataset {
     pub(super) found: Vec<Found>,
-    /// Id in the status files, and reason, of each missing surface.
+    /// Each missing surface's id in the status files, and the reason why it is missing.
     pub(super) missing: Vec<(String, String)>,
 }
 
-/// Source of the surfaces.
+/// Format of the folder from which surfaces are read.
 enum Source {
     /// GIfTI files with BIDS names, in `anat` folders.
     Derivative(PathBuf),
@@ -164,7 +164,8 @@ fn freesurfer(folder: &Path, hemi: Hemi, surface: Surface) -> Option<(PathBuf, P
     Some((mesh, at("sphere.reg"))).filter(|(_, sphere)| sphere.is_file())
 }
 
-/// Finds a subject's own surface, whose name has no `space`, and its sphere registered to fsaverage or fsLR.
+/// Finds a subject's surface in its native space (no `space` in the file's name), and its sphere registered to
+/// fsaverage or fsLR.
 fn derivative(
     folder: &Path,
     subject: &str,

@@ -56,7 +56,7 @@ pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result
     print_line(&format!("{}: {}", cli.output.display(), counted(models, "model")))
 }
 
-/// Writes the outcome of each surface over all calls.
+/// Writes the merged status table: the outcome of each surface over all calls of the participant level.
 fn status(cli: &Cli, logs: &Path) -> Result<()> {
     let mut files: Vec<PathBuf> = listed(logs)?;
     files.retain(|path| path.to_string_lossy().ends_with("_status.tsv"));
@@ -112,7 +112,8 @@ fn write(cli: &Cli, hemi: Hemi, surface: Surface, group: &[PathBuf]) -> Result<(
     Ok(())
 }
 
-/// Aligns the models in space, and writes their modes. Their parameters already correspond.
+/// Aligns the models in space and writes their modes of variation. Directions on their spheres already correspond,
+/// because the spheres are registered.
 fn variation(
     cli: &Cli,
     hemi: Hemi,

@@ -14,9 +14,9 @@ use spharm_cli::paths::utf8;
 pub(crate) use self::args::Cli;
 use self::args::Level;
 
-/// Runs the verb; `spharm` runs another one.
+/// Runs the verb `bids`; `spharm` is called to run other verbs.
 pub(crate) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result<()> {
-    // Other verbs are called with arguments as text.
+    // The other verbs get their arguments as text, so the paths must be UTF-8.
     [&cli.dataset, &cli.output].into_iter().try_for_each(|path| utf8(path).map(drop))?;
     match cli.level {
         Level::Participant => participant::run(cli, spharm),

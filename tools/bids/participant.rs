@@ -27,7 +27,7 @@ use crate::rows::{self, Options, icosphere_within};
 pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result<()> {
     let (started, monitor) = (Instant::now(), ConsoleMonitor::new(cli.common.console()));
     let console = monitor.console();
-    // Fail before the fits, which take long.
+    // Checked before the fits, which take long.
     let budget = cli.memory.budget(cli.threads.count());
     let sphere = icosphere_within(budget, "bids --icosphere ", cli.icosphere, cli.max_degree)?;
     let Dataset { found, missing } = discover(cli)?;
@@ -46,7 +46,7 @@ pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result
     let fitted = rows::run(&cohort, &Options::new(params, cli.threads), &monitor, started);
     let noted = || -> Result<Merged> {
         if !missing.is_empty() {
-            // For the group level, which reads only the tables.
+            // Record missing surfaces as failed, because the group level reads only the status tables.
             let mut file = StatusFile::open(&status)?;
             for (id, why) in &missing {
                 file.append(&Entry { error: why.clone(), ..Entry::new(id, State::Failed) })?;
@@ -56,7 +56,8 @@ pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result
     };
     let merged = match noted() {
         Ok(merged) => merged,
-        // If the fits ended for a reason that concerns all of them, such as a full disk, report that one.
+        // If the fits ended for a reason that concerns all of them, such as a full disk, report that reason rather than
+        // this error.
         Err(error) => return fitted.and(Err(error)),
     };
     let failed = found.iter().filter(|found| is(&merged, found, &[State::Failed])).count();
@@ -118,14 +119,15 @@ fn is(merged: &Merged, found: &Found, states: &[State]) -> bool {
     merged.entry(&found.id()).is_some_and(|entry| states.contains(&entry.state))
 }
 
-/// Files of a call: the table of its surfaces, and that of their outcomes.
+/// Paths of the files of one call: the table of its surfaces and the table of their outcomes.
 struct Logs {
     manifest: PathBuf,
     status: PathBuf,
 }
 
 impl Logs {
-    /// Writes the table. The names depend on its contents, so that calls for different subjects have different files.
+    /// Writes the table of surfaces. The names of both files depend on the table's contents, so that calls for
+    /// different subjects write different files.
     fn new(cli: &Cli, found: &[Found]) -> Result<Self> {
         let mut writer = csv::WriterBuilder::new().delimiter(b'\t').from_writer(Vec::new());
         writer.write_record(["id", "surface", "sphere", "output"])?;

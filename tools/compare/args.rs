@@ -11,10 +11,10 @@ use spharm_surface::metrics::SurfaceDistanceParams;
 
 /// Measure the distance of a reconstruction from its surface
 ///
-/// Prints the mean and the maximal squared distance between corresponding vertices, msd and xsd, after scaling both
-/// surfaces so that the original's bounding box has volume 1 (Shen and Chung 2006, section 4.2), and in the input's own
-/// unit. With --surface-distance it also prints the distances between the surfaces themselves, which are also defined
-/// for surfaces with different triangles.
+/// Prints the mean and the maximal squared distance between corresponding vertices (msd, xsd): in the input's unit, and
+/// after scaling both surfaces so that the original's bounding box has volume 1 (Shen and Chung 2006, section 4.2).
+/// With --surface-distance it also prints the distances between the surfaces themselves, which are also defined for
+/// surfaces with different triangles.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -25,7 +25,7 @@ use spharm_surface::metrics::SurfaceDistanceParams;
     &[help::MESHES],
 ))]
 pub(crate) struct Cli {
-    /// The surface
+    /// The original surface
     pub(super) original: PathBuf,
     /// Its reconstruction
     ///
@@ -44,11 +44,11 @@ pub(crate) struct Cli {
     /// Write the reconstruction coloured by distance
     ///
     /// .ply and .glb: the reconstruction with each vertex's distance as a value and as a colour; .vtk: with the value;
-    /// .shape.gii, .func.gii: only the values. The distance is that from the corresponding vertex or, with
-    /// --surface-distance, from the surface.
+    /// .shape.gii, .func.gii: only the values. Distances are measured to the corresponding vertex or, with
+    /// --surface-distance, to the original surface.
     #[arg(short, long, value_name = "OUT.glb", help_heading = OUTPUT)]
     pub(super) output: Option<PathBuf>,
-    /// Distance that gets the last colour [default: the largest]
+    /// Distance shown in the last colour [default: the largest]
     ///
     /// In the input's unit.
     #[arg(long, value_name = "DISTANCE", help_heading = OUTPUT)]

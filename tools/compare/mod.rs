@@ -62,7 +62,8 @@ fn work(cli: &Cli) -> Result<()> {
     } else {
         None
     };
-    // Without --surface-distance, meshes that don't correspond are an error.
+    // Meshes with different numbers of vertices or different triangles are an error, unless --surface-distance is
+    // given.
     let vertexwise = if surfaces.is_none() || correspond(&original, &reconstruction) {
         Some(compare(&original, &reconstruction).with_context(pair)?)
     } else {

@@ -35,7 +35,7 @@ struct Surfaces {
     rms: f64,
     percentile95: f64,
     hausdorff: f64,
-    /// The true Hausdorff distance exceeds the computed one by at most this.
+    /// Upper bound of the error of the computed Hausdorff distance: the true one may be larger by at most this.
     bound: f64,
     forward: OneWay,
     backward: OneWay,

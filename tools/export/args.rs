@@ -8,7 +8,7 @@ use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
 use spharm_cli::memory::Memory;
 use spharm_exchange::{Format, Normalization};
 
-/// The formats, as `--help` lists them.
+/// The formats, listed at the end of `--help`.
 pub(crate) const FORMATS: &str = "Formats:
   pdm        SPHARM-PDM, Slicer, SlicerSALT: .coef, surfaces only
   mat        SPHARM-MAT: .mat with fvec, vertices, faces, sph_verts; surfaces only
@@ -21,10 +21,8 @@ pub(crate) const FORMATS: &str = "Formats:
   afni       weighted SPHARM, AFNI: text (L + 1) x (2 L + 1), one file per channel
   csv, json  plain canonical coefficients";
 
-/// Write models in the formats of other packages
-///
-/// Coefficients are converted to the package's harmonics and order; text has 17 digits. Models that a format can't hold
-/// are refused.
+/// Coefficients are converted to the package's harmonics and order of coefficients; text has 17 digits. A model that
+/// the format can't represent is refused.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[

@@ -14,7 +14,7 @@ use spharm_surface::io::bytes_to_read;
 
 pub(crate) use self::args::{Cli, FORMATS, normalization};
 
-/// Size of the text or the arrays that are written at a time, in bytes.
+/// Size in bytes of the text or the arrays that are held in memory while a file is written.
 const WRITING: u64 = 1 << 20;
 
 /// Runs the verb.

@@ -16,8 +16,8 @@ use crate::rows::CohortArgs;
 /// Fit surfaces, or any signals on the sphere, with spherical harmonics
 ///
 /// Without --store: the full least squares, by fast transforms. With --store: iterative residual fitting over a basis
-/// that basis-build has made for the same sphere, in bounded memory. All surfaces of one call are fitted together, in
-/// as few sweeps as the memory allows.
+/// made by basis-build for the same sphere, in bounded memory. All surfaces of one call are fitted together, in as few
+/// sweeps as the memory allows.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -52,7 +52,7 @@ pub(crate) struct Cli {
 pub(super) struct Input {
     /// Surfaces, or signals, on the sphere's vertices
     ///
-    /// @LIST takes the paths from a file, one a line, relative to it, # for comments.
+    /// @LIST reads the paths from the file LIST: one per line, relative to LIST; # begins a comment.
     #[arg(long, value_name = "FILE", num_args = 1.., required_unless_present_any = ["moments", "manifest"])]
     pub(super) surface: Vec<PathBuf>,
     /// Table of surfaces and their ids, in place of --surface
@@ -77,7 +77,7 @@ pub(super) struct Input {
     /// parametrize); the sphere is written next to the model.
     #[arg(long, value_name = "SPHERE")]
     pub(super) sphere: Option<PathBuf>,
-    /// Label of a volume, or all of them, for a model of each
+    /// Label of a volume, or all for one model per label
     ///
     /// A label volume (.nii, .mgz, .nrrd, .tif, .npy) is a surface too; the label is only needed if the volume has
     /// several. The surfaces are written next to the models.
@@ -104,8 +104,8 @@ pub(super) struct Input {
     pub(super) store: Option<PathBuf>,
     /// Weights of the vertices
     ///
-    /// uniform, area (their share of the sphere), or a file with one value per vertex. Vertices of weight 0 aren't
-    /// read.
+    /// uniform, area (each vertex's share of the sphere), or a file with one value per vertex. Vertices of weight 0 are
+    /// left out.
     #[arg(long, value_name = "uniform|area|FILE", default_value = "uniform")]
     pub(super) weights: String,
     /// Vertices to leave unread: those with 0 in this file
@@ -134,14 +134,14 @@ pub(super) struct MethodArgs {
     pub(super) method: Option<MethodName>,
     /// What is fitted (lsq) [default: a mesh's surface]
     ///
-    /// surface: all of its triangles, by samples as dense as the degree needs, each weighted by its share of the
-    /// sphere. vertices: the vertices alone, as in the paper; the default for signals, and the only one with --store.
+    /// surface: all triangles, by samples as dense as the degree needs, each weighted by its share of the sphere.
+    /// vertices: only the vertices, as in the paper; the default for signals, and the only choice with --store.
     #[arg(long, value_name = "surface|vertices", alias = "target")]
     pub(super) objective: Option<Objective>,
     /// Allowed area distortion of the maps of meshes, 0 to 1 [default: 0.8]
     ///
-    /// For meshes without a sphere: as parametrize's, but the allowance is used only as far as this model gains by it.
-    /// Use 0 for groups: their maps then differ by no more than the surfaces do.
+    /// For meshes without a sphere: as --area of parametrize, but distortion is used only as far as it improves this
+    /// model. Use 0 for groups: their maps then differ by no more than the surfaces do.
     #[arg(long, value_name = "RMS", conflicts_with_all = ["sphere", "label", "moments"], hide_short_help = true)]
     pub(super) area: Option<f64>,
     /// Number of passes, p (irf, mirf) [default: 1; with --accelerate 16]
@@ -152,8 +152,8 @@ pub(super) struct MethodArgs {
     pub(super) granularity: Option<usize>,
     /// Conjugate gradients over pairs of passes (irf, mirf)
     ///
-    /// One pass forward and one backward: reaches the least squares in far fewer passes if the sampling is irregular.
-    /// --passes is their maximum; they end early when there is nothing left to gain.
+    /// Each step is one pass forward and one backward. Reaches the least squares in far fewer passes if the sampling is
+    /// irregular. --passes is the maximum; the iteration ends early if further passes bring no improvement.
     #[arg(long)]
     pub(super) accelerate: bool,
     /// Last degree of the first block, s (sirf, mirf) [default: 0]
@@ -169,15 +169,16 @@ pub(super) struct MethodArgs {
     pub(super) smoothness: Option<Smoothness>,
     /// Remove noise, degree by degree (lsq)
     ///
-    /// For surfaces and signals whose vertices have independent noise of equal size. Its size and its effect on each
-    /// degree are estimated from the residual and from fits of noise; the fit is then repeated with the degrees damped
-    /// that are mostly noise. Detail above --max-degree is treated as noise, so give a degree that is high enough.
+    /// For surfaces and signals whose vertices have independent noise of equal size. The size of the noise and its
+    /// effect on each degree are estimated from the residual and from fits of noise. The fit is then repeated, damping
+    /// the degrees that are mostly noise. Detail above --max-degree is treated as noise, so give a degree that is high
+    /// enough.
     #[arg(long, conflicts_with = "smoothness")]
     pub(super) denoise: bool,
     /// Don't measure the distance between model and surface
     ///
-    /// By default a fit of the surface ends by measuring the distances between the two, both ways, which takes about a
-    /// second for each surface.
+    /// By default a fit of the surface ends by measuring the distances from the model to the surface and back, which
+    /// takes about a second for each surface.
     #[arg(long, hide_short_help = true)]
     pub(super) no_surface_distance: bool,
     /// Fraction of the vertices to hold out and assess
@@ -222,7 +223,7 @@ pub(super) struct Output {
     /// Names of the models
     ///
     /// Built from each input's path alone: {stem} is its name without folder and format, {label} the label of a volume,
-    /// {parent} the folder that it is in, {parent2} the one above, links resolved.
+    /// {parent} the folder that contains it, {parent2} the folder above, with links resolved.
     #[arg(long, value_name = "TEMPLATE", default_value = "{stem}")]
     pub(super) name_template: NameTemplate,
     /// Also write the paper's complex coefficients, NAME.spharm.csv
@@ -242,8 +243,8 @@ pub(super) struct Output {
     pub(super) force: bool,
     /// Skip surfaces whose model exists
     ///
-    /// The model must be of the same input, with the same settings. A mesh's sphere that was left without its model is
-    /// reused if it was made of the same input for the same degree.
+    /// The model must have been made of the same input with the same settings. If a mesh's sphere was written without
+    /// its model, it is reused if it was made of the same input for the same degree.
     #[arg(long, conflicts_with = "force")]
     pub(super) skip_existing: bool,
     /// As --skip-existing, but refit surfaces that have changed
@@ -251,7 +252,7 @@ pub(super) struct Output {
     /// A model of another input, or with other settings, is replaced instead of refused.
     #[arg(long, conflicts_with_all = ["force", "skip_existing"])]
     pub(super) update: bool,
-    /// Don't note that models don't correspond: the caller aligns them
+    /// Don't print the note that models don't correspond: the caller aligns them
     #[arg(long, hide = true)]
     pub(super) aligned_later: bool,
 }
@@ -274,9 +275,9 @@ pub(super) enum MethodName {
     Lsq,
     /// Iterative residual fitting over a store
     Irf,
-    /// One pass, one degree a block (the paper's)
+    /// One pass, one degree per block (the paper's)
     Sirf,
-    /// Several passes, one degree a block (the paper's)
+    /// Several passes, one degree per block (the paper's)
     Mirf,
     /// Full least squares over a store (the paper's)
     Nlsf,

@@ -95,7 +95,8 @@ fn of_list(cli: &Cli, options: &Options, monitor: &ConsoleMonitor) -> Result<Coh
             let paths = std::slice::from_ref(&path);
             match named(&mut reader, paths, input.label, voxel_size, of_volumes, monitor) {
                 Ok(found) => surfaces.extend(found),
-                // Its row will fail for the same reason, without stopping the others.
+                // Keep the surface without its label: its row fails for the same reason, without stopping the other
+                // rows.
                 Err(_) if is_volume(&path) || path.is_dir() => surfaces.push((path, None)),
                 Err(error) => return Err(error),
             }

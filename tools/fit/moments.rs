@@ -66,7 +66,7 @@ pub(super) fn run(cli: &Cli, path: &Path, params: &FitParams, monitor: &ConsoleM
     let channels = fit.report.channels.iter().zip(&fit.report.rms).zip(&fit.report.explained);
     rows.extend(channels.map(|((name, rms), share)| vec![name.clone(), format!("{rms:.4e}"), format!("{share:.6}")]));
     for (channel, row) in rows.iter_mut().skip(1).enumerate() {
-        // The channels of a surface share one noise estimate.
+        // The three channels of a surface share one noise estimate; a signal has one for each channel.
         if let Some(of) = removed.get(channel.min(removed.len().saturating_sub(1))) {
             row.extend([format!("{:.4e}", of.sigma), format!("{:.0}", of.degrees_of_freedom)]);
         }
@@ -74,7 +74,8 @@ pub(super) fn run(cli: &Cli, path: &Path, params: &FitParams, monitor: &ConsoleM
     print(&format!("{}\n{}: {} samples, {seconds:.2} s", table(&rows), files.model.display(), moments.sums.count))
 }
 
-/// Writes the model and its companion files. The model is written last, so that if it exists, the others do too.
+/// Writes the model and its companion files. The model is written last, so that its existence implies that the
+/// companion files exist.
 fn write(cli: &Cli, path: &Path, files: &ModelFiles, fit: &MomentsFit) -> Result<()> {
     let force = cli.output.force;
     prepare(&files.model)?;

@@ -1,4 +1,4 @@
-//! Converts the arguments of `fit` to the library's settings. Arguments that exclude each other are usage errors.
+//! Converts the arguments of `fit` to the library's settings. Conflicting arguments are usage errors.
 
 use anyhow::Result;
 use clap::ValueEnum;

@@ -31,22 +31,22 @@ pub(crate) struct Cli {
     /// Subjects to fit [default: all except fsaverage*]
     #[arg(long, value_name = "NAME", num_args = 1.., help_heading = help::INPUT)]
     pub(super) subject: Vec<String>,
-    /// Surfaces: lh.NAME and rh.NAME in each subject's surf/
+    /// Surfaces to fit: lh.NAME and rh.NAME in each subject's surf/
     #[arg(long, value_name = "NAME", num_args = 1.., help_heading = help::INPUT, required_unless_present = "signal")]
     pub(super) surface: Vec<String>,
     /// Values on the vertices, such as thickness, curv, sulc: one model for each
     #[arg(long, value_name = "NAME", num_args = 1.., help_heading = help::INPUT)]
     pub(super) signal: Vec<String>,
-    /// Label of the vertices whose values are read: lh.NAME.label in each subject's label/; none reads all
+    /// Label of the vertices whose values are read: lh.NAME.label in each subject's label/; none reads all vertices
     ///
-    /// Values at the other vertices are extrapolated from the label's edge: the zeros on the medial wall aren't a
+    /// Outside the label, values are extrapolated from its edge, because the zeros on the medial wall aren't a
     /// thickness. Surfaces are always read entirely. [default: cortex, if it exists]
     #[arg(long, value_name = "NAME|none", requires = "signal", help_heading = help::INPUT)]
     pub(super) mask: Option<String>,
-    /// Hemispheres
+    /// Hemispheres to fit
     #[arg(long, value_enum, num_args = 1.., default_values = ["lh", "rh"], hide_possible_values = true, value_name = "lh|rh", help_heading = help::INPUT)]
     pub(super) hemi: Vec<Hemi>,
-    /// Sphere of each: lh.NAME and rh.NAME
+    /// Sphere of each hemisphere: lh.NAME and rh.NAME in each subject's surf/
     #[arg(long, value_name = "NAME", default_value = "sphere.reg", help_heading = help::INPUT)]
     pub(super) sphere: String,
     /// Refuse doubtful inputs and fits that don't reach the tolerance

@@ -11,8 +11,8 @@ use spharm_surface::geometry::{cross, dot};
 
 use super::other_hemisphere;
 
-/// Surfaces that share the vertices of a hemisphere's values. FreeSurfer writes all of them; the first one found is
-/// used.
+/// Surfaces that have the same vertices as the values of a hemisphere. FreeSurfer writes all of them; the first surface
+/// found is used.
 const SURFACES: [&str; 4] = ["white", "pial", "smoothwm", "orig"];
 
 /// Refuses a surface whose orientation its sphere reverses. If a target doesn't match its sphere, the error says
@@ -44,7 +44,7 @@ pub(super) fn hemisphere(row: &Row, sphere: &Sphere, target: Result<Target, RunE
         Err(error) => {
             let vertices = sphere.directions.len();
             let other = other_hemisphere(&row.surface).map(|(_, path)| path);
-            // The vertices are counted in a mesh, because a signal has none.
+            // The other hemisphere's number of vertices is read from a mesh, because a file of values has no vertices.
             match other.filter(|path| read_mesh(path).is_ok_and(|mesh| mesh.vertices.len() == vertices)) {
                 Some(path) => {
                     let (sphere, path) = (sphere.name().display(), path.display());
@@ -58,29 +58,30 @@ pub(super) fn hemisphere(row: &Row, sphere: &Sphere, target: Result<Target, RunE
     }
 }
 
-/// Returns whether a target was refused because it belongs to another sphere, rather than because it is malformed.
+/// Returns whether a target was refused because it belongs to another sphere, rather than because its file is
+/// malformed.
 fn is_of_another(error: &RunError) -> bool {
     use SurfaceError::{OtherTriangles, VertexCount};
     matches!(error, RunError::Fit(Error::Surface(VertexCount { .. } | OtherTriangles { .. })))
 }
 
-/// Returns the vertex positions of the surface that values belong to, in the hemisphere of their file name, if a
-/// readable one exists.
+/// Returns the vertex positions of the surface to which values belong, in the hemisphere given by the file name of the
+/// values, if a readable surface exists.
 ///
 /// # Errors
 ///
-/// If the sphere doesn't belong to the surface, and so not to the values either.
+/// If the sphere doesn't belong to that surface; then it doesn't belong to the values either.
 fn of_values(path: &Path, sphere: &Sphere) -> Result<Option<Vec<f64>>, RunError> {
     let Some((hemi, _)) = other_hemisphere(path) else { return Ok(None) };
     let mut refused = None;
     for name in SURFACES {
         let surface = path.with_file_name(format!("{}.{name}", hemi.name()));
-        // A damaged surface proves nothing: try the next one.
+        // A surface that can't be read says nothing about the sphere: try the next one.
         let Ok(mesh) = read_mesh(&surface) else { continue };
         if mesh.vertices.len() == sphere.directions.len() && mesh.faces == sphere.faces {
             return Ok(Some(mesh.vertices.into_flattened()));
         }
-        // The triangles may be the same in another order; otherwise the error says how they differ.
+        // `read_target` accepts the same triangles in another order; otherwise its error says how they differ.
         match read_target(&surface, sphere) {
             Ok(target) => return Ok(Some(target.values)),
             Err(error) => refused = refused.or(Some(RunError::from(error))),

@@ -51,7 +51,7 @@ fn options(cli: &Cli, left_out: &[String]) -> Result<Options> {
     run.if_exists = if_exists(cli.force, false, cli.skip_existing);
     run.check = Some(Box::new(check::hemisphere));
     run.evaluate = cli.evaluate_on.map(|n| evaluate(cli, n)).transpose()?;
-    // One subject never stops another.
+    // Continue with the other subjects if one fails.
     let cohort = CohortArgs { keep_going: true, ..cli.cohort.clone() };
     Ok(Options {
         report: cli.report.clone(),
@@ -68,8 +68,9 @@ fn evaluate(cli: &Cli, subdivisions: u32) -> Result<Evaluate> {
     Ok(Evaluate { sphere, name: format!("ico{subdivisions}") })
 }
 
-/// Returns the subjects and the folders left out. Subjects are those given by name, or else the folders that contain a
-/// folder `surf`, sorted by name. Folders left out are all others, except FreeSurfer's own averages.
+/// Returns the subjects, and the folders left out. Subjects are the given names or, without names, the folders that
+/// contain a folder `surf`, sorted by name. All other folders are left out; FreeSurfer's own averages are in neither
+/// list.
 fn subjects(cli: &Cli, console: &Console) -> Result<(Vec<String>, Vec<String>)> {
     let folder = &cli.subjects_dir;
     let named = || format!("{}: cannot read the folder", folder.display());
@@ -79,7 +80,7 @@ fn subjects(cli: &Cli, console: &Console) -> Result<(Vec<String>, Vec<String>)> 
         for entry in std::fs::read_dir(folder).with_context(named)? {
             let entry = entry.with_context(named)?;
             let name = entry.file_name();
-            // FreeSurfer's programs put its own averages there.
+            // FreeSurfer's programs put the averages fsaverage* into the folder of the subjects.
             match name.to_str() {
                 Some(name) if name.starts_with("fsaverage") => others += 1,
                 Some(name) if entry.path().join("surf").is_dir() => found.push(name.to_owned()),
@@ -146,7 +147,7 @@ fn rows_of(cli: &Cli, subjects: &[String], console: &Console) -> Vec<Row> {
             let label = folder.join("label").join(format!("{}.{label}.label", hemi.name()));
             let region = match cli.mask.as_deref() {
                 Some("none") => None,
-                // A label given explicitly must exist.
+                // A label named by --mask must exist; the default label is used only if it exists.
                 Some(_) => Some(label),
                 None => Some(label).filter(|label| label.exists()),
             };
@@ -176,7 +177,7 @@ fn rows_of(cli: &Cli, subjects: &[String], console: &Console) -> Vec<Row> {
     rows
 }
 
-/// Returns the hemisphere in a file's name, and the corresponding file of the other hemisphere.
+/// Returns the hemisphere given by a file's name, and the path of the corresponding file of the other hemisphere.
 fn other_hemisphere(path: &Path) -> Option<(Hemi, std::path::PathBuf)> {
     let name = path.file_name()?.to_str()?;
     let (hemi, rest) = [Hemi::Lh, Hemi::Rh]

@@ -9,8 +9,7 @@ use spharm_cli::help::{self, METHOD, OUTPUT};
 use spharm_cli::memory::Memory;
 use spharm_surface::generate::Family;
 
-/// Write a folded surface and its sphere, a study of two groups, or a group of known correspondence, for trying things
-/// out
+/// Write test data: a folded surface and its sphere, a study of two groups, or a group of known correspondence
 ///
 /// A smooth map bends an icosphere into a closed surface with folds like those of a cortex, about 140 mm long and not
 /// star-shaped. Vertex i of the surface belongs to vertex i of the sphere. The same arguments give the same bits.
@@ -33,7 +32,7 @@ pub(crate) struct Cli {
         help_heading = METHOD
     )]
     pub(super) subdivisions: Option<u32>,
-    /// Member of the family of surfaces; seed of a study or a group
+    /// Number of the surface in the family; seed of a study or a group
     #[arg(long, value_name = "SEED", default_value_t = 0, help_heading = METHOD)]
     pub(super) variant: u64,
     /// Surface to write

@@ -1,4 +1,4 @@
-//! `generate --group`: writes members of a family with known correspondence, their landmarks and the truth.
+//! `generate --group`: writes members of a family with known correspondence, their landmarks and their true parameters.
 
 use std::path::{Path, PathBuf};
 

@@ -12,7 +12,7 @@ use spharm_surface::io::{Output, WriteOptions, write_mesh, write_new};
 
 pub(crate) use self::args::Cli;
 
-/// Bytes per vertex and its triangles while they are written: GIfTI compresses entire arrays.
+/// Bytes of memory per vertex, including its triangles, while a mesh is written: GIfTI compresses entire arrays.
 const WRITING: u64 = 48;
 
 /// Runs the verb.

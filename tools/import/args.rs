@@ -12,9 +12,9 @@ use crate::export::{FORMATS, normalization};
 
 /// Make a model from coefficients of another package
 ///
-/// The format is detected from the contents. Arrays of ktch and FlowShape and matrices of weighted SPHARM look like
-/// those of others and have to be named with --from. The model has a sphere of its own only with --sphere, or if it
-/// comes from SPHARM-MAT; evaluate others with `spharm reconstruct --icosphere N`.
+/// The format is detected from the contents. Name the format with --from for arrays of ktch and FlowShape and for
+/// matrices of weighted SPHARM, which look like other formats. The model has a sphere of its own only with --sphere, or
+/// if it comes from SPHARM-MAT; evaluate other models with `spharm reconstruct --icosphere N`.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[

@@ -10,12 +10,12 @@ use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
 use spharm_cli::memory::Memory;
 use spharm_cli::threads::Threads;
 
-/// Formats of tables, for the help.
+/// Formats of tables, for `--help`.
 const TABLES: &str = "Tables: .npy and .npz (columns of plain arrays are numbered from 0), .csv, .tsv and .txt (with or \
                       without names in the first line), .parquet, .arrow, point clouds in .ply and .las; - is standard \
                       input, a .npy or text.";
 
-/// Other formats that are read over a sphere, for the help.
+/// Formats that are also read with --sphere or --icosphere, for `--help`.
 const OVER_A_SPHERE: &str = "With --sphere or --icosphere also values on vertices: GIfTI (.func.gii, .shape.gii), FreeSurfer curv files \
                              and maps (.mgh, .mgz); their columns are numbered from 0.";
 
@@ -68,7 +68,7 @@ pub(super) struct Merge {
     pub(super) memory: Memory,
 }
 
-/// Arguments that are required unless a subcommand follows.
+/// Arguments of `moments` itself; required unless a subcommand is given.
 #[derive(Debug, Args)]
 pub(super) struct Form {
     /// Tables of samples, one per row; - is standard input
@@ -159,7 +159,7 @@ pub(super) struct OutputArgs {
 }
 
 impl Form {
-    /// Returns the requested columns, with the vertices of the sphere if the samples are at those.
+    /// Returns the requested columns. `vertices` are those of the sphere, if the samples are at its vertices.
     pub(super) fn columns(&self, vertices: Option<Directions>) -> Columns {
         let PositionArgs { angles, lonlat, vectors, centre, .. } = &self.positions;
         // clap has checked the numbers of values.

@@ -1,4 +1,4 @@
-//! `moments`: sums over samples, in parts, from which fits are computed.
+//! `moments`: sums over samples, computed in parts that can be added, for later fits.
 
 mod args;
 
@@ -57,7 +57,7 @@ fn read(form: &Form, monitor: &ConsoleMonitor) -> Result<()> {
     output.finish(&moments, &report, seconds.total)
 }
 
-/// Returns the vertices of the sphere at which the samples are, if they are on one.
+/// Returns the vertices of the sphere if the samples are at vertices (--sphere or --icosphere).
 fn vertices(form: &Form, budget: Budget, monitor: &ConsoleMonitor) -> Result<Option<Directions>> {
     let sphere = match (&form.positions.sphere, form.positions.icosphere) {
         (Some(path), _) => {
@@ -78,7 +78,7 @@ fn vertices(form: &Form, budget: Budget, monitor: &ConsoleMonitor) -> Result<Opt
 fn add(cli: &Merge) -> Result<()> {
     let started = Instant::now();
     let output = Output::new(&cli.output)?;
-    // Memory of the sum, and of the part that is added.
+    // Memory of the sum, and of the part that is being added.
     let largest = cli.parts.iter().map(|path| bytes_to_read(path)).max().unwrap_or(0);
     cli.memory.budget(1).check("moments merge", largest.saturating_mul(2))?;
     let names = cli.parts.iter().map(|path| path.display().to_string()).collect();
@@ -111,7 +111,7 @@ fn report(moments: &Moments, output: &Path) -> Value {
     })
 }
 
-/// Destination of moments and of the report on them.
+/// Output files: the moments, and the report on them.
 struct Output<'a> {
     args: &'a OutputArgs,
     path: &'a Path,

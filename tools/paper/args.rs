@@ -10,9 +10,9 @@ use spharm_cli::threads::Threads;
 
 /// Repeat the experiments of Shen and Chung (3DPVT 2006) and compare with the paper's results
 ///
-/// The experiments run on a generated cortex of 40,962 vertices and on the surfaces in --data. Each is written as CSV
-/// and as SVG, and all are summarised in paper.md, which is also printed. Takes a few minutes, and 3.2 GiB of disk for
-/// the largest basis.
+/// The experiments run on a generated cortex of 40,962 vertices and on the surfaces in --data. Each experiment is
+/// written as CSV and as SVG. A summary of all is written to paper.md and printed. Takes a few minutes, and 3.2 GiB of
+/// disk for the largest basis.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &["spharm paper --quick -o results", "spharm paper --data ../shared/data --memory 2GiB -o results"],
@@ -21,7 +21,7 @@ use spharm_cli::threads::Threads;
 pub(crate) struct Cli {
     /// Folder with the paper's surfaces
     ///
-    /// cort40962, head27618, the hippocampi hippo_a01_l to a03_l and reference.json, or some of them.
+    /// Any of cort40962, head27618, the hippocampi hippo_a01_l to a03_l, and reference.json.
     #[arg(long, value_name = "DIR", conflicts_with = "quick", help_heading = INPUT)]
     pub(super) data: Option<PathBuf>,
     /// Folder of the results; created if it doesn't exist

@@ -1,4 +1,4 @@
-//! `paper`: the paper's experiments as a command.
+//! `paper`: repeats the paper's experiments.
 
 mod args;
 
@@ -39,7 +39,7 @@ fn make_folder(folder: &Path) -> Result<()> {
     std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot create the folder", folder.display()))
 }
 
-/// Refuses to replace results before the experiments run, which takes minutes.
+/// Refuses to replace existing results. Called before the experiments, which take minutes.
 fn refuse_to_replace(output: &Path, experiments: &Experiments) -> Result<()> {
     let paths = experiments.document_names().into_iter().map(|name| output.join(name));
     if let Some(path) = paths.into_iter().find(|path| path.exists()) {

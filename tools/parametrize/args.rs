@@ -13,8 +13,8 @@ use spharm_parametrize::Sampling;
 
 /// Map closed surfaces onto the sphere, one to one, as a fit needs it
 ///
-/// The sphere has the surface's vertices and triangles, and radius 1. Whatever the method, none of its triangles is
-/// flipped or degenerate, as checked by an exact predicate; otherwise the verb fails without writing a file.
+/// The sphere has the surface's vertices and triangles, and radius 1. With every method, an exact predicate checks that
+/// no triangle of the sphere is flipped or degenerate; otherwise the verb fails without writing a file.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -56,13 +56,13 @@ pub(crate) struct Cli {
     pub(super) method: MethodName,
     /// Allowed area distortion, from 0 to 1, by cald [default: 0.1]
     ///
-    /// The root mean square of the log area ratio that may be spent on shape and on areas that adapt to the residual of
-    /// a model: 0 for areas as equal as possible, 0.25 for a map that only serves a fit.
+    /// The root mean square of the log area ratio by which areas may deviate, to preserve shape and to adapt to the
+    /// residual of a model: 0 for areas as equal as possible, 0.25 for a map that only serves a fit.
     #[arg(long, value_name = "RMS", help_heading = METHOD)]
     pub(super) area: Option<f64>,
     /// Degree of the model to whose residual areas adapt, by cald
     ///
-    /// Limited to the degree that two thirds of the vertices determine; below 2 areas don't adapt [default: the degree
+    /// At most the degree that two thirds of the vertices determine; below 2 areas don't adapt [default: the degree
     /// with half as many functions as vertices, at most 100].
     #[arg(long, alias = "degree", value_name = "L", help_heading = METHOD)]
     pub(super) max_degree: Option<usize>,
@@ -88,14 +88,14 @@ pub(crate) struct Cli {
     pub(super) output: PathBuf,
     /// Surface to write, whose triangles are those of the sphere; for several a folder
     ///
-    /// Needed if the mapped surface isn't the input: for volumes, for deform, with --resample-to, --fix and
-    /// --cut-handles. Its default is then next to the sphere: NAME.surf.gii for NAME.sphere.surf.gii.
+    /// Needed if the mapped surface differs from the input: for volumes, for deform, with --resample-to, --fix and
+    /// --cut-handles. The default is then next to the sphere: NAME.surf.gii for NAME.sphere.surf.gii.
     #[arg(long, value_name = "MESH", help_heading = OUTPUT)]
     pub(super) surface_output: Option<PathBuf>,
     /// Names of several outputs
     ///
     /// Derived from each input's path alone: {stem} is its name without folder and format, {label} the label of a
-    /// volume, {parent} the folder that contains it, {parent2} the one above, with links resolved.
+    /// volume, {parent} the folder that contains it, {parent2} the folder above, with links resolved.
     #[arg(long, value_name = "TEMPLATE", default_value = "{stem}", help_heading = OUTPUT)]
     pub(super) name_template: NameTemplate,
     /// Write a report to a JSON file

@@ -1,4 +1,4 @@
-//! The surfaces and their files, checked before any work.
+//! The surfaces to map and their output files, checked before any surface is mapped.
 
 use std::path::{Path, PathBuf};
 
@@ -45,7 +45,7 @@ pub(super) fn items(cli: &Cli, reader: &mut SurfaceReader, monitor: &dyn spharm:
     if let [input] = &cli.surface[..] {
         check(cli, input)?;
         if file {
-            // Checked first, because reading a volume takes a while.
+            // Check before reading the volume, which takes a while.
             single(cli, input, None)?;
         }
     }
@@ -85,7 +85,7 @@ fn check(cli: &Cli, input: &Path) -> Result<()> {
     }
 }
 
-/// Returns the reason why the mapped surface isn't the input, if it isn't.
+/// Returns the reason why the mapped surface differs from the input, or `None` if it is the input.
 fn new_surface(cli: &Cli, input: &Path) -> Option<&'static str> {
     match (cli.method, &cli.resample_to) {
         (MethodName::Deform, _) => Some("deform makes"),
@@ -119,7 +119,7 @@ fn beside(sphere: &Path) -> Option<PathBuf> {
 fn several(cli: &Cli, inputs: Vec<(PathBuf, Option<i64>)>) -> Result<Vec<Item>> {
     let folders = [Some((&cli.output, "--output")), cli.surface_output.as_ref().map(|path| (path, "--surface-output"))];
     for (path, flag) in folders.into_iter().flatten() {
-        // A name that ends in a format's ending is that of a file.
+        // A path that ends in a known format names a file, not a folder.
         if !path.is_dir() && path.file_name().is_some_and(|name| stem(path) != name.to_string_lossy()) {
             bail!("{}: can't hold the results of {} surfaces; {flag} must name a folder", path.display(), inputs.len());
         }

@@ -49,7 +49,7 @@ impl Written {
         }
     }
 
-    /// Returns the table, below a line that summarises the work.
+    /// Returns the table, preceded by a line that summarises the mapping.
     pub(super) fn table(&self) -> String {
         let summary = summary(&self.output, &self.report);
         match &self.handles {
@@ -126,7 +126,7 @@ fn of_label(found: &VolumeSurface) -> String {
     format!("label {}, {}", found.label, counted(found.voxels, "voxel"))
 }
 
-/// Returns a row for each loop that was cut, at most [`MOST_ROWS`]; the JSON report has all.
+/// Returns a row for each loop that was cut, at most `MOST_ROWS` rows; the JSON report has all loops.
 fn cuts(handles: &HandlesReport) -> String {
     const MOST_ROWS: usize = 12;
     let head = ["cut", "length", "vertices", "area added", "at"].map(str::to_owned).to_vec();

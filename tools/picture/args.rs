@@ -26,14 +26,14 @@ pub(crate) struct Cli {
     pub(super) surfaces: Vec<PathBuf>,
     /// Add a panel with the sphere of the first surface
     ///
-    /// It comes after the first surface, coloured by the logarithm of the area that the map to the sphere gives to each
-    /// part of the surface.
+    /// It comes after the first surface, coloured by the logarithm of the area that the map to the sphere assigns to
+    /// each part of the surface.
     #[arg(long, value_name = "SPHERE", help_heading = INPUT)]
     pub(super) sphere: Option<PathBuf>,
     /// Add a panel with the last surface coloured by its distance from the first
     ///
-    /// This is the distance of each vertex from the corresponding one or, if the triangles differ, from the nearest
-    /// point of the first surface. The scale's label says which.
+    /// The distance of each vertex from the corresponding vertex of the first surface or, if the triangles differ, from
+    /// its nearest point. The label of the colour scale says which.
     #[arg(long, help_heading = OUTPUT)]
     pub(super) error: bool,
     /// For each map, add a panel with the first surface coloured by values on its vertices

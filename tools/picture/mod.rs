@@ -55,7 +55,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     }
     let maps = cli.map.iter().map(|path| read_map(path, &meshes[0])).collect::<Result<Vec<_>>>()?;
     let names: Vec<String> = cli.map.iter().map(|path| stem(path)).collect();
-    // The smallest p values get the last colour, as in a page.
+    // p values are shown as -log10 p, so the smallest get the last colours, as in a page.
     let maps: Vec<(Vec<f64>, (f64, f64), String)> = maps
         .into_iter()
         .zip(&names)
@@ -88,11 +88,11 @@ fn settings(cli: &Cli, size: u16) -> Settings {
     Settings { width: size, height: size, columns: cli.columns, view: cli.view.view(), ..Settings::default() }
 }
 
-/// Refuses pictures that don't fit into memory. Before the surfaces are read, `meshes` is empty.
+/// Refuses pictures that don't fit into memory. `meshes` is empty when this is called before the surfaces are read.
 fn check_memory(cli: &Cli, meshes: &[Mesh], panels: usize, budget: Budget) -> Result<()> {
     let (vertices, faces) = meshes.iter().map(|mesh| (mesh.vertices.len(), mesh.faces.len())).max().unwrap_or((0, 0));
     let held: usize = meshes.iter().map(|mesh| 24 * mesh.vertices.len() + 12 * mesh.faces.len()).sum();
-    // The sphere as read and as scaled, and the values of each panel.
+    // Memory of the sphere, as read and as scaled, and of the values of each panel.
     let spheres = if cli.sphere.is_some() { 2 * (24 * vertices + 12 * faces) } else { 0 };
     let values = 8 * vertices * (panels - cli.surfaces.len());
     let painting = match meshes {
@@ -129,7 +129,8 @@ fn read_map(path: &Path, surface: &Mesh) -> Result<Vec<f64>> {
     }
 }
 
-/// Returns a range symmetric about 0 for values of both signs, otherwise that from the minimum to the maximum.
+/// Returns the range of the colours: symmetric about 0 if values have both signs, otherwise from the minimum to the
+/// maximum.
 fn range_of(values: &[f64]) -> (f64, f64) {
     let (low, high) = values.iter().fold((f64::MAX, f64::MIN), |(low, high), x| (low.min(*x), high.max(*x)));
     if low < 0.0 && high > 0.0 {

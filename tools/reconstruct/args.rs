@@ -68,8 +68,8 @@ pub(super) struct Sampling {
     pub(super) icosphere: Option<u32>,
     /// Evaluate at the fitted vertices; the default
     ///
-    /// If the surface's handles were cut (--cut-handles), the fillings are left out and the seams welded, so that it
-    /// has its handles again. With --sphere and the sphere of the cut surface, the cut surface results.
+    /// If the surface's handles were cut (--cut-handles), the fillings are left out and the seams welded, which
+    /// restores the handles. With --sphere and the sphere of the cut surface, the result is the cut surface.
     #[arg(long, help_heading = METHOD)]
     pub(super) original: bool,
 }

@@ -51,13 +51,13 @@ fn shared_sphere(cli: &Cli, budget: Budget, console: &Console) -> Result<Option<
     }
 }
 
-/// Returns the bytes for an icosphere and values on it.
+/// Returns the bytes of memory for an icosphere and for a model's values on it.
 fn on_icosphere(subdivisions: u32, channels: usize, degree: usize) -> u64 {
     let [vertices, faces] = icosphere_counts(subdivisions);
     icosphere_bytes(subdivisions).max(Model::bytes_to_evaluate(vertices, faces, channels, degree))
 }
 
-/// Reports the memory of a large reconstruction, and refuses one that doesn't fit.
+/// Reports the memory that a large reconstruction needs, and refuses a reconstruction that doesn't fit.
 fn check_memory(
     cli: &Cli,
     (sphere, degree): (&Sphere, usize),
@@ -65,10 +65,10 @@ fn check_memory(
     budget: Budget,
     console: &Console,
 ) -> Result<()> {
-    /// Smaller requirements aren't reported.
+    /// Smallest memory requirement that is reported, in bytes.
     const LARGE: u64 = 1 << 30;
     let (vertices, channels) = (sphere.directions.len(), model.coefficients.channels());
-    // Memory of the model, which includes a sphere of its own, as read from its file.
+    // Memory of the model as read from its file, including the model's own sphere.
     let held = bytes_to_read(path);
     let of = |vertices, faces| held.saturating_add(Model::bytes_to_evaluate(vertices, faces, channels, degree));
     let needed = of(vertices as u64, sphere.faces.len() as u64);

@@ -9,7 +9,7 @@ use spharm_surface::io::Output;
 
 use super::args::Cli;
 
-/// Endings of outputs in a folder, if no format is given.
+/// Default endings of files in an output folder.
 const SURFACE: &str = "surf.gii";
 const SIGNAL: &str = "func.gii";
 
@@ -21,7 +21,7 @@ pub(super) struct Item {
 
 enum Target {
     File(PathBuf),
-    /// A path without an ending: the format depends on the model.
+    /// A path without an ending; the ending depends on whether the model is a surface or a signal.
     Stem(PathBuf),
 }
 

@@ -45,9 +45,9 @@ pub(crate) struct Cli {
     /// Each is named after its file.
     #[arg(long, value_name = "FILE.json", num_args = 1.., help_heading = INPUT)]
     pub(super) quality: Vec<PathBuf>,
-    /// How a group was made to correspond, as `spharm shape correspond --report` writes it
+    /// Correspondence of a group, as `spharm shape correspond --report` writes it
     ///
-    /// Shows how each member is covered. The distances of its landmarks are shown with the first --quality.
+    /// Shows how well each member is covered. The distances of its landmarks are shown with the first --quality.
     #[arg(long, value_name = "FILE.json", help_heading = INPUT)]
     pub(super) correspondence: Option<PathBuf>,
     /// Status tables, CSV or TSV with a header
@@ -64,7 +64,7 @@ pub(crate) struct Cli {
     pub(super) title: Option<String>,
     /// Maximum number of vertices of a mesh in the page
     ///
-    /// A model with more vertices is evaluated on a coarser icosphere, and a surface with more isn't shown.
+    /// A model with more vertices is evaluated on a coarser icosphere; a surface with more vertices isn't shown.
     #[arg(long, value_name = "N", default_value_t = 163_842, value_parser = clap::value_parser!(u32).range(12..=10_000_000), help_heading = OUTPUT)]
     pub(super) max_vertices: u32,
     /// Replace an existing output

@@ -1,4 +1,4 @@
-//! Reading the measures of a group that `shape quality` and `shape correspond` have written.
+//! Reads the quality measures of a group written by `shape quality` and `shape correspond`.
 
 use std::path::{Path, PathBuf};
 
@@ -43,13 +43,13 @@ fn curve(value: &Value) -> Option<Curve> {
 
 /// Correspondence of a group, from the report of `shape correspond`.
 pub(super) struct Correspondence {
-    /// The table of members and their covering, and that of the landmarks, if any.
+    /// The table of members with their coverage, and the table of landmarks if there are any.
     pub(super) tables: Vec<Table>,
     /// Mean and median distance of carried landmarks.
     pub(super) landmarks: Option<[f64; 2]>,
 }
 
-/// Columns of the members' table: their names, keys, factors and decimals.
+/// Columns of the members' table: heading, key in the report, factor applied to the value, and number of decimals.
 const MEMBERS: [(&str, &str, f64, usize); 7] = [
     ("pose distance", "pose_distance", 1.0, 4),
     ("coverage, rms", "cover_rms", 1.0, 4),
@@ -92,7 +92,7 @@ pub(super) fn correspondence(path: &Path) -> Result<Correspondence> {
     Ok(Correspondence { tables, landmarks: mean_and_median(marks) })
 }
 
-/// Reads a report of the verb `tool`.
+/// Reads a report, and checks that the verb `tool` wrote it.
 fn read(path: &Path, tool: &str, command: &str) -> Result<Value> {
     let text = read_text(path, "report", MOST_OWN)?;
     let value: Value = serde_json::from_str(&text).with_context(|| format!("{}: not JSON", path.display()))?;

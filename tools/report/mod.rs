@@ -80,7 +80,7 @@ fn check_page(cli: &Cli, contents: &Contents, budget: Budget) -> Result<()> {
     budget.check_or(what, needed(cli.max_vertices as usize), fewer)
 }
 
-/// Adds the option that helps.
+/// Adds the option that avoids the error, if there is one.
 fn advise(error: ReportError) -> anyhow::Error {
     match error {
         ReportError::TooLarge { .. } => anyhow!("{error}; raise --max-vertices"),
@@ -88,7 +88,7 @@ fn advise(error: ReportError) -> anyhow::Error {
     }
 }
 
-/// Returns the name of the only item, or else the kind of contents.
+/// Returns the default title: the name of the only item, or else the kind of contents.
 fn title(contents: &Contents) -> String {
     let Contents { models, modes, tests, .. } = contents;
     let names = models.iter().map(|shown| &shown.name).chain(modes.iter().map(|(name, _)| name));

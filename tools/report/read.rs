@@ -1,4 +1,4 @@
-//! Reading the contents of a page from files.
+//! Reads the contents of a page from files.
 
 use std::path::{Path, PathBuf};
 
@@ -84,7 +84,7 @@ fn fitted_to(model: &Model, path: &Path, console: &Console) -> Option<(String, M
         None
     };
     if record.label.is_some() || is_volume(input) {
-        // The surface of a label is a file beside its model.
+        // The surface around a label of a volume is stored in a file beside the model.
         let beside = ModelFiles { model: path.to_owned() }.surface();
         return match read_mesh(&beside) {
             Ok(mesh) => Some((shown(&beside), mesh)),
@@ -116,7 +116,8 @@ fn report(path: &Path) -> Result<Vec<Value>> {
     }
 }
 
-/// Returns whether an entry belongs to a model, by its file or, failing that, by its name.
+/// Returns whether an entry of a fit's report describes this model: by the model's file or, if the entry has none, by
+/// its name.
 fn is_of(entry: &Value, model: &Path) -> bool {
     let of = |key: &str| entry.get(key).and_then(Value::as_str);
     let file = |path: &Path| path.file_name().map(std::ffi::OsStr::to_owned);
@@ -132,7 +133,7 @@ pub(super) fn modes(paths: &[PathBuf]) -> Result<Vec<(String, ShapeModel)>> {
     paths.iter().map(|path| Ok((format!("{}: modes", name(path)), ShapeModel::read(path)?))).collect()
 }
 
-/// Reads tests, which are folders with a mean and maps.
+/// Reads the results of tests: folders with a mean surface and maps.
 pub(super) fn tests(folders: &[PathBuf]) -> Result<Vec<Maps>> {
     folders.iter().map(|folder| test(folder)).collect()
 }

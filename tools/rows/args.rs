@@ -8,7 +8,7 @@ use spharm_cohort::Shard;
 #[derive(Debug, Clone, clap::Args)]
 #[command(next_help_heading = "Cohorts")]
 pub(crate) struct CohortArgs {
-    /// Part of the rows, such as 0/10, the first of ten; or slurm
+    /// Part of the rows, such as 0/10 for the first of ten; or slurm
     ///
     /// Part i of n has the rows whose number, from 0, is i modulo n. slurm takes both from the
     /// environment of a job array.
@@ -16,14 +16,14 @@ pub(crate) struct CohortArgs {
     pub(crate) shard: Option<Shard>,
     /// Continue if a surface can't be fitted; list the failures at the end
     ///
-    /// The exit status is then 1. The other models are the same as without the surfaces that failed.
+    /// The exit status is then 1. Models of the other surfaces don't depend on the failures.
     #[arg(long)]
     pub(crate) keep_going: bool,
     /// Append the outcome of each row to a table
     ///
     /// Tab-separated: id, state (done, skipped, failed, interrupted), msd, xsd, seconds, error, output. A row's line is
     /// written when the row is finished; if a row has several lines, the last one is used. Each shard needs its own
-    /// file; `spharm status` adds them up.
+    /// file; `spharm status` combines the files.
     #[arg(long, value_name = "FILE.tsv")]
     pub(crate) status: Option<PathBuf>,
     /// Report what would be done, and do nothing
@@ -32,10 +32,10 @@ pub(crate) struct CohortArgs {
     /// status is 1 if rows would fail.
     #[arg(long)]
     pub(crate) dry_run: bool,
-    /// Lines on stderr: text, or one JSON object each
+    /// Format of the lines on stderr: text, or one JSON object per line
     ///
-    /// Each row has events: start, then done, failed, skipped or interrupted. note, warning, progress and error have a
-    /// text; end has the counts.
+    /// Each row has events: start, then done, failed, skipped or interrupted. The events note, warning, progress and
+    /// error have a text; end has the counts.
     #[arg(long, value_enum, value_name = "text|json", default_value = "text", hide_possible_values = true)]
     pub(crate) log: Log,
 }

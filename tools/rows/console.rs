@@ -35,7 +35,7 @@ pub(crate) struct Rows<'a> {
     console: &'a Console,
     /// Number of rows.
     rows: usize,
-    /// Whether failures are not printed, because the first one becomes the call's error.
+    /// Whether failures are not printed one by one, because the first failure becomes the error of the call.
     alone: bool,
     /// Whether a later step aligns models that don't correspond.
     aligned_later: bool,
@@ -52,7 +52,7 @@ pub(super) struct Summary {
     pub(super) worst: Vec<Distance>,
     msd: Sum,
     xsd: Sum,
-    /// Wall time by stage.
+    /// Wall time of each stage, in seconds.
     pub(super) seconds: Seconds,
     /// Wall time of mapping surfaces to spheres, in seconds.
     pub(super) parametrize: f64,
@@ -95,7 +95,7 @@ pub(super) struct Distance {
     pub(super) output: PathBuf,
 }
 
-/// Mean and maximum of values.
+/// Running sum and maximum, for the mean and the maximum of values.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sum {
     sum: f64,

@@ -1,4 +1,4 @@
-//! Previews a run: the number of rows, existing models, spheres, memory, and the rows that are already known to fail.
+//! Previews a run: the number of rows, existing models, spheres, memory, and the rows that are certain to fail.
 
 use anyhow::{Result, anyhow};
 use serde_json::{Value, json};
@@ -21,11 +21,11 @@ const NAMED: usize = 5;
 pub(crate) struct Previewed {
     pub(crate) text: String,
     json: Value,
-    /// The error that the call would end with, if any.
+    /// The error with which the call would end, if any.
     pub(crate) error: Option<anyhow::Error>,
 }
 
-/// Prints the preview of a call, and returns the error that the call would end with, if any.
+/// Prints the preview of a call, and returns the error with which the call would end, if any.
 pub(super) fn run(cohort: &Cohort, options: &Options, monitor: &ConsoleMonitor) -> Result<()> {
     let previewed = preview(cohort, options, monitor)?;
     match options.json {

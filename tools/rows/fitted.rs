@@ -22,7 +22,7 @@ pub(super) struct Fitted {
     pub(super) output: PathBuf,
     #[serde(flatten)]
     pub(super) report: FitReport,
-    /// Number of vertices left out by a mask or for lack of a value.
+    /// Number of vertices left out, by a mask or because they have no value.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) unread: Option<usize>,
     /// The sphere made for a surface given without one, and how it was made.
@@ -33,7 +33,7 @@ pub(super) struct Fitted {
 impl Fitted {
     pub(super) fn new(row: &Row, fit: &RowFit) -> Self {
         Self {
-            // Only a table's rows have ids of their own.
+            // Only rows of a table (`line` > 0) have ids given by the user.
             id: (row.line > 0).then(|| row.id.clone()),
             name: fit.files.name(),
             input: row.surface.clone(),
@@ -63,7 +63,7 @@ impl Fitted {
             cells.push(number(held_out.map(|of| of.held_out.msd.unwrap_or(of.held_out.msd_raw))));
         }
         if columns.denoise {
-            // Only the first channel of a signal with several.
+            // A signal with several channels shows the estimates of its first channel only.
             let removed = self.report.denoise.first();
             cells.push(number(removed.map(|of| of.noise.sigma)));
             cells.push(removed.map_or("-".to_owned(), |of| format!("{:.0}", of.noise.degrees_of_freedom)));
@@ -77,10 +77,10 @@ pub(super) fn number(value: Option<f64>) -> String {
     value.map_or("-".to_owned(), |value| format!("{value:.4e}"))
 }
 
-/// Columns of the table besides msd and xsd.
+/// Which columns the table has besides msd and xsd.
 #[derive(Clone, Copy)]
 pub(super) struct Columns {
-    /// Distances between model and surface, instead of distances at and between the vertices.
+    /// Distances between model and surface, in place of distances at the vertices.
     surface: bool,
     /// Distances at held-out vertices.
     held_out: bool,

@@ -1,8 +1,8 @@
 //! Arguments, tables and reports shared by `fit` and the verbs that find surfaces in folders. Each row is one surface
 //! to fit.
 //!
-//! A verb makes a [`Cohort`] and passes it to [`run`], which fits it by
-//! [`spharm_cohort::run::run`](spharm_cohort::run::run).
+//! A verb makes a [`Cohort`] and passes it to [`run`], which calls [`spharm_cohort::run::run`](spharm_cohort::run::run)
+//! and shows its events.
 //!
 //! | module | contents |
 //! |---|---|
@@ -50,7 +50,7 @@ pub(crate) fn set_log(cohort: &CohortArgs) {
 ///
 /// # Errors
 ///
-/// If rows fail: after all rows with `keep_going`, else at the first failure.
+/// If rows fail: with `keep_going` after all rows have been fitted, otherwise at the first failure.
 pub(crate) fn run(cohort: &Cohort, options: &Options, monitor: &ConsoleMonitor, started: Instant) -> Result<()> {
     let console = monitor.console();
     check_outputs(options.report.iter().map(|path| OutputFile::new(path, "--report")), options.replaces_report())?;
@@ -71,7 +71,7 @@ pub(crate) fn run(cohort: &Cohort, options: &Options, monitor: &ConsoleMonitor, 
     finish(result.map_err(anyhow::Error::from), &summary, options, monitor, started)
 }
 
-/// Refuses a report or status file whose path is that of one of a row's own files.
+/// Refuses a report or status file whose path is also that of a row's model or of one of the model's companion files.
 fn check_apart(cohort: &Cohort, options: &Options) -> Result<()> {
     let beside = [(&options.report, "--report"), (&options.run.status, "--status")];
     let beside: Vec<_> = beside.iter().filter_map(|(path, flag)| Some((path.as_ref()?, flag))).collect();
@@ -85,8 +85,8 @@ fn check_apart(cohort: &Cohort, options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// Writes and prints the report, and returns the error that the call ends with. If the run itself failed, the report is
-/// only written, and only with `keep_going` or a status file.
+/// Writes and prints the report, and returns the error with which the call ends. If the run itself failed, the report
+/// isn't printed, and is written only with `keep_going` or a status file.
 fn finish(
     result: Result<()>,
     summary: &Summary,
@@ -126,8 +126,8 @@ fn finish(
     }
 }
 
-/// Returns the icosphere on which models of a degree are evaluated, if memory suffices. `option` is the verb and the
-/// option that set the subdivisions, up to the number.
+/// Returns the icosphere on which models of a degree are evaluated, or an error if memory doesn't suffice. In the
+/// error, `option` is the text before the number of subdivisions: the verb and the option that sets them.
 pub(crate) fn icosphere_within(budget: Budget, option: &str, subdivisions: u32, degree: usize) -> Result<Sphere> {
     let needed = |subdivisions: u32| {
         let [vertices, faces] = icosphere_counts(subdivisions);

@@ -1,4 +1,4 @@
-//! Settings of a verb for all of its rows.
+//! Settings of a verb that apply to all of its rows.
 
 use std::path::PathBuf;
 
@@ -9,7 +9,7 @@ use spharm_cohort::run::RunParams;
 
 use super::args::CohortArgs;
 
-/// Settings of a verb for all of its rows.
+/// Settings of a verb that apply to all of its rows.
 pub(crate) struct Options {
     /// Settings of the run.
     pub(crate) run: RunParams,
@@ -39,13 +39,14 @@ impl Options {
         Self { dry_run: cohort.dry_run, ..self }
     }
 
-    /// Returns whether an existing report is replaced: it belongs to an earlier call that this one resumes.
+    /// Returns whether an existing report is replaced. If this call resumes an earlier one, the report is the earlier
+    /// call's.
     pub(crate) fn replaces_report(&self) -> bool {
         self.run.if_exists != IfExists::Refuse
     }
 }
 
-/// Returns what to do with outputs that exist, by the flags `--force`, `--update` and `--skip-existing`.
+/// Returns how to treat existing outputs, from the flags `--force`, `--update` and `--skip-existing`.
 pub(crate) fn if_exists(force: bool, update: bool, skip_existing: bool) -> IfExists {
     match (force, update, skip_existing) {
         (true, ..) => IfExists::Replace,

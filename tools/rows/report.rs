@@ -19,7 +19,7 @@ pub(super) fn report(options: &Options, summary: &Summary, total: f64) -> Value 
     set("versions", json!(spharm::versions()));
     set("method", json!(method.name()));
     options.about.iter().for_each(|(name, value)| set(name, value.clone()));
-    // Only if all surfaces share one sphere.
+    // The scheme's key is reported only if all surfaces share one sphere.
     set(
         "scheme_key",
         json!(summary.scheme.as_ref().filter(|_| options.about.get("sphere").is_some_and(|s| !s.is_null()))),

@@ -1,7 +1,7 @@
-//! Outputs of a resumed run, some of which the interrupted run may have written already.
+//! Writes the outputs of a resumed run, some of which the interrupted run may have written already.
 //!
-//! A resumed run produces the same outputs to the last bit. So an existing file with the same bytes is the run's own
-//! and is kept. Any other file belongs to something else, and is only replaced with `--force`.
+//! A resumed run produces the same bytes as an uninterrupted one. So an existing file with the same bytes is an output
+//! of the interrupted run and is kept. Any other existing file isn't, and is only replaced with `--force`.
 
 use std::path::Path;
 
@@ -15,7 +15,7 @@ use spharm_cli::output::{counted, is_stdout, prepare};
 use spharm_cli::printable;
 use spharm_surface::io::write_new;
 
-/// Opens the state file of an alignment, and reports how much of the work it holds.
+/// Opens the state file of an alignment, and reports how much of the alignment is already done.
 pub(super) fn journal(
     path: &Path,
     members: &[Coefficients],
@@ -31,7 +31,7 @@ pub(super) fn journal(
     Ok(journal)
 }
 
-/// Rules for writing outputs that may exist.
+/// Rules for writing outputs that may already exist.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Again {
     /// Whether the state of an earlier run exists.
@@ -40,18 +40,17 @@ pub(super) struct Again {
 }
 
 impl Again {
-    /// Creates the rules from the file with the state of an earlier run, if one is used, and the wish to replace
-    /// outputs.
+    /// Creates the rules from the path of the state file of an earlier run, if `--resume` is given, and from `--force`.
     pub(super) fn new(state: Option<&Path>, force: bool) -> Self {
         Self { resumed: state.is_some_and(Path::exists), force }
     }
 
-    /// Returns whether outputs may exist before any work.
+    /// Returns whether outputs may exist when the run begins.
     pub(super) fn expected(self) -> bool {
         self.force || self.resumed
     }
 
-    /// Writes a model, unless a resumed run finds the same file.
+    /// Writes a model. A resumed run keeps an existing file with the same bytes, and refuses a different one.
     pub(super) fn write(self, path: &Path, model: &Model) -> Result<()> {
         if self.resumed && !self.force && path.exists() {
             let mut bytes = Vec::new();
@@ -62,7 +61,7 @@ impl Again {
         Ok(model.write_with(path, self.force)?)
     }
 
-    /// Writes JSON, unless a resumed run finds the same file.
+    /// Writes JSON. A resumed run keeps an existing file with the same bytes, and refuses a different one.
     pub(super) fn write_json(self, path: &Path, value: &Value) -> Result<()> {
         let text = format!("{}\n", printable::json(&serde_json::to_string_pretty(value)?));
         if self.resumed && !self.force && path.exists() {
@@ -72,8 +71,8 @@ impl Again {
         Ok(write_new(path, self.force, |out| out.write_all(text.as_bytes()))?)
     }
 
-    /// Returns whether the report may replace an existing one. It may if that is of the same models, since only the
-    /// seconds differ.
+    /// Returns whether the report may replace an existing one. A resumed run may replace a report of the same models:
+    /// only the seconds in it differ.
     pub(super) fn replaces_report(self, path: Option<&Path>, models: &Value) -> bool {
         let Some(path) = path.filter(|path| self.resumed && !is_stdout(path)) else { return self.force };
         let there =
@@ -82,7 +81,7 @@ impl Again {
     }
 }
 
-/// Refuses a file whose bytes differ.
+/// Refuses an existing file whose bytes differ from the result.
 fn same(path: &Path, bytes: &[u8]) -> Result<()> {
     if !spharm_files::read(path, bytes.len() as u64).is_ok_and(|found| found == bytes) {
         bail!(

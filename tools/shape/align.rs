@@ -27,13 +27,13 @@ use super::groups::{distances_from_mean, equal_models};
 use super::outputs::{check_beside, finish, length, outputs};
 use super::plan::Plan;
 
-/// Align models of surfaces, or meshes: to one of them, or a group to its mean
+/// Align models of surfaces, or meshes: to a target, or a group to its mean
 ///
 /// Finds the rotations of space and of the parameters that bring surfaces closest to each other, by a search over all
-/// rotations, so the initial pose doesn't matter. With --group the group is aligned to its mean (generalised Procrustes
-/// analysis), which is finally centred at the origin in the frame of its first-order ellipsoid. Mirror images are
-/// matched only with --mirror. Meshes of any topology, given in place of models, are aligned by nearest points and
-/// written in their own formats.
+/// rotations, so the result doesn't depend on the initial pose. With --group, the group is aligned to its mean
+/// (generalised Procrustes analysis); the mean is finally centred at the origin, in the frame of its first-order
+/// ellipsoid. Mirror images are matched only with --mirror. Meshes of any topology, given in place of models, are
+/// aligned by nearest points and written in their own formats.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -60,12 +60,12 @@ pub(super) struct Cli {
     method: How,
     /// What determines the surfaces' pose in space, if both rotations are searched
     ///
-    /// surfaces: the surfaces alone, by nearest points; then the parameters under this pose. joint: the distance at
-    /// equal directions, over both rotations together. For models that were mapped separately, the least distance at
-    /// equal directions may be at a wrong pose. [default: joint for models, surfaces for meshes]
+    /// surfaces: the pose is found by nearest points of the surfaces alone, and then the rotation of the parameters
+    /// under this pose. joint: both rotations together minimise the distance at equal directions. For models that were
+    /// mapped separately, this minimum may be at a wrong pose. [default: joint for models, surfaces for meshes]
     #[arg(long, value_enum, help_heading = METHOD)]
     pose: Option<PoseBy>,
-    /// Scale models to the target's size, or all to the group's
+    /// Scale models to the target's size, or a group's members to a common size
     #[arg(long, help_heading = METHOD)]
     scale: bool,
     /// Also match mirror images
@@ -73,13 +73,13 @@ pub(super) struct Cli {
     mirror: bool,
     /// Highest degree to compare [default: the lowest of the models']
     ///
-    /// All degrees are transformed.
+    /// The transforms are applied to all degrees.
     #[arg(long, value_name = "L", help_heading = METHOD)]
     degree: Option<usize>,
-    /// Number of the search's local optima that are refined [default: 6, 3 for a group]
+    /// Number of local optima of the search to refine [default: 6, 3 for a group]
     #[arg(long, value_name = "N", help_heading = METHOD)]
     starts: Option<usize>,
-    /// Number of members from which a group's alignment starts [default: all of up to 20, else 5]
+    /// Number of members used as starting points of a group's alignment [default: all of up to 20, else 5]
     #[arg(long, value_name = "N", requires = "group", help_heading = METHOD)]
     templates: Option<usize>,
     /// Model to write; for several models a folder
@@ -91,7 +91,7 @@ pub(super) struct Cli {
     /// Transforms to write
     #[arg(long, value_name = "OUT.json", help_heading = OUTPUT)]
     transforms: Option<PathBuf>,
-    /// File for the warnings about poses, with members by name, for a study's page
+    /// File for the warnings about poses, which name members without their paths; for a study's page
     #[arg(long, value_name = "OUT.json", requires = "group", hide = true)]
     warnings: Option<PathBuf>,
     /// Don't print the warnings about poses: a study uses this alignment only for comparison
@@ -134,7 +134,7 @@ enum PoseBy {
 }
 
 impl Cli {
-    /// Returns the request for meshes, which have no properties but a pose.
+    /// Converts the arguments to a request for meshes. Refuses arguments that only apply to models.
     fn of_meshes<'a>(&'a self, paths: &'a [PathBuf]) -> Result<align_meshes::Asked<'a>> {
         let of_models = [
             (self.method != How::Joint, "--method"),
@@ -166,11 +166,11 @@ struct Found {
     transforms: Vec<Transform>,
     distances: Vec<[f64; 2]>,
     warnings: Vec<String>,
-    /// Warnings about a group's poses, with members by name only.
+    /// Warnings about a group's poses, which name members without their paths.
     named_warnings: Vec<String>,
     summary: Value,
     mean: Option<Coefficients>,
-    /// Kept, and locked, until everything is written.
+    /// State file of a resumable alignment; kept open and locked until all outputs are written.
     journal: Option<Journal>,
 }
 
@@ -300,7 +300,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     }
     let force = again.replaces_report(cli.report.report.as_deref(), &report["models"]);
     finish("align", &report, &rows, &ReportArgs { force, ..cli.report.clone() })?;
-    // Until this point another run would have needed the file.
+    // The state file is removed last: until all outputs are written, a resumed run needs it.
     if let (Some(path), Some(journal)) = (&cli.resume, found.journal) {
         std::fs::remove_file(path).with_context(|| path.display().to_string())?;
         drop(journal);
@@ -324,7 +324,8 @@ fn to_target(
         spharm::Monitor::step(monitor, 1);
         Ok(found.with_context(|| format!("{} to {}", from.display(), path.display()))?.report)
     };
-    // Collects all results before looking for an error, so that the same error is always reported.
+    // Collect all results before returning an error, so that the error doesn't depend on the order in which threads
+    // finish.
     let reports: Vec<Result<AlignReport>> = models.par_iter().zip(paths).map(one).collect();
     spharm::Monitor::end(monitor);
     let reports = reports.into_iter().collect::<Result<Vec<_>>>()?;

@@ -21,7 +21,7 @@ use super::outputs::{check_beside, finish, length};
 /// A request to align meshes.
 pub(super) struct Asked<'a> {
     pub(super) paths: &'a [PathBuf],
-    /// The mesh to which the others are aligned; without it they are aligned to each other.
+    /// The mesh to which the other meshes are aligned; `None` aligns the meshes to each other.
     pub(super) target: Option<&'a Path>,
     pub(super) output: &'a Path,
     pub(super) transforms: Option<&'a Path>,
@@ -30,7 +30,7 @@ pub(super) struct Asked<'a> {
     pub(super) resources: &'a Resources,
 }
 
-/// Motions of the meshes, and distances before and after.
+/// Rigid motions of the meshes, with their scales, and their distances before and after.
 struct Found {
     motions: Vec<Similarity>,
     distances: Vec<[Option<f64>; 2]>,
@@ -149,7 +149,8 @@ fn to_target(asked: &Asked<'_>, target: &Path, monitor: &ConsoleMonitor) -> Resu
         monitor.step(1);
         Ok((found, before))
     };
-    // Collects all results before looking for an error, so that the same error is always reported.
+    // Collect all results before returning an error, so that the error doesn't depend on the order in which threads
+    // finish.
     let found: Vec<Result<(Pose, f64)>> = asked.paths.par_iter().map(one).collect();
     monitor.end();
     let found = found.into_iter().collect::<Result<Vec<_>>>()?;

@@ -1,4 +1,4 @@
-//! Arguments shared by the subcommands of `shape`, and reading of the models that they name.
+//! Arguments shared by the subcommands of `shape`, and functions that read the models.
 
 use std::path::{Path, PathBuf};
 
@@ -33,7 +33,7 @@ impl Models {
         files(&self.models)
     }
 
-    /// Returns whether the argument is a single file, not a folder or list that contains one.
+    /// Returns whether the argument is a single file, rather than a folder or list that contains a single file.
     pub(super) fn single(&self, paths: &[PathBuf]) -> bool {
         paths.len() == 1 && paths == self.models
     }
@@ -94,7 +94,7 @@ pub(super) struct Sampling {
 }
 
 impl Sampling {
-    /// Returns the sphere on which all models are evaluated, or `None` if each is evaluated on its own. `needed`
+    /// Returns the sphere on which all models are evaluated, or `None` if each is evaluated on its own sphere. `needed`
     /// computes the bytes of memory from the sphere's numbers of vertices and triangles; a sphere that exceeds the
     /// budget is refused.
     pub(super) fn within(
@@ -115,7 +115,7 @@ impl Sampling {
     }
 }
 
-/// Returns the sphere that a model is evaluated on: the shared one, or its own.
+/// Returns the sphere on which a model is evaluated: the shared sphere, or else the model's own.
 pub(super) fn sphere_of<'a>(shared: Option<&'a Sphere>, model: &'a Model, path: &Path) -> Result<&'a Sphere> {
     match shared {
         Some(sphere) => Ok(sphere),
@@ -148,7 +148,8 @@ pub(super) fn read_all<T: Send>(
         monitor.step(1);
         Ok(taken)
     };
-    // Collects all results before looking for an error, so that the same error is always reported.
+    // Collect all results before returning an error, so that the error doesn't depend on the order in which threads
+    // finish.
     let results: Vec<Result<T>> = paths.par_iter().map(one).collect();
     monitor.end();
     results.into_iter().collect()

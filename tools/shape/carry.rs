@@ -18,10 +18,10 @@ use super::args::ReportArgs;
 use super::landmarks::on_surface;
 use super::outputs::finish;
 
-/// Carry landmarks from one member of a group to the same places of another, or of all
+/// Carry landmarks from one member of a group to the same places on another member, or on all others
 ///
-/// Landmarks are in each member's own frame, that of the file it was read from. Places without a counterpart on both
-/// members are guesses: they are listed by name, and are `false` under `reached` in the report.
+/// Each member's landmarks are in its own frame, that of the file from which it was read. A place without a counterpart
+/// on both members is a guess: such landmarks are listed by name, and have `reached` false in the report.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -37,16 +37,16 @@ pub(super) struct Cli {
     /// Landmarks to carry
     #[arg(value_name = "LANDMARKS", help_heading = INPUT)]
     landmarks: PathBuf,
-    /// Member to which they belong
+    /// Member to which the landmarks belong
     #[arg(long, value_name = "NAME", help_heading = INPUT)]
     from: String,
-    /// Member to carry them to; `all` for all others
+    /// Member to which the landmarks are carried; `all` for all others
     #[arg(long, value_name = "NAME", help_heading = INPUT)]
     to: String,
     /// File of landmarks to write; with --to all, a folder
     #[arg(short, long, value_name = "OUT", help_heading = OUTPUT)]
     output: PathBuf,
-    /// Ending of the files in the folder
+    /// Format of the files in the folder
     #[arg(long, value_name = "ENDING", default_value = "mrk.json", help_heading = OUTPUT)]
     format: String,
     #[command(flatten)]
@@ -84,7 +84,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let of_report = cli.report.report.iter().map(|path| OutputFile::new(path, "--report"));
     let written = outputs.iter().map(|path| OutputFile::new(path, "--output")).chain(of_report);
     check_files([cli.landmarks.as_path()], written, cli.report.force)?;
-    // Only one member is held besides the source, since a group may be of any size.
+    // Hold one member in memory besides the source, since a group may have any number of members.
     let first = files.members(&[source])?;
     let surface = Mesh::new(first.places[0].clone(), first.template.sphere.faces.clone());
     let own = first.similarities[0].inverse().apply_mesh(&surface);

@@ -22,14 +22,13 @@ use super::plan::Plan;
 /// Compress models, to a distance or to a size
 ///
 /// Coefficients are rounded to multiples of a step and encoded; `spharm shape expand` restores models from the files.
-/// The step is determined by the root mean square distance between the model's surface and the compressed one's, both
-/// ways, with the bounding box scaled to volume 1; or by the size of the file; or is given. For signals, distance and
-/// step are fractions of each channel's standard deviation over the sphere.
+/// The step is given, or is determined by the size of the file, or by a distance: the root mean square distance between
+/// the model's surface and the compressed model's, measured both ways, with the bounding box scaled to volume 1. For
+/// signals, distance and step are fractions of each channel's standard deviation over the sphere.
 ///
-/// Two things are lost: digits, up to that distance; and the model's sphere, including the number, the order and the
-/// triangles of the vertices. The expanded model can be evaluated on any sphere, `spharm reconstruct --icosphere N`,
-/// but not at the vertices to which it was fitted, unless their sphere is given. If these have to be kept, compress the
-/// mesh itself.
+/// Compression loses digits, up to that distance. It also loses the model's sphere, including the number, the order and
+/// the triangles of the vertices. The expanded model can be evaluated on any sphere, `spharm reconstruct --icosphere
+/// N`, but not at the fitted vertices, unless their sphere is given. To keep the vertices, compress the mesh itself.
 ///
 /// The beginning of a file is a coarser model: `spharm shape expand --prefix`.
 #[derive(Debug, Args)]
@@ -93,7 +92,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let targets = outputs(&cli.models, &paths, &cli.output, "sphz")?;
     check(targets.iter().map(|path| OutputFile::with_ending(path, "--output", &[".sphz"])), &cli.report)?;
     let plan = Plan::new("compress", &paths, cli.resources.both())?;
-    // The distance is measured on a grid, by transforms.
+    // Memory of two models, and of measuring the distance on a grid by transforms.
     plan.check(plan.one().saturating_mul(2).saturating_add(measure_bytes(plan.group.max_degree)), [])?;
     let pool = cli.resources.threads.pool()?;
     let mut params = CompressParams::new(cli.target.target());

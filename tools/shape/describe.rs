@@ -20,8 +20,8 @@ use super::plan::Plan;
 /// Describe models by rotation-invariant numbers
 ///
 /// One row per model: its size (root mean square distance from its mean position), the power of each degree and the
-/// singular values of each degree's coefficients. Rotations, reflections and translations of the surface, and rotations
-/// of its sphere, don't change them; they do depend on the parameterisation. Without --output the table is printed.
+/// singular values of each degree's coefficients. They don't change if the surface is rotated, reflected or translated,
+/// or its sphere rotated; they do depend on the parameterisation. Without --output the table is printed.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -72,7 +72,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let paths = cli.models.paths()?;
     check(cli.output.iter().map(|path| OutputFile::with_ending(path, "--output", &[".csv"])), &cli.report)?;
     let plan = Plan::new("describe", &paths, cli.resources.both())?;
-    // Memory of the descriptors, and of the table's cells as text.
+    // Memory of the descriptors, and of the text of the table's cells.
     let numbers = (paths.len() * (1 + plan.group.channels) * (plan.group.max_degree + 1)) as u64;
     plan.check(plan.one().saturating_mul(plan.threads as u64) + 130 * numbers, [])?;
     let pool = cli.resources.threads.pool()?;

@@ -16,7 +16,7 @@ use spharm_cli::paths::{shown, with_ending};
 use super::args::ReportArgs;
 use super::outputs::{check, finish};
 
-/// Maximum size of a compressed model in bytes: it has at most 96 MB of coefficients of degree 2,000, times channels.
+/// Maximum size of a compressed model in bytes. Each channel of degree 2,000 has at most 96 MB of coefficients.
 const MOST_BYTES: u64 = 1 << 30;
 
 /// Restore models from compressed ones
@@ -52,8 +52,8 @@ pub(super) struct Cli {
     memory: Memory,
 }
 
-/// Maximum memory per byte of a file, in bytes: a coefficient takes at least a bit in the file, and 16 bytes in the
-/// model.
+/// Memory in bytes per byte of a compressed file, at most: a coefficient takes at least one bit in the file, and 16
+/// bytes in the model.
 const EXPANSION: u64 = 160;
 
 /// Runs the subcommand.
@@ -63,7 +63,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     check(targets.iter().map(|path| OutputFile::with_ending(path, "--output", &[".npz"])), &cli.report)?;
     let budget = cli.memory.budget(1);
     for path in &paths {
-        // A short stream may hold many coefficients; `expand` bounds their number by its bytes.
+        // A short file may hold many coefficients; `expand` bounds their number by the number of bytes.
         let bytes = std::fs::metadata(path).map_or(0, |found| found.len());
         budget.check(format_args!("shape expand: {}", path.display()), bytes.saturating_mul(EXPANSION))?;
     }

@@ -25,7 +25,8 @@ struct Member {
     to_group: Similarity,
 }
 
-/// Reads the transforms of the models with these names, in this order. They map the members' own frames to the models'.
+/// Reads the transforms of the models with these names, in the order of the names. A transform maps the frame of a
+/// member's own file to the frame of its model.
 ///
 /// # Errors
 ///

@@ -1,4 +1,4 @@
-//! Groups of models: reading them to a common degree, with a warning if that drops degrees.
+//! Reads groups of models to a common degree, and warns if that drops degrees.
 
 use std::path::{Path, PathBuf};
 
@@ -24,7 +24,7 @@ pub(super) fn equal_models(
     })
 }
 
-/// A group of models of one degree.
+/// A group of models, reduced to one degree.
 pub(super) struct Group {
     /// Names of the members: their file names without endings.
     pub(super) names: Vec<String>,
@@ -57,9 +57,9 @@ pub(super) fn read_group(
     let (members, keys): (Vec<_>, Vec<_>) = read_all(paths, monitor, read)?.into_iter().unzip();
     let CommonDegree { members, degree, warning } = to_common_degree(&members, degree)?;
     let mut warnings: Vec<String> = warning.iter().map(ToString::to_string).collect();
-    // Nothing is known about the poses of signals.
+    // Only surfaces have poses.
     let poses = if kind == Kind::Surface { PosesDiffer::of(&members) } else { None };
-    // If the poses differ, the places differ anyway.
+    // Differing poses already imply differing places, so this check runs only if the poses agree.
     if kind == Kind::Surface && poses.is_none() && !one_key(keys.iter().map(Option::as_deref)) {
         warnings.extend(places_differ(&members, monitor)?.map(|places| places.to_string()));
     }

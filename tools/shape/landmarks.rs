@@ -15,7 +15,8 @@ use spharm_surface::io::landmarks::Landmarks;
 use spharm_surface::{Mesh, Similarity};
 use spharm_transform::synthesis;
 
-/// Endings of landmark files. Endings that are part of others come last.
+/// Endings of landmark files. An ending that is the end of a longer one (`.json`) comes after the longer one
+/// (`.mrk.json`).
 const ENDINGS: [&str; 5] = [".mrk.json", ".fcsv", ".json", ".csv", ".tsv"];
 /// Distance of a landmark from its surface above which a warning is given, as a fraction of the surface's extent.
 const OFF: f64 = 0.05;
@@ -23,13 +24,13 @@ const OFF: f64 = 0.05;
 /// Corresponding landmarks of all models.
 pub(super) struct Marks {
     pub(super) names: Vec<String>,
-    /// Positions in the models' frames, (models) of (names).
+    /// Positions in the models' frames: for each model, one for each name.
     pub(super) points: Vec<Vec<Vec3>>,
     pub(super) warnings: Vec<String>,
 }
 
-/// Reads the landmarks of models, if any are given. `transforms`, if any, map the landmarks' frames to the models' and
-/// are applied to the landmarks.
+/// Reads the landmarks of models, if any are given. If `transforms` are given, they map the landmarks' frames to the
+/// models' frames and are applied to the landmarks.
 pub(super) fn of_models(
     named: &[PathBuf],
     models: &[PathBuf],
@@ -83,8 +84,8 @@ pub(super) fn of_surfaces(
     Ok(Marks { names: matched.names, points: matched.points, warnings })
 }
 
-/// Reads one subject's landmarks in the frame of its surface. Returns warnings about those that are far from the
-/// surface.
+/// Reads one subject's landmarks in the frame of its surface. Returns the landmarks, and warnings about landmarks that
+/// are far from the surface.
 pub(super) fn on_surface(file: &Path, surface: &Mesh) -> Result<(Landmarks, Vec<String>)> {
     let mut warnings = Vec::new();
     let (low, high) = bounds(surface.vertices.iter().copied());

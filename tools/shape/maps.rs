@@ -72,12 +72,12 @@ impl Maps {
         with_ending(&self.stem, &format!("{name}.{}", self.format))
     }
 
-    /// Returns whether the maps are meshes with values and colours, rather than values alone.
+    /// Returns whether the maps are meshes with values and colours, rather than only values.
     pub(super) fn painted(&self) -> bool {
         ["ply", "glb", "vtk"].iter().any(|ending| self.format.eq_ignore_ascii_case(ending))
     }
 
-    /// Writes the maps of the points at the sphere's vertices.
+    /// Writes the maps from the geometry at the sphere's vertices.
     pub(super) fn write(&self, sphere: &Sphere, points: &[LocalGeometry]) -> Result<()> {
         let directions = sphere.directions.as_slice();
         if self.format == "csv" {
@@ -108,8 +108,8 @@ impl Maps {
     }
 }
 
-/// Returns the values that get the first and the last colour. They are the limits of all values except the lowest and
-/// the highest fiftieth, so that a spike doesn't use up the range of colours.
+/// Returns the values shown in the first and the last colour: the minimum and maximum of all values except the lowest
+/// and the highest fiftieth, so that a few extreme values don't use up the range of colours.
 fn range(values: &[f64]) -> (f64, f64) {
     let mut sorted = values.to_vec();
     sorted.sort_unstable_by(f64::total_cmp);

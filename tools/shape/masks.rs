@@ -1,5 +1,5 @@
-//! Masks of directions, read from files of values, from labels, and from groups, whose places without a counterpart are
-//! masked.
+//! Reads masks of directions from files of values, from labels, and from groups. In a group, the places without a
+//! counterpart are masked.
 
 use std::path::Path;
 
@@ -9,8 +9,8 @@ use spharm_surface::Sphere;
 use spharm_surface::geometry::Vec3;
 use spharm_surface::io::read_mask;
 
-/// Reads the directions of a sphere that are kept, (n). A group is given by its folder or its `group.json`, and works
-/// with any sphere.
+/// Returns for each direction of a sphere whether it is kept. A group is given by its folder or its `group.json`, and
+/// can be used with any sphere.
 pub(super) fn read(path: &Path, sphere: &Sphere) -> Result<Vec<bool>> {
     let directions: &[Vec3] = sphere.directions.as_slice();
     let of_group = path.file_name().is_some_and(|name| name == "group.json");

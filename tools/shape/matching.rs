@@ -21,10 +21,10 @@ use super::plan::Plan;
 
 /// Find the models that are nearest to a given one
 ///
-/// Models are first ranked by the singular values of each degree, which don't depend on pose. Their distance, the
-/// bound, never exceeds the root mean square distance of the surfaces, however they are rotated, mirrored and moved.
-/// Then the candidates with the smallest bounds are aligned, and ordered by the remaining distance, in the surfaces'
-/// unit. Signals aren't aligned.
+/// Models are first ranked by the singular values of each degree, which don't depend on pose. The distance between the
+/// singular values of two models is a lower bound of the root mean square distance of the surfaces, however they are
+/// rotated, mirrored and moved. Then the candidates with the smallest bounds are aligned, and ordered by the distance
+/// that remains, in the surfaces' unit. Signals aren't aligned.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -50,8 +50,8 @@ pub(super) struct Cli {
     unit_size: bool,
     /// Quantity by which models are ordered
     ///
-    /// standardized divides each number by its standard deviation over the searched models, so that small, high degrees
-    /// weigh as much as low ones.
+    /// standardized divides each number by its standard deviation over the searched models, so that high degrees, whose
+    /// numbers are small, weigh as much as low ones.
     #[arg(long, value_enum, value_name = "METRIC", default_value_t = By::Distance, help_heading = METHOD)]
     metric: By,
     /// Maximum number of candidates to align; 0 for none
@@ -82,7 +82,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let (queries, among) = (cli.queries.paths()?, files(&cli.among)?);
     check(cli.output.iter().map(|path| OutputFile::with_ending(path, "--output", &[".csv"])), &cli.report)?;
     let plan = Plan::new("match", &among, cli.resources.both())?;
-    // Memory of the descriptors as read, to a common degree and in the library, and of one alignment per thread.
+    // Memory of the descriptors in three forms (as read, at a common degree, in the library), and of one alignment per
+    // thread.
     let numbers = ((among.len() + queries.len()) * (1 + plan.group.channels) * (plan.group.max_degree + 1)) as u64;
     let aligning = align_bytes(plan.group.max_degree).saturating_add(2 * plan.one());
     plan.check(aligning.saturating_mul(plan.threads as u64) + 40 * numbers, [])?;
@@ -92,7 +93,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let started = Instant::now();
     let (of_queries, of_library) = (read(&queries)?, read(&among)?);
     let reading = started.elapsed().as_secs_f64();
-    // The common degree is the lowest of all: a query of lower degree than the library lowers it.
+    // All models are compared at the lowest degree among the queries and the library.
     let degree = of_queries.iter().chain(&of_library).map(Descriptors::max_degree).min().unwrap_or(0);
     let highest = of_queries.iter().chain(&of_library).map(Descriptors::max_degree).max().unwrap_or(0);
     let mut warnings = Vec::new();

@@ -21,8 +21,8 @@ use super::plan::Plan;
 
 /// Average models of surfaces
 ///
-/// Computes the mean of the coefficients. Surfaces have to correspond: by `spharm shape align --group`, or by spheres
-/// that share their parameters, as those of cortical surfaces do. Prints each model's distance from the mean.
+/// Computes the mean of the coefficients. Surfaces have to correspond: by `spharm shape align --group`, or by
+/// registered spheres, such as those of cortical surfaces. Prints each model's distance from the mean.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(&["spharm shape mean aligned -o mean.spharm.npz"], &[]))]
 pub(super) struct Cli {
@@ -61,7 +61,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let mut rows = vec![["model", "distance from the mean"].map(str::to_owned).to_vec()];
     rows.extend(group.names.iter().zip(&distances).map(|(name, distance)| vec![name.clone(), length(*distance)]));
     let square = distances.iter().map(|distance| distance * distance).sum::<f64>();
-    // Surfaces may be so large that the squares overflow.
+    // For very large surfaces the squares may overflow; then the root mean square is accumulated with `hypot`.
     let count = distances.len() as f64;
     let spread = if square.is_finite() {
         (square / count).sqrt()

@@ -45,7 +45,7 @@ pub(super) struct Cli {
     /// Highest degree to use [default: the model's]
     #[arg(long, value_name = "L", help_heading = METHOD)]
     max_degree: Option<usize>,
-    /// Stop refining the grid when the area changes by less than this, relatively
+    /// Relative change of the area at which the refinement of the grid stops
     #[arg(long, value_name = "T", default_value_t = 1e-7, help_heading = METHOD)]
     tolerance: f64,
     #[command(flatten)]
@@ -71,7 +71,7 @@ pub(super) struct Cli {
     resources: Resources,
 }
 
-/// Maximum size of a vertex in a table of maps, as text, in bytes.
+/// Maximum size in bytes of the text for a vertex in a table of maps.
 const TABLE: u64 = 600;
 
 /// Columns of the table.
@@ -104,7 +104,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let console = monitor.console();
     let plan = Plan::new("measure", &paths, cli.resources.both())?;
     let degree = plan.group.max_degree;
-    // Maps are written one after another, or all together as a table.
+    // Maps are written one after another, or as one table; this is the memory for either.
     let needed = |[vertices, faces]: [u64; 2]| {
         let maps = local_geometry_bytes(vertices, degree).saturating_add(TABLE * vertices + 24 * (vertices + faces));
         plan.one().saturating_add(measure_bytes(degree).max(if cli.maps.is_some() { maps } else { 0 }))

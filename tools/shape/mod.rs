@@ -1,5 +1,5 @@
-//! `shape`: analysis of models. Each subcommand has a file with its arguments, its calls of the library and its output.
-//! `args` holds the shared arguments, `outputs` the names and writing of results.
+//! `shape`: analyses models. Each subcommand has a file with its arguments, its calls of the library and its output.
+//! `args` holds the shared arguments; `outputs` names and writes the results.
 //!
 //! A new subcommand is a file here, a variant of [`Command`] and a line in [`run`].
 

@@ -25,8 +25,8 @@ use super::plan::Plan;
 
 /// Interpolate shapes between two models
 ///
-/// The first model is aligned to the second one; then shapes are interpolated linearly. With --keep-pose the path
-/// begins at the first model's position in space and turns on its way; otherwise all shapes are in the second model's
+/// The first model is aligned to the second one; then shapes are interpolated linearly. With --keep-pose, the path
+/// begins at the first model's pose in space and ends at the second's; otherwise all shapes are in the second model's
 /// pose.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
@@ -58,7 +58,7 @@ pub(super) struct Cli {
     /// Output folder
     #[arg(short, long, value_name = "DIR", help_heading = OUTPUT)]
     output: PathBuf,
-    /// Ending of the files: of a mesh, or spharm.npz for models
+    /// Format of the files: that of a mesh, or spharm.npz for models
     #[arg(long, value_name = "ENDING", default_value = "ply", help_heading = OUTPUT)]
     format: String,
     /// Animation to write
@@ -70,7 +70,7 @@ pub(super) struct Cli {
     resources: Resources,
 }
 
-/// Side of the animation in pixels, and hundredths of a second for which a shape is shown.
+/// Side of the animation in pixels; and the time for which each shape is shown, in hundredths of a second.
 const SIDE: usize = 360;
 const DELAY: u16 = 8;
 

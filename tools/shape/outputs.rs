@@ -1,4 +1,4 @@
-//! Destinations of results: one file for one model, a folder for several; tables and reports.
+//! Names and writes results: a file for one model, a folder for several; tables and reports.
 
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
@@ -30,7 +30,7 @@ pub(super) fn outputs(models: &Models, paths: &[PathBuf], output: &Path, ending:
     Ok(paths.iter().map(|path| with_ending(&output.join(model_file_name(path)), ending)).collect())
 }
 
-/// Refuses, before any work, outputs that couldn't be written at the end.
+/// Refuses outputs that couldn't be written at the end. Called before any work.
 pub(super) fn check<'a>(files: impl IntoIterator<Item = OutputFile<'a>>, report: &'a ReportArgs) -> Result<()> {
     let of_report = report.report.as_deref().map(|path| OutputFile::new(path, "--report"));
     check_outputs(files.into_iter().chain(of_report), report.force)
@@ -46,7 +46,7 @@ pub(super) fn check_beside<'a>(
     check_files(models.iter().map(PathBuf::as_path), files.into_iter().chain(of_report), report.force)
 }
 
-/// Writes and prints a report. `rows` are the printed table; the first row has the names of the columns.
+/// Writes and prints a report. `rows` is the printed table; its first row has the names of the columns.
 pub(super) fn finish(subcommand: &str, report: &Value, rows: &[Vec<String>], args: &ReportArgs) -> Result<()> {
     let whole = write_report(subcommand, report, args)?;
     if args.report.as_deref().is_some_and(is_stdout) {
@@ -79,12 +79,12 @@ pub(super) fn csv<'a>(header: &[&str], rows: impl IntoIterator<Item = &'a [Strin
     text
 }
 
-/// Formats a number with all its digits.
+/// Formats a number with all digits needed to restore it exactly.
 pub(super) fn number(value: f64) -> String {
     format!("{value:?}")
 }
 
-/// Formats a length for a printed table, whatever its unit.
+/// Formats a length for a printed table; very large values get an exponent.
 pub(super) fn length(value: f64) -> String {
     if value.abs() < 1e9 { format!("{value:.6}") } else { format!("{value:.6e}") }
 }
@@ -96,7 +96,7 @@ pub(super) fn write_text(path: &Path, force: bool, text: &str) -> Result<()> {
     Ok(())
 }
 
-/// Quotes a cell as in RFC 4180, and guards it so that no spreadsheet takes it for a formula.
+/// Quotes a cell as in RFC 4180, and guards it against being interpreted as a formula by spreadsheets.
 fn quoted(cell: &str) -> Cow<'_, str> {
     let cell = guarded(cell);
     if cell.contains([',', '"', '\n', '\r']) { Cow::Owned(format!("\"{}\"", cell.replace('"', "\"\""))) } else { cell }

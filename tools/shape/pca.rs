@@ -24,9 +24,8 @@ use super::plan::Plan;
 
 /// Compute a group's modes of variation: principal components
 ///
-/// The models have to correspond, as those of `spharm shape align --group` do; their position in space is ignored.
-/// Writes a shape model: mean, modes, variances and the members' scores. `spharm shape sample` generates shapes from
-/// it.
+/// The models have to correspond, as after `spharm shape align --group`; their position in space is ignored. Writes a
+/// shape model: mean, modes, variances and the members' scores. `spharm shape sample` generates shapes from it.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[

@@ -1,4 +1,4 @@
-//! The memory plan of a subcommand of `shape`, made before it reads its models.
+//! Plans the memory of a subcommand of `shape` before it reads its models.
 
 use std::path::{Path, PathBuf};
 
@@ -43,7 +43,8 @@ impl Plan {
         if let Some(path) = paths.iter().max_by_key(|path| size(path)) {
             budget.check_inputs(&format!("shape {subcommand}"), [path.as_path()])?;
             largest = bytes_to_read(path);
-            // If it isn't a model, the subcommand will report the first other file.
+            // If this file isn't a model, the subcommand will report it or an earlier malformed file when it reads the
+            // models.
             if let Ok(model) = Model::read(path) {
                 group.max_degree = model.coefficients.max_degree();
                 group.channels = model.coefficients.channels();
@@ -53,12 +54,13 @@ impl Plan {
         Ok(Self { subcommand, budget, threads, group, own, files, largest })
     }
 
-    /// Returns the numbers of vertices and triangles of the sampling: an icosphere, a sphere, or the models' own.
+    /// Returns the numbers of vertices and triangles of the sampling: of the icosphere, the shared sphere, or the
+    /// models' own.
     pub(super) fn sampling(&self, icosphere: Option<u32>, shared: Option<&Sphere>) -> [u64; 2] {
         icosphere.map(icosphere_counts).or(shared.map(counts)).unwrap_or(self.own)
     }
 
-    /// Returns the bytes needed to read models one after another.
+    /// Returns the bytes needed to read models one after another, keeping only one.
     pub(super) fn one(&self) -> u64 {
         self.largest
     }
@@ -75,7 +77,7 @@ impl Plan {
         self.files.saturating_add(self.largest.saturating_mul(readers))
     }
 
-    /// Refuses a plan that doesn't fit, and names the first of `others` that does.
+    /// Refuses a plan that doesn't fit into memory. The error names the first of the alternatives `others` that fits.
     pub(super) fn check(&self, needed: u64, others: impl IntoIterator<Item = (String, u64)>) -> Result<()> {
         let GroupSizes { models, max_degree, .. } = self.group;
         let count = if models == 1 { "1 model".to_owned() } else { format!("{models} models") };

@@ -1,4 +1,4 @@
-//! `shape quality`: measures how well a group corresponds, and how well its modes represent it.
+//! `shape quality`: measures how well a group's models correspond, and how well its modes represent them.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -26,9 +26,9 @@ use super::{frames, landmarks, masks};
 
 /// Measure how well a group corresponds: compactness, generalisation, specificity, landmarks
 ///
-/// The models have to correspond, as those of `spharm shape align --group` do; their position in space is ignored.
-/// Places are weighted by the area around them; distances between surfaces are by nearest points. The bands are 95 %
-/// intervals of a bootstrap over the members.
+/// The models have to correspond, as after `spharm shape align --group`; their position in space is ignored. Places are
+/// weighted by the area around them; distances between surfaces are by nearest points. The bands are 95 % intervals of
+/// a bootstrap over the members.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -78,10 +78,10 @@ pub(super) struct Cli {
     /// original surfaces.
     #[arg(long, value_name = "FILE.json", requires = "landmarks", help_heading = METHOD)]
     frames: Option<PathBuf>,
-    /// Directions of the icosphere to compare: those whose value isn't 0, or a group's, by its folder
+    /// Directions of the icosphere to compare: those whose value isn't 0, or a group's, given by its folder
     ///
     /// In a group made by `spharm shape correspond`, some places have no counterpart on the members, such as lids of
-    /// the template's holes.
+    /// the template's holes; they are left out.
     #[arg(long, value_name = "FILE", help_heading = METHOD)]
     mask: Option<PathBuf>,
     /// Seed of the random shapes and of the bootstrap
@@ -211,7 +211,7 @@ fn rows(found: &GroupQuality) -> Vec<Vec<String>> {
     rows
 }
 
-/// Returns the panels of the picture: curves of points, with those of surfaces beside them if they were measured.
+/// Returns the panels of the picture: curves measured at points and, if measured, curves of distances between surfaces.
 fn panels(found: &GroupQuality) -> Vec<CurvePanel<'_>> {
     vec![
         panel("compactness", &found.compactness, None),

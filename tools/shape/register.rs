@@ -21,7 +21,7 @@ use super::args::{ReportArgs, Resources};
 use super::correspond::surfaces::{read, surfaces};
 use super::outputs::finish;
 
-/// Move a template onto surfaces: meshes with the template's triangles
+/// Move a template onto surfaces, for meshes with the template's triangles
 ///
 /// First each surface is brought into the template's pose by nearest points; then the template's vertices are moved
 /// onto it. A surface may have handles, holes and several pieces. The resulting meshes lie on the surfaces, in the
@@ -38,7 +38,7 @@ pub(super) struct Cli {
     /// Mesh to move
     #[arg(long, value_name = "FILE", help_heading = INPUT)]
     template: PathBuf,
-    /// How surfaces are brought into the template's pose: by nearest points, or not at all
+    /// Method of bringing surfaces into the template's pose: by nearest points, or none
     #[arg(long, value_enum, default_value_t = PoseBy::Surfaces, help_heading = METHOD)]
     pose: PoseBy,
     /// Scale surfaces to the template's size
@@ -53,7 +53,7 @@ pub(super) struct Cli {
     /// Names of the meshes
     #[arg(long, value_name = "TEMPLATE", default_value = "{stem}", help_heading = OUTPUT)]
     name_template: NameTemplate,
-    /// Ending of the meshes
+    /// Format of the meshes
     #[arg(long, value_name = "ENDING", default_value = "ply", help_heading = OUTPUT)]
     format: String,
     #[command(flatten)]
@@ -87,7 +87,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let pool = cli.resources.threads.pool()?;
     let params = RegisterParams::default();
     let mesh = read(&cli.template)?;
-    // Kernels of 200 columns each, the plate's factor, and trees; the surface with its own trees.
+    // Memory of the template: kernels of 200 columns each, the factor of the thin plate, and search trees. Memory of
+    // the surface with its own trees.
     let (n, stages) = (mesh.vertices.len() as u64, params.drift.len() as u64);
     let needed = 1600 * stages * (n + 3000) + 8000 * n + 4 * bytes_to_read(largest) + (8 << 20);
     budget.check(format!("shape register of a template of {n} vertices"), needed)?;

@@ -20,14 +20,14 @@ use super::args::{Models, ReportArgs, Resources, Sampling, sphere_of, to_degree}
 use super::outputs::{check, finish, outputs};
 use super::plan::Plan;
 
-/// Number of steps of the relocation; its error is far below the resolution of a mesh.
+/// Number of integration steps of the relocation; the error is far below the resolution of a mesh.
 const STEPS: usize = 16;
 
 /// Make meshes of models: within a distance, by levels, evenly in area
 ///
 /// Leaving out the degrees above a given one moves the surface by a root mean square distance that is known exactly.
-/// --tolerance takes the lowest degree within a distance; --levels writes a file for each degree, all with the same
-/// triangles. --even relocates the vertices so that they are spread evenly over the surface's area.
+/// --tolerance uses the lowest degree within a distance; --levels writes a file for each degree, all with the same
+/// triangles. --even moves the vertices so that they are spread evenly over the surface's area.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -104,7 +104,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let files = targets.iter().flatten().map(|path| OutputFile::holding(path, "--output", Output::Mesh));
     check(files, &cli.report)?;
     let plan = Plan::new("remesh", &paths, cli.resources.both())?;
-    // Memory of the relocation per vertex: four velocities, their directions, and the density.
+    // Memory per vertex of moving the vertices, in bytes: four velocities, their directions, and the density.
     let even = if cli.even { 480 } else { 0 };
     let needed = |[vertices, faces]: [u64; 2]| {
         let evaluating = Model::bytes_to_evaluate(vertices, faces, 4, plan.group.max_degree);
@@ -158,7 +158,7 @@ fn one(
     let degrees = cli.degree.of(&model, path)?;
     let tails = tails(&model.coefficients).with_context(named)?;
     let sphere = sphere_of(shared, &model, path)?;
-    // The sphere is that of the highest degree, so that all levels have the same triangles.
+    // The vertices are relocated once, for the highest degree, so that all levels have the same triangles.
     let even = if cli.even { Some(relocated(&model, path, &degrees, sphere, monitor)?) } else { None };
     let sphere = even.as_ref().map_or(sphere, |even| &even.sphere);
     let options = WriteOptions { overwrite: cli.report.force, double: cli.double };

@@ -1,4 +1,4 @@
-//! `shape rotate`: rotates parameters and space, scales and translates.
+//! `shape rotate`: rotates the parameters or the surface of models, and scales and translates surfaces.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -21,8 +21,8 @@ use super::plan::Plan;
 
 /// Rotate models: their parameters, or the surface in space
 ///
-/// --parameters rotates the sphere under the surface, which doesn't move: a vertex at direction u is at R u afterwards,
-/// and the model's own sphere rotates with it. --object moves the surface: x becomes scale Q x + translation.
+/// --parameters rotates the sphere under the surface, which doesn't move: a vertex at direction u is then at direction
+/// R u, and the model's own sphere rotates with it. --object moves the surface: x becomes scale Q x + translation.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[

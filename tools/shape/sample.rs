@@ -37,7 +37,7 @@ pub(super) struct Cli {
     /// Shape model, as `spharm shape pca` writes it
     #[arg(value_name = "MODEL.shape-model.npz", help_heading = INPUT)]
     model: PathBuf,
-    /// Standard deviations along a mode, counted from 1
+    /// Mode, counted from 1, and the standard deviations to move along it
     #[arg(long, value_name = "MODE=SD", value_parser = mode, allow_hyphen_values = true, help_heading = METHOD)]
     mode: Vec<(usize, f64)>,
     /// Number of random shapes, written to a folder
@@ -72,7 +72,7 @@ pub(super) fn run(cli: &Cli, _: &ConsoleMonitor) -> Result<()> {
     let shapes: Vec<(PathBuf, Vec<f64>)> = match cli.random {
         Some(0) => return Err(Usage::invalid("--random 0 makes no shapes").into()),
         Some(count) => {
-            // Numbers of each shape, and their text in the report.
+            // Memory of each shape's numbers, and of their text in the report.
             let needed = |count: u64| (64 * modes.count() as u64 + 400).saturating_mul(count);
             let fewer = round_numbers_below(count as u64).map(|n| (format!("--random {n}"), needed(n)));
             budget.check_or(format_args!("shape sample --random {count}"), needed(count as u64), fewer)?;

@@ -23,7 +23,8 @@ use super::plan::check_each;
 /// Smooth models by the heat kernel
 ///
 /// Degree l is multiplied by exp(-l (l + 1) s). The width is an angle on the sphere, FWHM = 4 sqrt(s ln 2) rad; on the
-/// surface it is about FWHM sqrt(area / 4 pi), more where the map to the sphere is squeezed. Surfaces and signals.
+/// surface it is about FWHM sqrt(area / 4 pi), and larger where the map to the sphere is compressed. For surfaces and
+/// signals.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -60,7 +61,7 @@ struct Width {
 impl Width {
     fn kernel(&self) -> Result<HeatKernel> {
         match self.fwhm {
-            // The message is in degrees, as in the argument; the kernel's own message is in radians.
+            // The message is in degrees, the unit of the argument; the kernel's own message is in radians.
             Some(degrees) if !(degrees >= 0.0 && degrees.is_finite()) => {
                 bail!("--fwhm: the width is {degrees} degrees; it must be finite and not negative")
             }

@@ -1,4 +1,4 @@
-//! Tables of subjects: CSV, or TSV by its ending.
+//! Reads tables of subjects: CSV, or TSV if the name ends in .tsv.
 
 use std::path::{Path, PathBuf};
 
@@ -73,7 +73,7 @@ impl Table {
         if let Some(row) = cells.iter().position(|cell| cell.is_empty()) {
             bail!("{}: row {}: column {name:?} is empty; leave the subject out", self.path.display(), row + 1);
         }
-        // A missing value would otherwise become a level of its own, and so turn a column of numbers into levels.
+        // A missing value would become a level of its own, and would turn a column of numbers into a column of levels.
         if let Some(row) = cells.iter().position(|cell| is_missing(cell)) {
             let found = cells[row];
             bail!(
@@ -104,7 +104,7 @@ impl Table {
         Ok(self.different(name)?.into_iter().map(|cell| folder.join(cell)).collect())
     }
 
-    /// Returns the cells of a column, which have to be distinct.
+    /// Returns the cells of a column; equal cells are an error.
     pub(super) fn different(&self, name: &str) -> Result<Vec<&str>> {
         let cells = self.cells(name)?;
         if let Some(row) = (1..cells.len()).find(|row| cells[..*row].contains(&cells[*row])) {
@@ -114,7 +114,7 @@ impl Table {
     }
 }
 
-/// The column of the landmark files.
+/// Name of the column with the landmark files.
 pub(crate) const LANDMARKS: &str = "landmarks";
 
 /// Returns the files named by a column of a `table` of surfaces, one per row, relative to the table; `None` if it has
@@ -133,11 +133,11 @@ pub(crate) fn files_of(manifest: &Manifest, column: &str, table: &Path) -> Resul
     files.collect::<Result<_>>().map(Some)
 }
 
-/// Returns a column of numbers or levels. If most cells are numbers or meant to be, the error is the row of a cell that
-/// isn't one: a single cell would otherwise turn the column into levels, and so change the question that is tested.
+/// Returns a column of numbers or of levels. If most cells are numbers, a cell that isn't a number is an error, because
+/// it would turn the whole column into levels and so change the tested hypothesis; the error is the cell's row.
 pub(crate) fn column_of(cells: &[&str]) -> Result<Column, usize> {
     let is_number = |cell: &str| cell.trim().parse::<f64>().is_ok_and(f64::is_finite);
-    // 30,5 is a number with a decimal comma, and never meant as a level.
+    // A cell such as 30,5 is a number with a decimal comma rather than a level.
     let is_meant = |cell: &&&str| is_number(cell) || is_number(&cell.replace(',', "."));
     let meant = cells.iter().filter(is_meant).count();
     match cells.iter().position(|cell| !is_number(cell)) {
@@ -146,7 +146,7 @@ pub(crate) fn column_of(cells: &[&str]) -> Result<Column, usize> {
     }
 }
 
-/// Returns the message about such a cell, with the remedy.
+/// Returns the message about a cell that isn't a number in a column of numbers, with the remedy.
 pub(crate) fn no_number(cell: &str) -> String {
     format!(
         "expected a number, as in most rows, found {cell:?}; write it as one, such as 30.5, or leave the subject out; levels are \

@@ -6,8 +6,8 @@ use spharm_cli::{Common, help};
 
 /// Summarise the progress of a cohort over all of its processes
 ///
-/// Reads the tables written with --status by fit and other verbs. A row that is in several tables is done if its model
-/// exists.
+/// Reads the tables written with --status by fit and other verbs. A row that occurs in several tables is done if its
+/// model exists.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -20,7 +20,7 @@ pub(crate) struct Cli {
     /// Status files, or folders of them
     #[arg(required = true, value_name = "FILE|DIR", help_heading = help::INPUT)]
     pub(super) files: Vec<PathBuf>,
-    /// The cohort's manifest: shows which rows were never started
+    /// The cohort's manifest, to show which rows were never started
     #[arg(long, value_name = "TABLE.tsv", help_heading = help::INPUT)]
     pub(super) manifest: Option<PathBuf>,
     /// Write a manifest of the rows without a model

@@ -31,7 +31,7 @@ pub(super) enum Command {
         #[arg(long, help_heading = OUTPUT)]
         json: bool,
     },
-    /// List the files of schemes, with a line for each degree and each factor
+    /// List the files of schemes, one line for each degree and each factor
     Show {
         #[command(flatten)]
         which: Which,

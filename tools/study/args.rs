@@ -11,9 +11,9 @@ use spharm_cohort::Shard;
 
 /// Run a study: fit, make subjects correspond, average, test, and write a page
 ///
-/// STUDY.toml sets the subjects, the degree and the tests; `spharm study init` writes one with comments. Every stage is
-/// a command of spharm, which is shown. A stage whose inputs and settings haven't changed since the last run is not run
-/// again. So the same command resumes an interrupted study, and after a change reruns only what depends on it.
+/// STUDY.toml sets the subjects, the degree and the tests; `spharm study init` writes a commented one. Every stage is a
+/// command of spharm, which is shown. A stage runs again only if its inputs or settings have changed since the last
+/// run. So the same command resumes an interrupted study, and after a change reruns only the stages that depend on it.
 #[derive(Debug, Args)]
 #[command(
     args_conflicts_with_subcommands = true,
@@ -36,7 +36,7 @@ pub(crate) struct Cli {
     /// Fit one part of the subjects: I/N, counted from 0, or slurm
     #[arg(long, value_name = "I/N|slurm", help_heading = METHOD)]
     pub(super) shard: Option<Shard>,
-    /// Print the commands and run none
+    /// Print the commands without running them
     #[arg(long, help_heading = OUTPUT)]
     pub(super) dry_run: bool,
     /// Run all stages again
@@ -59,12 +59,12 @@ pub(super) struct Resources {
 
 #[derive(Debug, Subcommand)]
 pub(super) enum Command {
-    /// Write a study file with comments, to fill in
+    /// Write a commented study file to fill in
     Init {
         /// File to write
         #[arg(default_value = "study.toml")]
         file: PathBuf,
-        /// Table of its subjects, relative to it
+        /// Table of the subjects, relative to the study file
         #[arg(long, value_name = "TABLE")]
         table: Option<String>,
         /// Replace a file that exists

@@ -1,4 +1,4 @@
-//! Checks of a study before its subjects are fitted, because fitting takes long.
+//! Checks a study before its subjects are fitted, because fitting takes long.
 
 use anyhow::{Context, Result, anyhow, bail};
 use spharm::shape::stats::{Column, question};
@@ -8,11 +8,11 @@ use super::config::{Method, Test};
 use super::plan::Plan;
 use crate::shape::table::{column_of, is_missing, no_number};
 
-/// Refuses a study that would fail, or give misleading results, after its fits.
+/// Refuses a study that would fail after its fits, or give misleading results.
 ///
 /// # Errors
 ///
-/// Names the file and the key, or the table, the line and the column, at fault.
+/// Names the place at fault: the file and its key, or the table with the line and the column.
 pub(super) fn check(plan: &Plan) -> Result<()> {
     let rows = plan.manifest.rows.len();
     if rows < LEAST {
@@ -25,8 +25,8 @@ pub(super) fn check(plan: &Plan) -> Result<()> {
     Ok(())
 }
 
-/// Checks that the method fits the subjects: surfaces mapped individually don't correspond, and must be aligned by
-/// `correspond` or `joint`.
+/// Checks that the alignment method suits the subjects: surfaces that were mapped individually don't correspond, and
+/// must be aligned by `correspond` or `joint`.
 fn correspondence(plan: &Plan) -> Result<()> {
     if plan.method == Method::Correspond {
         return of_group(plan);
@@ -59,8 +59,8 @@ fn correspondence(plan: &Plan) -> Result<()> {
     }
 }
 
-/// Checks the settings of `correspond`: ids that can't be file names in the group's folder, and missing files of
-/// landmarks and signals.
+/// Checks the settings of `correspond`. Refuses ids that can't be file names in the group's folder, and missing files
+/// of landmarks and signals.
 fn of_group(plan: &Plan) -> Result<()> {
     if plan.study.align.guide && plan.landmarks.is_none() {
         bail!("{}: `guide` in [align] needs `landmarks` in [subjects], found none", plan.file.display());
@@ -83,7 +83,7 @@ fn of_group(plan: &Plan) -> Result<()> {
     }
 }
 
-/// Checks the design of a test on all subjects.
+/// Checks the design of a test, applied to all subjects.
 fn tested(plan: &Plan, test: &Test) -> Result<()> {
     let effect = cells(plan, &test.effect)?;
     let column = |name: &str, cells: &[&str]| {

@@ -45,9 +45,9 @@ impl Default for Study {
 #[serde(default)]
 pub(super) struct Subjects {
     pub(super) table: PathBuf,
-    /// Name of the id column, if files are named by patterns.
+    /// Name of the column of ids, if the subjects' files are given by patterns.
     pub(super) id: String,
-    /// Pattern with `{id}`, as are `sphere` and `landmarks`.
+    /// Path of the surface, a pattern with `{id}`; `sphere` and `landmarks` are patterns too.
     pub(super) surface: Option<String>,
     pub(super) sphere: Option<String>,
     pub(super) landmarks: Option<String>,
@@ -84,9 +84,9 @@ impl Fit {
 pub(super) enum Method {
     /// One template is registered to all surfaces.
     Correspond,
-    /// Surfaces were mapped individually; searches rotations of space and of the parameters.
+    /// Surfaces were mapped individually; rotations of space and of the parameters are searched.
     Joint,
-    /// Spheres correspond; searches rotations of space only.
+    /// Spheres correspond; only rotations of space are searched.
     Fixed,
     None,
 }
@@ -124,7 +124,7 @@ impl TryFrom<String> for Method {
 #[derive(Debug, Clone, PartialEq, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct Align {
-    /// If `None`: "fixed" if all subjects have spheres, else "correspond".
+    /// `None` stands for "fixed" if all subjects have spheres, otherwise for "correspond".
     pub(super) method: Option<Method>,
     pub(super) scale: bool,
     pub(super) mirror: bool,
@@ -149,7 +149,7 @@ impl Default for Modes {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(default)]
 pub(super) struct Quality {
-    /// Whether the plain alignment is also made and measured.
+    /// Whether the plain alignment ("joint") is also made and measured, for comparison.
     pub(super) plain: bool,
 }
 
@@ -179,7 +179,7 @@ pub(super) struct Test {
     pub(super) permutations: Option<usize>,
 }
 
-/// Name, number of required keys, and keys of each section; the required keys come first.
+/// Keys of each section: the section's name, the number of required keys, and all keys, the required ones first.
 const SECTIONS: [(&str, usize, &[&str]); 8] = [
     ("", 0, &["title", "output", "subjects", "fit", "align", "modes", "quality", "test", "page"]),
     ("subjects", 1, &["table", "id", "surface", "sphere", "landmarks"]),
@@ -265,7 +265,7 @@ fn escaped(text: &str) -> String {
     text.replace('\\', "\\\\").replace('"', "\\\"")
 }
 
-/// Returns the commented template of a study file, with the path of its table if given.
+/// Returns the commented template of a study file; `table` is the path of its table, if given.
 pub(super) fn template(table: Option<&str>) -> String {
     let template = include_str!("template.toml");
     match table {

@@ -1,4 +1,4 @@
-//! `study`: from a table of subjects to a page, in stages that are commands of spharm.
+//! `study`: makes a page from a table of subjects, in stages that are commands of spharm.
 //!
 //! | module | contents |
 //! |---|---|
@@ -48,7 +48,8 @@ const SHOWN: usize = 20;
 /// Previews the fits of the subjects of a manifest.
 type Preview = dyn Fn(&[String], Manifest) -> Result<crate::rows::Previewed>;
 
-/// Runs the verb. `spharm` runs another verb, `parse` only checks its arguments, and `preview` previews its fits.
+/// Runs the verb. `spharm` runs another verb, `parse` only checks another verb's arguments, and `preview` previews a
+/// fit.
 pub(crate) fn run(
     cli: &Cli,
     spharm: &dyn Fn(&[String]) -> Result<()>,
@@ -57,7 +58,7 @@ pub(crate) fn run(
 ) -> Result<()> {
     if let Some(Command::Init { file, table, force }) = &cli.command {
         if let Some(table) = table {
-            // Fail now for the reasons for which a study of it would be refused.
+            // Fail now if a study of this table would be refused.
             Manifest::read(file.parent().unwrap_or(Path::new("")).join(table))?;
         }
         let text = config::template(table.as_deref());
@@ -65,7 +66,7 @@ pub(crate) fn run(
         return print_line(&format!("{}: fill it in, then: spharm study {}", file.display(), file.display()));
     }
     let study = cli.study.as_ref().context("STUDY.toml is missing")?;
-    // Other verbs are called with arguments as text.
+    // The other verbs get their arguments as text, so the path must be UTF-8.
     utf8(study)?;
     let plan = Plan::read(study, common(cli))?;
     check::check(&plan)?;
@@ -122,7 +123,7 @@ struct Call<'a> {
 
 impl Call<'_> {
     /// Prints the commands as if all subjects had been fitted, then the preview of the fits. Returns an error if some
-    /// would fail.
+    /// fits would fail.
     fn show(&self, preview: &Preview) -> Result<()> {
         let subjects = self.plan.subjects_planned();
         print(&self.plan.fit(self.cli.shard, self.cli.force).command())?;
@@ -179,7 +180,7 @@ impl Call<'_> {
         }
         self.console.note(format!("\n{}", stage.command()));
         let ran = (self.spharm)(&self.arguments(&stage));
-        // If the fits ended for a reason that concerns all of them, such as a full disk, report that one.
+        // If the fits ended for a reason that concerns all of them, such as a full disk, report that reason.
         if ran.as_ref().is_err_and(|error| concerns_all(error.as_ref())) {
             ran?;
             return Ok(Vec::new());

@@ -9,7 +9,7 @@ use spharm_surface::io::write_new;
 use super::config::{Method, Study};
 use super::{subjects, surfaces};
 
-/// Folder in the output that holds the records for resuming a study.
+/// Folder within the output folder for the records from which a study is resumed.
 const RECORDS: &str = ".study";
 /// Folder of the plain alignment, which is made for comparison.
 pub(super) const PLAIN: &str = "plain";
@@ -19,7 +19,7 @@ pub(super) struct Plan {
     /// The study's file.
     pub(super) file: PathBuf,
     pub(super) study: Study,
-    /// The folder of that file.
+    /// The folder that contains the study's file.
     pub(super) folder: PathBuf,
     /// The folder of all outputs.
     pub(super) output: PathBuf,
@@ -88,7 +88,7 @@ impl Plan {
         Ok(Self { file, folder, output, study, table, manifest, method, landmarks, signals, made_text, common })
     }
 
-    /// Whether all subjects are fitted over one sphere.
+    /// Returns whether all subjects are fitted over one sphere.
     pub(super) fn has_one_sphere(&self) -> bool {
         has_one_sphere(&self.study)
     }
@@ -118,7 +118,7 @@ impl Plan {
         self.records().join("reports").join("correspond.json")
     }
 
-    /// Returns the folder of the aligned or corresponding models. With method "none" there is no such folder, and the
+    /// Returns the folder of the models after alignment or correspondence. Method "none" has no such folder; there the
     /// fitted models are compared.
     pub(super) fn aligned_folder(&self) -> PathBuf {
         self.output.join(if self.method == Method::Correspond { "group" } else { "aligned" })
@@ -164,7 +164,8 @@ impl Plan {
         self.manifest.rows.iter().enumerate().map(of).collect()
     }
 
-    /// Returns the subjects that were fitted, without those that fail now but have a model from an earlier run.
+    /// Returns the subjects that were fitted. A subject whose fit fails now is left out, even if its model of an
+    /// earlier run exists.
     pub(super) fn subjects(&self, merged: &Merged) -> Vec<Subject<'_>> {
         let done = |id: &str| merged.entry(id).is_some_and(|entry| matches!(entry.state, State::Done | State::Skipped));
         self.subjects_planned().into_iter().filter(|subject| done(subject.id) && subject.model.exists()).collect()
@@ -265,7 +266,7 @@ impl Plan {
     }
 }
 
-/// Returns whether the fits are given one sphere for all subjects.
+/// Returns whether one sphere is given for the fits of all subjects.
 fn has_one_sphere(study: &Study) -> bool {
     study.fit.arguments.iter().any(|argument| argument.split('=').next() == Some("--sphere"))
 }

@@ -17,18 +17,18 @@ pub(super) struct Stage {
     pub(super) name: String,
     /// Arguments of spharm, the verb first.
     pub(super) arguments: Vec<String>,
-    /// Files that it reads.
+    /// Files that the command reads.
     pub(super) inputs: Vec<PathBuf>,
-    /// Files that it writes, and folders in which it writes every file.
+    /// Files that the command writes, and folders whose files are all written by the command.
     pub(super) outputs: Vec<PathBuf>,
 }
 
-/// Record of a stage that has been run. If key and outputs are unchanged, the stage needn't run again.
+/// Record of a stage that has been run. The stage is run again only if its key or its outputs have changed.
 #[derive(Debug, PartialEq, Eq, Serialize, Deserialize)]
 struct Record {
-    /// BLAKE3 of the version, the arguments, and the inputs' names and contents.
+    /// BLAKE3 hash of the version, the arguments, and the names and contents of the inputs.
     key: String,
-    /// BLAKE3 of each output file, by its path from the study's folder.
+    /// BLAKE3 hash of each output file, by its path relative to the study's folder.
     outputs: BTreeMap<PathBuf, String>,
 }
 
@@ -47,11 +47,11 @@ impl Stage {
     /// Returns whether the current outputs were made from the current inputs.
     pub(super) fn is_done(&self, records: &Path) -> Result<bool> {
         let Some(record) = self.record(records) else { return Ok(false) };
-        // If a file is gone or can't be read, the stage runs again and reports that.
+        // If a file is missing or can't be read, the stage runs again and reports the error.
         Ok(record.key == self.key()? && self.hashes().is_ok_and(|found| found == record.outputs))
     }
 
-    /// Removes the outputs of an earlier run of the stage, so that no files remain of subjects that have left.
+    /// Removes the outputs of an earlier run of the stage, so that no files of removed subjects remain.
     pub(super) fn clear(&self, records: &Path) -> Result<()> {
         let Some(record) = self.record(records) else { return Ok(()) };
         for path in record.outputs.keys().map(|path| self.folder.join(path)).filter(|path| path.exists()) {
@@ -111,13 +111,13 @@ impl Stage {
     }
 }
 
-/// Removes the outputs of a stage that is no longer part of the study, the folders that this leaves empty, and the
-/// stage's record. Only files within the study's output that haven't changed since are removed. Recorded paths are
-/// relative to `folder`.
+/// Removes the outputs of a stage that is no longer part of the study, the folders that become empty, and the stage's
+/// record. A file is removed only if it lies within the study's output and hasn't changed since it was recorded.
+/// Recorded paths are relative to `folder`.
 pub(super) fn retire(record: &Path, folder: &Path, output: &Path) -> Result<()> {
     let named = || record.display().to_string();
     let text = spharm_files::read_text(record, MOST_OWN).with_context(named)?;
-    // Keep files of other programs.
+    // A file that isn't such a record belongs to another program and is kept.
     let Ok(found) = serde_json::from_str::<Record>(&text) else { return Ok(()) };
     let outputs = found.outputs.iter().map(|(path, made)| (folder.join(path), made));
     for (path, made) in outputs.filter(|(path, _)| path.starts_with(output)) {
@@ -125,7 +125,7 @@ pub(super) fn retire(record: &Path, folder: &Path, output: &Path) -> Result<()> 
             std::fs::remove_file(&path).with_context(|| path.display().to_string())?;
         }
         for folder in path.ancestors().skip(1).take_while(|folder| *folder != output) {
-            // Fails if the folder isn't empty.
+            // `remove_dir` fails if the folder isn't empty.
             if std::fs::remove_dir(folder).is_err() {
                 break;
             }
@@ -134,7 +134,7 @@ pub(super) fn retire(record: &Path, folder: &Path, output: &Path) -> Result<()> 
     std::fs::remove_file(record).with_context(named)
 }
 
-/// Appends the file, or all files in the folder, to `files`.
+/// Appends a file, or all files in a folder, to `files`.
 fn list(path: &Path, files: &mut Vec<PathBuf>) -> Result<()> {
     if !path.is_dir() {
         files.push(path.to_owned());
@@ -202,7 +202,7 @@ mod tests {
             Stage { folder, name, arguments, inputs: Vec::new(), outputs: Vec::new() }.key().unwrap()
         };
         let here = key("", "out/models.txt");
-        // Also where the folder is called as the verb.
+        // Also if the folder has the same name as the verb.
         for (folder, list) in
             [("a/b", "a/b/out/models.txt"), (".", "./out/models.txt"), ("/shape", "/shape/out/models.txt")]
         {

@@ -11,7 +11,8 @@ use super::surfaces::signal_column;
 use crate::shape::correspond::surfaces::With;
 
 impl Plan {
-    /// Returns the stage of the fits. It has no inputs or outputs, because `fit` itself finds what is done.
+    /// Returns the stage of the fits. It has no inputs and outputs, because `fit` itself determines which models are up
+    /// to date.
     pub(super) fn fit(&self, shard: Option<Shard>, force: bool) -> Stage {
         let mut arguments =
             words(&["fit", "--manifest", &text(&self.manifest.path), "--output", &text(&self.models())]);
@@ -103,7 +104,7 @@ impl Plan {
         arguments
     }
 
-    /// Returns the flags for the transformations allowed besides rotations.
+    /// Returns the flags of the transformations that are allowed in addition to rotations.
     fn moved(&self) -> impl Iterator<Item = String> {
         let flags = [(self.study.align.scale, "--scale"), (self.study.align.mirror, "--mirror")];
         flags.into_iter().filter(|(given, _)| *given).map(|(_, flag)| flag.to_owned())
@@ -144,7 +145,7 @@ impl Plan {
         stages
     }
 
-    /// Returns the group's file, which lists the places missing from members.
+    /// Returns the path of the group's file, which lists the places without a counterpart on the members.
     fn group_file(&self) -> PathBuf {
         self.aligned_folder().join("group.json")
     }
@@ -242,7 +243,7 @@ impl Plan {
     }
 }
 
-/// Returns the name of the status file of a shard, or of the entire study without a shard.
+/// Returns the name of the status file of a shard; without a shard, of the entire study.
 fn status_name(shard: Option<Shard>) -> String {
     shard.map_or("all.tsv".to_owned(), |shard| format!("{}.tsv", shard.to_string().replace('/', "-of-")))
 }

@@ -1,5 +1,5 @@
-//! The subjects of a study, with their landmarks and signals. The study's table either is a manifest, or has only ids
-//! and covariates, with files named by patterns.
+//! Reads the subjects of a study, with their landmarks and signals. The study's table is either a manifest, or a table
+//! of ids and covariates with patterns that name the files.
 
 use std::path::{Path, PathBuf};
 
@@ -15,8 +15,8 @@ const ID: &str = "{id}";
 /// Largest size of a table in bytes, far above that of any study.
 const LARGEST: u64 = 64 << 20;
 
-/// Returns the manifest of a study's subjects, and its text if it had to be made, for a file at `made`. Patterns are
-/// relative to `folder`, the folder of the study file.
+/// Returns the manifest of a study's subjects. If the table isn't itself a manifest, also returns the text of the
+/// manifest that is to be written to the path `made`. Patterns are relative to `folder`, the folder of the study file.
 ///
 /// # Errors
 ///
@@ -36,12 +36,13 @@ pub(super) fn manifest(
     has_id("surface", surface)?;
     subjects.sphere.as_deref().map_or(Ok(()), |pattern| has_id("sphere", pattern))?;
     let text = text(subjects, folder, table, surface).with_context(|| table.display().to_string())?;
-    // Errors name the table: the lines of `made` are not those of the table, and only the table's ids can be wrong.
+    // Errors name the table instead of `made`, because the user wrote the table and the line numbers of `made` differ;
+    // only the table's ids can be wrong.
     let manifest = Manifest::parse(made, &text).with_context(|| table.display().to_string())?;
     Ok((manifest, Some(text)))
 }
 
-/// Returns the landmark file of each subject: from the pattern, relative to `folder`, else from the table's column,
+/// Returns the landmark file of each subject: from the pattern, relative to `folder`, or else from the table's column,
 /// relative to the table. Returns `None` if the study has no landmarks.
 ///
 /// # Errors
@@ -60,7 +61,7 @@ pub(super) fn landmarks(
     files_of(manifest, LANDMARKS, table)
 }
 
-/// Returns the signal files of each subject, one list per subject, found like those of [`landmarks`].
+/// Returns the signal files of each subject, one list per subject; they are found in the same way as in [`landmarks`].
 ///
 /// # Errors
 ///

@@ -1,5 +1,5 @@
-//! The table of the meshes that are registered, with their landmarks and signals, and the list of landmark files, as
-//! the stages read them.
+//! Makes the table of the meshes that are registered, with their landmarks and signals, and the list of landmark files.
+//! The stages of the study read both.
 
 use std::path::{Path, PathBuf};
 
@@ -17,13 +17,13 @@ pub(super) struct Member<'a> {
     pub(super) signals: &'a [PathBuf],
 }
 
-/// Returns the name of a signal's column from its index.
+/// Returns the name of the table's column for a signal, by the signal's index.
 pub(super) fn signal_column(index: usize) -> String {
     format!("signal {}", index + 1)
 }
 
 /// Returns the text of the table for a file in `folder`: ids, meshes or volumes with their labels, landmarks and
-/// signals. It doesn't depend on the folder from which the study is called.
+/// signals. The text doesn't depend on the current folder.
 ///
 /// # Errors
 ///
@@ -54,7 +54,7 @@ pub(super) fn table(members: &[Member<'_>], folder: &Path) -> Result<String> {
 ///
 /// # Errors
 ///
-/// If the folder of one doesn't exist, or its path isn't UTF-8.
+/// If the folder of a landmark file doesn't exist, or its path isn't UTF-8.
 pub(super) fn landmarks(members: &[Member<'_>], folder: &Path) -> Result<String> {
     let files = members.iter().filter_map(|member| member.landmarks);
     files.map(|file| Ok(utf8(&from_folder(folder, file)?)?.to_owned() + "\n")).collect()

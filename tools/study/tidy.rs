@@ -1,5 +1,5 @@
-//! Removes files that no longer belong to a study: those of subjects and tests that were taken out, of subjects that
-//! now fail, damaged models, and leftovers of killed processes. Only files made by the study itself are removed.
+//! Removes files that no longer belong to a study: those of removed subjects and tests, models of subjects that now
+//! fail, damaged models, and leftovers of killed processes. Only files made by the study itself are removed.
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -21,12 +21,12 @@ pub(super) fn leftovers(plan: &Plan) {
     folders.extend(["models", "aligned", "status", "figures", "quality", PLAIN].map(|name| plan.output.join(name)));
     folders.extend(["", "places", "members"].map(|name| plan.output.join("group").join(name)));
     folders.extend(plan.study.test.iter().map(|test| plan.output.join("tests").join(&test.name)));
-    // Leftovers that can't be listed or removed do no harm.
+    // Ignore errors: leftovers that can't be listed or removed do no harm.
     folders.iter().for_each(|folder| drop(remove_leftovers(folder)));
 }
 
-/// Removes those models of these rows that the study has made and that are no longer readable, so that they are made
-/// again; returns their ids.
+/// Removes models that the study has made for these rows and that can no longer be read, so that they are made again.
+/// Returns their ids.
 pub(super) fn damaged<'a>(plan: &Plan, rows: impl Iterator<Item = &'a Row>, merged: &Merged) -> Result<Vec<&'a str>> {
     let mut removed = Vec::new();
     for row in rows.filter(|row| merged.entry(&row.id).is_some()) {
@@ -39,9 +39,9 @@ pub(super) fn damaged<'a>(plan: &Plan, rows: impl Iterator<Item = &'a Row>, merg
     Ok(removed)
 }
 
-/// Removes the models of subjects that are no longer in the table, and of those whose surface exists but can no longer
-/// be fitted; returns the number of models removed. If a surface doesn't exist, a disk may be missing: its model is
-/// kept, but isn't part of the group.
+/// Removes the models of subjects that are no longer in the table, and of subjects whose surface exists but can no
+/// longer be fitted. Returns the number of models removed. If a surface doesn't exist, its disk may be missing: then
+/// the model is kept, but isn't part of the group.
 pub(super) fn models(plan: &Plan, merged: &Merged, failed: &[(String, String)]) -> Result<usize> {
     let there: HashSet<&str> = plan.manifest.rows.iter().map(|row| row.id.as_str()).collect();
     let gone: HashSet<&str> =
@@ -60,14 +60,14 @@ pub(super) fn models(plan: &Plan, merged: &Merged, failed: &[(String, String)]) 
     Ok(count)
 }
 
-/// Removes a subject's model with its companion files, if the file is a model that records the subject's id.
+/// Removes a subject's model with its companion files, if the model records the subject's id.
 fn model(folder: &Path, id: &str) -> Result<bool> {
     let files = ModelFiles { model: folder.join(format!("{id}.spharm.npz")) };
     let own = |model: Model| model.provenance.id.as_deref() == Some(id);
     if check_id(id).is_err() || !Model::read(&files.model).is_ok_and(own) {
         return Ok(false);
     }
-    // The model last: as long as it exists, an interrupted removal can be repeated.
+    // Remove the model last: as long as it exists, an interrupted removal can be repeated.
     let beside = [files.csv(), files.standard_errors(), files.sphere(), files.surface(), files.cut_surface()];
     for path in beside.into_iter().chain([files.fixed_surface(), files.model]).filter(|path| path.is_file()) {
         std::fs::remove_file(&path).with_context(|| path.display().to_string())?;

@@ -1,5 +1,5 @@
-//! Warnings to check before trusting a study's results: subjects that are far from the others, duplicate files and
-//! models, models that follow their voxels, and the warnings of the alignment and of the tests.
+//! Collects warnings to check before trusting a study's results: subjects that are far from the others, duplicate files
+//! and models, models that follow the steps of voxels, and the warnings of the alignment and of the tests.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -16,12 +16,12 @@ use spharm_cohort::equal::{EqualSets, same_inputs};
 use super::plan::{Plan, Subject};
 use crate::report;
 
-/// Returns the warnings from the results of the stages before the page, those about single subjects first.
+/// Returns the warnings, from the results of the stages before the page. Warnings about single subjects come first.
 pub(super) fn collect(plan: &Plan, subjects: &[Subject<'_>]) -> Result<Vec<String>> {
     let group = Group::read(plan, subjects)?;
     let mut warnings = far_subjects(plan, subjects, &group.distances)?;
     warnings.extend(group.inputs.sets().iter().map(|names| same_inputs(names)));
-    // Equal inputs give equal models: don't warn twice.
+    // Equal input files give equal models; warn only about the files.
     let known = group.inputs.sets();
     for names in group.models.sets().iter().filter(|names| !known.contains(names)) {
         warnings.push(format!("{}: their models are equal; is one of them another subject's?", names.join(", ")));
@@ -80,9 +80,10 @@ fn far_subjects(plan: &Plan, subjects: &[Subject<'_>], distances: &[f64]) -> Res
     for (what, values) in
         measures.iter().map(|(what, values)| (*what, values.as_slice())).chain([("distance from the mean", distances)])
     {
-        // If a distance is missing, the indices of the others no longer match the subjects.
+        // If a subject has no distance, indices into the distances no longer match the subjects, so the distances are
+        // skipped.
         for far in outliers(values).into_iter().filter(|_| values.len() == subjects.len()) {
-            // Being near the mean isn't suspicious.
+            // A small distance from the mean isn't suspicious.
             if what == "distance from the mean" && far.z < 0.0 {
                 continue;
             }
@@ -125,7 +126,7 @@ fn column(table: &Path, name: &str) -> Result<Vec<f64>> {
     reader.records().map(|record| cell(record.with_context(named)?)).collect()
 }
 
-/// Reads the warnings in a test's description.
+/// Reads the warnings in the description of a test.
 fn of_test(path: &Path) -> Result<Vec<String>> {
     let text = read_text(path, "description of a test", MOST_OWN)?;
     let about: Value = serde_json::from_str(&text).with_context(|| format!("{}: not JSON", path.display()))?;

@@ -27,10 +27,10 @@ use spharm_cli::threads::Threads;
 pub(crate) struct Cli {
     /// Label volumes
     ///
-    /// Files, folders, of which all volumes are taken, or @LIST with one path per line.
+    /// Files, folders (all their volumes), or @LIST with one path per line.
     #[arg(value_name = "LABELS", required = true, help_heading = INPUT)]
     pub(super) volumes: Vec<PathBuf>,
-    /// Labels; 0 is the background
+    /// Labels to model; 0 is the background
     #[arg(long, value_name = "N|all", num_args = 1.., default_value = "all", allow_negative_numbers = true, help_heading = INPUT)]
     pub(super) label: Vec<Labels>,
     /// Size of the voxels, instead of the size stated in the files
@@ -61,7 +61,7 @@ pub(crate) struct Cli {
     /// Names of the models
     ///
     /// Built from each volume's path alone: {stem} is its name without folder and format, {label} the label, {parent}
-    /// the folder that it is in, {parent2} the one above, links resolved.
+    /// the folder that contains it, {parent2} the folder above, with links resolved.
     #[arg(long, value_name = "TEMPLATE", default_value = "{stem}", help_heading = OUTPUT)]
     pub(super) name_template: NameTemplate,
     /// Keep existing models that were made of the same label with the same settings

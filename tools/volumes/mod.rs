@@ -1,4 +1,4 @@
-//! `volumes`: a model of every label of many volumes, and one table.
+//! `volumes`: makes a model of every label of many volumes, and one table of all models.
 
 mod args;
 mod table;
@@ -26,7 +26,7 @@ pub(crate) use self::args::Cli;
 use self::table::{Outcome, Row};
 use crate::rows::if_exists;
 
-/// Relative change of the area at which its quadrature ends: far below the accuracy of a surface made of voxels.
+/// Relative change of the area at which its quadrature stops: far below the accuracy of a surface made of voxels.
 const AREA: f64 = 1e-5;
 /// Largest size of an earlier call's table, in bytes.
 const LARGEST: u64 = 1 << 30;
@@ -77,7 +77,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let failed = rows.iter().filter(|row| matches!(row.outcome, Outcome::Failed(_))).count();
     let models = rows.len() - failed;
     print_line(&format!("{}: {}, {failed} failed", table.display(), counted(models, "model")))?;
-    // The table of finished rows is written; now report an interruption.
+    // The table of the finished rows has been written; now return an interruption as the error.
     done?;
     if failed > 0 {
         bail!("{}: {failed} of {} failed, see column error", table.display(), counted(rows.len(), "row"));
@@ -89,7 +89,7 @@ fn counted_were(models: usize) -> String {
     format!("{} {}", counted(models, "model"), if models == 1 { "was" } else { "were" })
 }
 
-/// Returns whether a table is of a call whose labels all failed, so that nothing is lost by replacing it.
+/// Returns whether a table was written by a call whose labels all failed, so that replacing it loses no results.
 fn is_without_models(table: &Path) -> bool {
     let text = if table.is_file() { read_text(table, "table", LARGEST).unwrap_or_default() } else { String::new() };
     text.starts_with("file\tlabel\tstate\t") && !table::has_models(&text)
@@ -113,7 +113,7 @@ fn earlier(table: &Path, max_degree: usize) -> Result<String> {
     Ok(text)
 }
 
-/// Returns the files given, with each folder replaced by the volumes in it.
+/// Returns the given files, with each folder replaced by the volumes in it.
 fn volumes(given: &[PathBuf]) -> Result<Vec<PathBuf>> {
     let mut found = Vec::new();
     for path in expand_lists(given)? {
@@ -146,13 +146,13 @@ struct Call<'a> {
     params: RunParams,
     monitor: &'a ConsoleMonitor,
     found: Mutex<Found>,
-    /// Paths of the models of this call; two labels must not share one.
+    /// Paths of the models of this call, to refuse two labels with the same path.
     names: HashSet<PathBuf>,
     /// Labels processed so far.
     inputs: Inputs,
 }
 
-/// The table's rows so far.
+/// The rows of the table so far.
 #[derive(Default)]
 struct Found {
     rows: Vec<Row>,
@@ -160,10 +160,10 @@ struct Found {
     refused: usize,
 }
 
-/// Observer of the run of a volume's labels.
+/// Observer of the run that fits a volume's labels.
 struct OfVolume<'a> {
     call: &'a Call<'a>,
-    /// A table row for each row of the run, without its outcome.
+    /// The table's row for each row of the run, still without its outcome.
     rows: Vec<Row>,
 }
 
@@ -193,7 +193,7 @@ impl Call<'_> {
             let record = FileRecord { label: Some(label), ..record.clone() };
             let row = Row {
                 voxels: there.get(&label).copied(),
-                // Unknown if the label doesn't exist.
+                // `None` if the label doesn't exist.
                 border: there.contains_key(&label).then(|| volume.touches_border(label)),
                 ..row(Some(label), Outcome::default())
             };
@@ -221,7 +221,7 @@ impl Call<'_> {
         let observer = OfVolume { call: self, rows };
         let cohort = Cohort::new(fits, PathBuf::new());
         match run::run_reading(&cohort, &self.params, reader, &observer, self.monitor) {
-            // Failures such as a full disk are in the rows; continue with the next volume.
+            // The failed rows record failures such as a full disk; continue with the next volume.
             Err(error) if !error.is_interrupted() => Ok(()),
             done => Ok(done?),
         }

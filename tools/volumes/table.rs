@@ -21,9 +21,9 @@ pub(super) struct Row {
 /// Outcome of a label.
 #[derive(Clone)]
 pub(super) enum Outcome {
-    /// Fitted now, or by an earlier call.
+    /// The model was made by this call, or by an earlier one.
     Model(Box<Model>),
-    /// Not fitted, with the reason.
+    /// No model was made; the text is the reason.
     Failed(String),
 }
 
@@ -37,14 +37,14 @@ impl Default for Outcome {
 #[derive(Clone)]
 pub(super) struct Model {
     pub(super) file: String,
-    /// Whether an earlier call made it.
+    /// Whether the model was made by an earlier call.
     pub(super) kept: bool,
     /// Short description of repairs and cuts of the label; empty if there were none.
     pub(super) repair: String,
-    /// Steps of the voxels, if the model follows them.
+    /// Steps of the voxels in the surface, if the model follows them.
     pub(super) steps: Option<VoxelSteps>,
     pub(super) measures: Measures,
-    /// Root mean square distance at the surface's vertices.
+    /// Root mean square distance of the model from the surface's vertices.
     pub(super) residual: Option<f64>,
     pub(super) descriptors: Descriptors,
 }
@@ -68,8 +68,8 @@ const COLUMNS: [&str; 13] = [
 /// Text of a cell without a value, as in BIDS.
 const NONE: &str = "n/a";
 
-/// Returns the text of the table: one line per row, tab-separated, with the powers of the degrees up to `max_degree`
-/// last.
+/// Returns the text of the table: one tab-separated line per row. The last columns are the powers of the degrees up to
+/// `max_degree`.
 pub(super) fn lines(rows: &[Row], max_degree: usize) -> String {
     let lines = rows.iter().map(|row| cells(row, max_degree).join("\t") + "\n");
     std::iter::once(head(max_degree) + "\n").chain(lines).collect()
@@ -87,7 +87,8 @@ pub(super) fn has_models(table: &str) -> bool {
     table.lines().any(|line| matches!(line.split('\t').nth(2), Some("fitted" | "kept")))
 }
 
-/// Appends to a table those models of an earlier one, with the same columns, whose file and label it doesn't have.
+/// Appends to a table those models of an earlier table whose file and label aren't in it. Both tables have the same
+/// columns.
 pub(super) fn with_earlier(earlier: &str, table: &str) -> String {
     fn key(line: &str) -> Vec<&str> {
         line.splitn(3, '\t').take(2).collect()
@@ -148,7 +149,7 @@ pub(super) fn repair(provenance: &Provenance) -> String {
     let way = if filled { "added" } else { "removed" };
     let pieces = counted(of("pieces_dropped"), "piece", "pieces");
     let cavities = counted(of("cavities_filled"), "cavity", "cavities");
-    // Voxels are also changed at mere contacts, without opening a handle.
+    // Removing a mere contact between voxels changes voxels too, but opens no handle.
     let opened = if of("handles") > 0 { format!(" to open {}", handles(of("handles"))) } else { String::new() };
     let parts = [
         (of("pieces_dropped"), format!("{pieces} dropped ({})", voxels("voxels_dropped"))),

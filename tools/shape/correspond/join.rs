@@ -19,7 +19,7 @@ use super::{Cli, member_json, rows};
 
 /// Maximum number of group members used to refine a new one.
 const REFERENCES: usize = 300;
-/// A member is named in a warning if it, or the template, lacks a counterpart on a larger share of its surface.
+/// Share of a surface, of the member or of the template, that may lack a counterpart on the other without a warning.
 const LACKING: f64 = 0.05;
 
 pub(super) fn run(cli: &Cli, group: &Path, surfaces: &[Surface], monitor: &ConsoleMonitor) -> Result<()> {
@@ -47,8 +47,8 @@ pub(super) fn run(cli: &Cli, group: &Path, surfaces: &[Surface], monitor: &Conso
     };
     spharm::Monitor::begin(monitor, spharm::Stage::counted("members", "surfaces"), surfaces.len() as u64);
     let mut done: Vec<Option<Added>> = Vec::with_capacity(surfaces.len());
-    // Processes one surface per thread at a time. Collects all their results before looking for an error, so that the
-    // same error is always reported.
+    // Processes one surface per thread at a time. Collects all results before returning an error, so that the error
+    // doesn't depend on the order in which threads finish.
     for some in surfaces.chunks(pool.current_num_threads()) {
         let found: Vec<Result<Option<Added>>> = pool.install(|| some.par_iter().map(one).collect());
         done.extend(found.into_iter().collect::<Result<Vec<_>>>()?);
@@ -107,8 +107,8 @@ fn added(
     Ok(Some(Added { name, report: found.report, json, warnings }))
 }
 
-/// Returns whether a model is the leftover of an interrupted run: its record, which is written last, doesn't exist. A
-/// model of another verb isn't a leftover.
+/// Returns whether a model is the leftover of an interrupted run: the member's record, which is written after the
+/// model, doesn't exist. A model made by another subcommand isn't a leftover.
 fn left_over(folder: &Path, name: &str) -> bool {
     let ours = |path: PathBuf| {
         Model::read(path).is_ok_and(|model| model.provenance.tool.as_deref() == Some("shape correspond"))

@@ -31,10 +31,10 @@ use super::outputs::finish;
 
 /// Make surfaces correspond: models of all of them over one sphere, from bare meshes
 ///
-/// One template is mapped to the sphere and moved in space onto every surface, whatever its topology: surfaces may have
-/// handles, holes and stray pieces, and need no common pose. All are fitted over the template's sphere, in one frame,
-/// and the group's own statistics refine the correspondence. With --to, surfaces are added, one at a time, to an
-/// existing group, which isn't changed.
+/// One template is mapped to the sphere, and registered in space to every surface, whatever its topology: surfaces may
+/// have handles, holes and stray pieces, and need no common pose. All surfaces are fitted over the template's sphere,
+/// in one frame, and the group's own statistics refine the correspondence. With --to, surfaces are added, one at a
+/// time, to an existing group, which isn't changed.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -64,10 +64,10 @@ pub(super) struct Cli {
     table: Option<PathBuf>,
     /// Label of the volumes; only needed if there are several
     ///
-    /// A label's surface is relaxed within half a voxel, because the steps of voxels would distract the template.
+    /// A label's surface is smoothed within half a voxel, because the template would follow the steps of the voxels.
     #[arg(long, value_name = "N", conflicts_with = "table", help_heading = INPUT)]
     label: Option<i64>,
-    /// Size of the volumes' voxels, if their files don't give it
+    /// Size of the volumes' voxels, if their files don't state it
     #[arg(long, value_name = "X,Y,Z", help_heading = INPUT, hide_short_help = true)]
     voxel_size: Option<VoxelSize>,
     /// Degree of the models
@@ -75,17 +75,18 @@ pub(super) struct Cli {
     max_degree: Option<u16>,
     /// Surface to begin with [default: the most typical one]
     ///
-    /// Its holes are filled and its handles are cut; quality and tests leave out the places that exist only because of
-    /// this.
+    /// Its holes are filled and its handles are cut. Quality measures and tests leave out the places that exist only
+    /// because of these repairs.
     #[arg(long, value_name = "FILE", conflicts_with = "to", help_heading = INPUT)]
     template: Option<PathBuf>,
     /// Add the surfaces to this group, which isn't changed
     #[arg(long, value_name = "GROUP", conflicts_with_all = ["max_degree", "rounds", "no_refinement", "subdivisions"], help_heading = INPUT)]
     to: Option<PathBuf>,
-    /// With --to, process only every N-th surface, beginning with number I from 0: I/N, or slurm
+    /// With --to, process only one part of the surfaces: I/N, every N-th surface from number I, counted from 0; or
+    /// slurm
     #[arg(long, value_name = "I/N", help_heading = INPUT)]
     shard: Option<Shard>,
-    /// Landmarks of the surfaces, in their own frames, to check the group with
+    /// Landmarks of the surfaces, in their own frames, to check the correspondence
     ///
     /// A folder with one file per surface and of the same name, or one file per surface, in the surfaces' order:
     /// .mrk.json, .fcsv, .json, .csv or .tsv.
@@ -93,19 +94,19 @@ pub(super) struct Cli {
     landmarks: Vec<PathBuf>,
     /// Also let the landmarks guide the registration
     ///
-    /// The template's landmarks are drawn to those of each surface, and held in the refinement. The error at landmarks
-    /// that don't guide is measured by five more registrations, each of which leaves out a fifth of them. A given
-    /// template has to be one of the surfaces.
+    /// The template's landmarks are drawn to each surface's landmarks, and held there in the refinement. The error at
+    /// landmarks that don't guide is measured by five more registrations, each of which leaves out a fifth of the
+    /// landmarks. A template given by --template has to be one of the surfaces.
     #[arg(long, conflicts_with = "to", help_heading = METHOD)]
     guide: bool,
     /// Signals on the surfaces, such as thickness, to match in the refinement, with a weight [default: 0.1]
     ///
     /// SIGNAL is a column of the table, or the name of a file in each surface's folder, in which {stem} is the
-    /// surface's name without its format. A standard deviation of the signal weighs WEIGHT times the square root of the
-    /// area; normals have 0.12.
+    /// surface's name without its format. One standard deviation of the signal counts as a distance of WEIGHT times the
+    /// square root of the area; normals have weight 0.12.
     #[arg(long, value_name = "SIGNAL[:WEIGHT]", num_args = 1.., conflicts_with_all = ["to", "no_refinement"], help_heading = METHOD)]
     with: Vec<With>,
-    /// Rounds of registration; after the first, the group's mean is the template
+    /// Rounds of registration; from the second round on, the group's mean is the template
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=10), help_heading = METHOD)]
     rounds: u8,
     /// Subdivisions of the icosphere whose directions are registered [default: 4; 5 above degree 15, 6 above 40]
@@ -265,7 +266,7 @@ fn together(cli: &Cli, surfaces: &Arc<Vec<Surface>>, landmarks: &[PathBuf], moni
     Ok(())
 }
 
-/// Returns a key of everything that registrations depend on.
+/// Returns a hash of everything on which the registrations depend.
 fn resume_key(cli: &Cli, params: &CorrespondParams, origins: &[MemberOrigin]) -> Result<String> {
     let template = cli.template.as_deref().map(FileRecord::of).transpose()?;
     let CorrespondParams { max_degree, subdivisions, rounds, pose, register, guide, .. } = params;
@@ -281,7 +282,7 @@ fn resume_key(cli: &Cli, params: &CorrespondParams, origins: &[MemberOrigin]) ->
     Ok(key.to_string())
 }
 
-/// Returns generalisation and specificity with few modes; `None` for a group of two.
+/// Returns generalisation and specificity with at most three modes; `None` for a group of two.
 fn quality(group: &Group, monitor: &ConsoleMonitor) -> Result<Option<GroupQuality>> {
     let members: Vec<Coefficients> = group.models.iter().map(|model| model.coefficients.clone()).collect();
     let params = QualityParams { modes: 3, samples: 200, bands: 0, surfaces: false, ..QualityParams::default() };

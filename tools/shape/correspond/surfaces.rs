@@ -34,20 +34,20 @@ pub(in crate::shape) struct Surface {
     pub(in crate::shape) voxel_size: Option<[f64; 3]>,
     /// Files of signals on its vertices.
     pub(in crate::shape) signals: Vec<PathBuf>,
-    /// The surface of a label, kept because it takes long to make and little memory.
+    /// The surface of a label, kept in memory because making it takes long.
     of_label: OnceLock<Mesh>,
 }
 
-/// `--with`: a signal, and its weight.
+/// A signal to match and its weight, as given by `--with`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(try_from = "String")]
 pub(crate) struct With {
-    /// A column of the table, or a file's name with {stem} for the surface's, in the surface's folder.
+    /// A column of the table, or the name of a file in the surface's folder, in which {stem} is the surface's name.
     pub(crate) name: String,
     pub(crate) weight: f64,
 }
 
-/// Default weight of a signal: about that of normals.
+/// Default weight of a signal: close to the weight of normals, 0.12.
 const WEIGHT: f64 = 0.1;
 
 impl FromStr for With {
@@ -97,12 +97,12 @@ pub(super) fn find_signals(surfaces: &mut [Surface], with: &[With], table: Optio
 }
 
 impl Surface {
-    /// Returns the record of the file that it is read from.
+    /// Returns the record of the file from which the surface is read.
     pub(super) fn record(&self) -> Result<FileRecord> {
         Ok(FileRecord { label: self.label, ..FileRecord::of(&self.path)? })
     }
 
-    /// Reads the signals: for each, one value per vertex.
+    /// Reads the signals, each with one value per vertex.
     pub(super) fn read_signals(&self) -> std::result::Result<Vec<Vec<f64>>, Error> {
         let one = |path: &PathBuf| {
             let signal = read_signal(path)?;
@@ -145,7 +145,7 @@ fn is_model(path: &Path) -> bool {
     path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("npz"))
 }
 
-/// Returns the surfaces that paths and lists name. All of them exist and have distinct names.
+/// Returns the surfaces named by paths and lists. Checks that all of them exist and that their names are distinct.
 pub(in crate::shape) fn surfaces(paths: &[PathBuf], template: &NameTemplate) -> Result<Vec<Surface>> {
     let mut surfaces: Vec<Surface> = Vec::new();
     for path in expand_lists(paths)? {
@@ -187,8 +187,8 @@ fn check(path: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Returns a path without `FOLDER/..`, for display and records, if that is the same file (it isn't if FOLDER is a
-/// link).
+/// Returns a path without `FOLDER/..`, for display and records. If FOLDER is a link, the shorter path would be another
+/// file, and the path is returned unchanged.
 fn tidied(path: &Path) -> PathBuf {
     let mut tidy = PathBuf::new();
     for component in path.components() {
@@ -213,8 +213,8 @@ pub(in crate::shape) fn named(error: Error, surfaces: &[Surface]) -> anyhow::Err
     }
 }
 
-/// Refuses groups that don't fit into memory: either entire groups, for which all members' places and coefficients are
-/// held, or members added one after another to a group with `compared` members.
+/// Refuses groups that don't fit into memory. A group that is made holds all members' places and coefficients. A group
+/// to which members are added one after another holds only `compared` members.
 pub(in crate::shape) fn plan(
     surfaces: &[PathBuf],
     params: &CorrespondParams,
@@ -232,11 +232,14 @@ pub(in crate::shape) fn plan(
     budget.check(what, needed)
 }
 
-/// Returns the needed bytes. They include, for each member, its places and coefficients several times over; for each
-/// thread, a surface with its trees and the work of a registration; for each member that new ones are compared with,
-/// its values twice, with six channels; for the template, its kernels of 200 columns each and the factor of its thin
-/// plate, or the memory of mapping it if that is larger. A mesh of n vertices is a file of at least 20 n bytes, and so
-/// takes 60 n to read.
+/// Returns the needed bytes. They include:
+/// - for each member held, several copies of its places and coefficients;
+/// - for each thread, a surface with its search trees and the work of a registration;
+/// - for each member with which new ones are compared, two copies of its values, with six channels;
+/// - for the template, its kernels of 200 columns each and the factor of its thin plate, or the memory of mapping it if
+///   that is larger.
+///
+/// A mesh of n vertices is a file of at least 20 n bytes, and takes 60 n bytes to read.
 fn needed(count: u64, largest: u64, params: &CorrespondParams, compared: Option<usize>, threads: u64) -> u64 {
     let [n, _] = icosphere_counts(params.subdivisions());
     let (degree, whole) = (params.max_degree as u64, compared.is_none());

@@ -12,10 +12,10 @@ use super::super::args::{ReportArgs, Resources};
 ///
 /// Compares two groups of models, --a and --b, or tests a table of subjects with an --effect or --mean and
 /// --covariates. Surfaces have to correspond (`spharm shape align --group`, or spheres that share their parameters),
-/// and rows have to be independent subjects: if each subject has two models, --paired and --minus take the differences.
+/// and rows have to be independent subjects: if each subject has two models, --paired and --minus test the differences.
 /// At each vertex of the sampling a linear model is tested: t, F, or Hotelling's T-squared for positions. Family-wise p
-/// values come from the largest statistic over relabelled studies: exchanges of subjects or, for means and Welch's
-/// test, flips of signs. All relabellings are used if there are at most 20,000.
+/// values come from the largest statistic over relabelled studies, in which subjects are exchanged or, for means and
+/// Welch's test, signs are flipped. All relabellings are used if there are at most 20,000.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -42,7 +42,7 @@ pub(crate) struct Cli {
     /// Models of the second group
     #[arg(long, value_name = "MODEL", num_args = 1.., requires = "a", help_heading = INPUT)]
     pub(super) b: Vec<PathBuf>,
-    /// Models of --a and --b are pairs, in order: test the mean of their differences, a minus b
+    /// Treat the models of --a and --b as pairs, in order: test the mean of the differences, a minus b
     #[arg(long, requires = "a", help_heading = INPUT)]
     pub(super) paired: bool,
     /// Table of subjects, CSV or TSV
@@ -54,14 +54,14 @@ pub(crate) struct Cli {
     /// Folder of the models, named by the table's column `id`: ID.spharm.npz
     #[arg(long, value_name = "DIR", requires = "table", conflicts_with = "model_column", help_heading = INPUT)]
     pub(super) models: Option<PathBuf>,
-    /// Test differences: each model minus the subject's other model, given by its column of the table, or its folder
-    /// with --models
+    /// Test differences: each model minus the subject's other model, named by this column of the table or, with
+    /// --models, in this folder
     #[arg(long, value_name = "COLUMN|DIR", requires = "table", help_heading = INPUT)]
     pub(super) minus: Option<PathBuf>,
-    /// Column of the table to test: the slope of numbers, the difference of levels
+    /// Column of the table to test: the slope of a column of numbers, or the difference between levels
     #[arg(long, value_name = "COLUMN", requires = "table", help_heading = METHOD)]
     pub(super) effect: Option<String>,
-    /// Test whether the mean is zero, of differences (--minus) or of a signal's values
+    /// Test whether the mean is zero: of differences (--minus), or of a signal's values
     #[arg(long, requires = "table", conflicts_with = "effect", help_heading = METHOD)]
     pub(super) mean: bool,
     /// Order of the effect's levels, which may be numbers: the difference is the first minus the second [default:
@@ -79,7 +79,7 @@ pub(crate) struct Cli {
     /// Masked vertices enter neither the family-wise maximum nor the false-discovery rate; in the maps their statistic
     /// is 0 and their p values are 1. With --sphere fsaverage/surf/lh.sphere.reg, fsaverage/label/lh.cortex.label
     /// leaves out the medial wall. The folder of a group made by `spharm shape correspond`, or its group.json, leaves
-    /// out what only the template has, such as lids of its holes.
+    /// out the places that exist only on the template, such as lids of its holes.
     #[arg(long, value_name = "FILE", help_heading = INPUT)]
     pub(super) mask: Option<PathBuf>,
     /// Quantity at a vertex: displacement along the mean's normal, position, or the value of a signal

@@ -95,7 +95,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     for (name, file) in MAPS.iter().zip(&map_files) {
         match maps.iter().find(|(written, _)| written == name) {
             Some((_, values)) => write_signal(file, &Signal::new(values.clone(), values.len(), 1), &options)?,
-            // A map of an earlier test, which --force replaces.
+            // Remove a map that an earlier test wrote and this test doesn't; --force allows it.
             None if file.exists() => std::fs::remove_file(file).with_context(|| file.display().to_string())?,
             None => {}
         }
@@ -114,7 +114,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     finish("test", &report, &results::lines(&found, &study, cli), &cli.report)
 }
 
-/// Returns a warning with the option that it calls for.
+/// Returns a warning's text, with the option that remedies it if there is one.
 fn advised(warning: &TestWarning) -> String {
     match warning {
         TestWarning::UnequalVariances { covariates: false, .. } => {

@@ -1,4 +1,4 @@
-//! The models that are tested and their design, from groups or from the columns of a table.
+//! Determines the tested models and their design from groups, or from the columns of a table.
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -14,14 +14,14 @@ use super::args::{Cli, What};
 
 /// Models, and the hypothesis to test on them.
 pub(super) struct Study {
-    /// Paths of the models; for pairs, all first models before all second ones.
+    /// Paths of the models; for pairs, the first models of all pairs come before the second models.
     pub(super) paths: Vec<PathBuf>,
     /// Whether models are pairs, whose differences are tested.
     pub(super) pairs: bool,
     pub(super) question: Question,
-    /// Name of the tested column; `mean` for a mean.
+    /// Name of the tested column, or `mean` if a mean is tested.
     pub(super) of: String,
-    /// Names of the covariates, with the number of levels of those that have levels.
+    /// Names of the covariates; a covariate with levels also shows their number.
     pub(super) covariates: Vec<String>,
     /// Reasons to doubt that rows are independent subjects.
     pub(super) warnings: Vec<String>,
@@ -89,7 +89,7 @@ impl Cli {
         let covariates = covariates.collect::<Result<Vec<_>>>()?;
         let (mut question, of) = match &self.effect {
             Some(effect) => {
-                // With --levels, numbers are levels.
+                // With --levels, the column's numbers are names of levels.
                 let column = if self.levels.is_empty() { column(effect)? } else { table.levels(effect)? };
                 let question = question((effect, &column), &self.levels, &covariates);
                 (question.with_context(|| path.display().to_string())?, effect.clone())
@@ -125,7 +125,7 @@ impl Cli {
         table.paths(&self.model_column)
     }
 
-    /// Returns the models to subtract: those of another column, or of another folder.
+    /// Returns the models to subtract: from another column of the table, or from another folder.
     fn others_of(&self, table: &Table, minus: &Path) -> Result<Vec<PathBuf>> {
         if self.models.is_some() {
             return named(table, minus);
@@ -156,13 +156,13 @@ impl Study {
     }
 }
 
-/// Returns `DIR/ID.spharm.npz` for each row.
+/// Returns the path `DIR/ID.spharm.npz` for each row.
 fn named(table: &Table, folder: &Path) -> Result<Vec<PathBuf>> {
     let file = |id: &str| with_ending(&folder.join(id), "spharm.npz");
     Ok(table.different("id")?.into_iter().map(file).collect())
 }
 
-/// Refuses a model that is in both lists, or twice in one list, however the paths are written.
+/// Refuses a model that occurs twice in the two lists, however the paths are written.
 fn distinct(a: &[PathBuf], b: &[PathBuf]) -> Result<()> {
     let place = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
     let first: HashSet<PathBuf> = a.iter().map(place).collect();
@@ -178,10 +178,10 @@ fn distinct(a: &[PathBuf], b: &[PathBuf]) -> Result<()> {
     Ok(())
 }
 
-/// Columns that name subjects.
+/// Names of columns that identify subjects.
 const SUBJECTS: [&str; 5] = ["participant_id", "participant", "subject", "subject_id", "subject_label"];
 
-/// Returns a warning about subjects with several rows, unless the design accounts for subjects by name.
+/// Returns a warning about subjects with several rows, unless a covariate identifies the subjects.
 fn repeated(table: &Table, covariates: &[(String, Column)]) -> Option<String> {
     let is_subject = |name: &str| SUBJECTS.iter().any(|other| name.eq_ignore_ascii_case(other));
     if covariates.iter().any(|(name, column)| is_subject(name) && matches!(column, Column::Levels(_))) {

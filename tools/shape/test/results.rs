@@ -1,4 +1,4 @@
-//! Results of a test: maps, their table, and the summary, printed and for programs.
+//! Results of a test: maps, their table, and the summary as printed and as JSON.
 
 use clap::ValueEnum;
 use serde_json::{Value, json};
