@@ -1,11 +1,14 @@
 #!/usr/bin/env python3
-"""Lists the crates that are published, in their order, and makes their packages, unbuilt; Python's standard library only.
+"""Lists the published crates in the order of their dependencies, and makes their packages; uses Python's standard
+library only.
 
-- `spharm`, `spharm-cohort` and the crates that they depend on are published, and no others.
-- Each has what the registry asks for, at most five keywords, and the version of all; dependencies on others of them have it, too.
-- `cargo package` makes each, from what cargo has at hand or else from the registry, and none has more bytes than registries take.
+- Published crates are `spharm`, `spharm-cohort` and the crates on which they depend.
+- Each crate has the metadata that the registry requires, at most five keywords, and the common version. Dependencies on
+  other published crates state that version, too.
+- `cargo package` makes each package without building it, from cargo's local cache or else from the registry. No package
+  exceeds the registry's size limit.
 
-`cargo publish --workspace` publishes them, where the address of the repository is in Cargo.toml.
+`cargo publish --workspace` publishes the packages, once Cargo.toml has the address of the repository.
 """
 
 import json
@@ -17,7 +20,7 @@ ROOT = Path(__file__).resolve().parent.parent
 PUBLIC = ["spharm", "spharm-cohort"]
 MOST_KEYWORDS = 5
 MOST_BYTES = 10 << 20
-#: Of the registry's categories those that fit; another one is refused when it is uploaded.
+#: The registry's categories that suit these crates; the registry refuses an unknown category at upload.
 CATEGORIES = {"algorithms", "encoding", "external-ffi-bindings", "filesystem", "graphics", "mathematics", "science"}
 
 
@@ -27,7 +30,8 @@ def metadata():
 
 
 def needed(packages):
-    """For each crate the crates of this repository that it can't be built without. Cargo drops others that have no version."""
+    """Maps each crate to the crates of this repository needed to build it. Development dependencies are left out: cargo
+    drops those without a version."""
     def is_needed(entry):
         return entry["name"] in packages and entry.get("path") and entry["kind"] != "dev"
 
@@ -35,7 +39,7 @@ def needed(packages):
 
 
 def in_order(names, edges):
-    """Each crate after those that it needs, else by name."""
+    """Sorts crates so that each comes after the crates that it needs; otherwise by name."""
     done = []
     while left := sorted(set(names) - set(done)):
         ready = [name for name in left if edges[name] & set(names) <= set(done)]
@@ -79,7 +83,7 @@ def faults(packages, edges):
 
 
 def package(names, version, target):
-    """Makes the packages, of what cargo has at hand if that suffices."""
+    """Makes the packages, offline if cargo's local cache suffices."""
     command = ["cargo", "package", "--quiet", "--no-verify", "--allow-dirty", *(word for name in names for word in ("-p", name))]
     made = subprocess.run([*command, "--offline"], cwd=ROOT, stderr=subprocess.PIPE, text=True)
     if made.returncode != 0:

@@ -1,11 +1,13 @@
 #!/usr/bin/env python3
 """Checks the rules of CONTRIBUTING.md that no compiler checks; Python's standard library only.
 
-- Source files have at most 400 lines, and lines of comments at most 120 columns; tables, links and code in them may be longer.
-- Crates depend on each other as the table of CONTRIBUTING.md states, and only on crates above them in it.
-- Files of a crate don't import each other in circles. Test modules, re-exports and imports from a `lib.rs` don't count.
-- No comment, message or page has a phrase of .ci/phrases.toml.
-- fuzz/Cargo.lock has the dependencies of our crates' manifests, else its targets can't be built with `--locked`.
+- Source files have at most 400 lines, and lines of comments at most 120 columns. Tables, links and code in comments may
+  be wider.
+- Crates depend on each other as the table of CONTRIBUTING.md states, and only on crates above them in that table.
+- Files of a crate don't import each other in circles. Test modules, re-exports and imports from a `lib.rs` are ignored.
+- No comment, message or page contains a phrase of .ci/phrases.toml.
+- fuzz/Cargo.lock has the dependencies in our crates' manifests; otherwise the fuzz targets can't be built with
+  `--locked`.
 """
 
 import re
@@ -28,7 +30,7 @@ def lengths():
 
 
 def widths():
-    """rustfmt wraps code and leaves comments as they are."""
+    """Checks the widths of comments, because rustfmt wraps only code."""
     for folder in SOURCES:
         for path in sorted((ROOT / folder).rglob("*.rs")):
             fenced = False
@@ -44,7 +46,7 @@ def widths():
 
 
 def dependencies():
-    """Compares the table with the manifests; development dependencies may be on any crate."""
+    """Compares the table with the manifests. Development dependencies are ignored."""
     table = {}
     for line in (ROOT / "CONTRIBUTING.md").read_text().splitlines():
         cells = [cell.strip() for cell in line.split("|")]
@@ -70,7 +72,7 @@ def dependencies():
 
 
 def modules(source):
-    """Files of a crate by the path of their module, a tuple of names."""
+    """Returns the files of a crate, by the path of their module as a tuple of names."""
     found = {}
     for path in source.rglob("*.rs"):
         names = path.relative_to(source).with_suffix("").parts
@@ -79,7 +81,7 @@ def modules(source):
 
 
 def used(tree):
-    """The paths of a use tree, `a::{b, c::d}`, without their `as`."""
+    """Returns the paths in a use tree, `a::{b, c::d}`, without `as` and its names."""
     tree = tree.strip()
     if not (match := re.match(r"(.*?)\{(.*)\}$", tree, re.S)):
         return [tree.split(" as ")[0].strip()]
@@ -94,7 +96,7 @@ def used(tree):
 
 
 def imports(module, path, files):
-    """Modules of the same crate that a file imports from."""
+    """Yields the modules of the same crate from which a file imports."""
     text = re.sub(r"//.*", "", path.read_text().split("#[cfg(test)]\nmod tests {")[0])
     text = re.sub(r"^pub(\([a-z]+\))? use [^;]+;", "", text, flags=re.M)
     uses = [used(tree) for tree in re.findall(r"^use ([^;]+);", text, re.M)]
@@ -112,13 +114,14 @@ def imports(module, path, files):
             continue
         while tuple(target) not in files:
             target.pop()
-        # What the crate's root re-exports can't be told from what it defines, and it should define nothing.
+        # Imports from the crate's root are skipped: re-exports can't be distinguished from definitions, and the root
+        # should define nothing.
         if target and tuple(target) != module:
             yield tuple(target)
 
 
 def reached(start, edges):
-    """All modules that a module imports, directly or not."""
+    """Returns all modules that a module imports, directly or indirectly."""
     found, next_ones = set(), list(edges[start])
     while next_ones:
         module = next_ones.pop()
@@ -141,12 +144,12 @@ def circles():
 
 
 def fuzz_lock():
-    """The fuzz targets are a workspace of their own, so that `cargo build` doesn't keep their lock file up."""
+    """Checks the lock file of the fuzz targets: they are a separate workspace, so `cargo build` doesn't update it."""
     for package in tomllib.loads((ROOT / "fuzz/Cargo.lock").read_text())["package"]:
         manifest = ROOT / "crates" / package["name"].removeprefix("spharm-") / "Cargo.toml"
         if "source" in package or not manifest.is_file():
             continue
-        # "name", or "name version" where there are several.
+        # An entry is "name", or "name version" if several versions are locked.
         locked = {entry.split()[0] for entry in package.get("dependencies", [])}
         text = tomllib.loads(manifest.read_text())
         sections = [table.get(kind, {}) for table in [text, *text.get("target", {}).values()]
@@ -159,7 +162,7 @@ def fuzz_lock():
 
 
 def phrases():
-    """Phrases of .ci/phrases.toml, wherever people read."""
+    """Searches comments, messages and pages for the phrases of .ci/phrases.toml."""
     listed = tomllib.loads((ROOT / ".ci/phrases.toml").read_text())["phrases"]
     listed = [(re.compile(phrase, re.IGNORECASE), better) for phrase, better in listed.items()]
     files = [file for source in SOURCES for file in sorted((ROOT / source).rglob("*")) if file.suffix in (".rs", ".py")]

@@ -1,7 +1,7 @@
 //! Advice on errors of the library, in terms of this program's flags.
 //!
-//! The library's errors state the problem and carry it in their fields. Only this module knows which flag remedies it;
-//! the advice is appended to the error's line.
+//! The library's errors state the problem, and their fields hold its details. Only this module knows the flag that
+//! remedies an error; the advice is appended to the error's line.
 
 mod fit;
 
@@ -43,7 +43,7 @@ pub fn advice(error: &(dyn std::error::Error + 'static)) -> Option<String> {
     })
 }
 
-/// The advice on the error of a crate below the facade, which has its message.
+/// Returns the advice on an error of the crate `spharm` that wraps an error of a crate below it.
 fn of_fit(error: &Error) -> Option<String> {
     match error {
         Error::Surface(error) => of_surface(error),
@@ -73,7 +73,7 @@ fn of_surface(error: &SurfaceError) -> Option<String> {
         SurfaceError::VolumeInput { .. } => {
             Some("fit and parametrize make the surface of one of its labels, with --label N and no --sphere".to_owned())
         }
-        // Errors of surfaces that are compared vertex by vertex.
+        // Errors of comparing two surfaces vertex by vertex.
         SurfaceError::TopologyDiffers { .. }
         | SurfaceError::LengthMismatch { what: "triangles of the reconstruction", .. } => {
             Some("--surface-distance compares surfaces with different triangles".to_owned())

@@ -1,8 +1,8 @@
-//! Notes, warnings and progress, all on stderr.
+//! Prints notes, warnings and progress to stderr.
 //!
-//! If stderr is a terminal, progress is shown as a bar. Otherwise (such as in the log of a cluster job) it is shown as
-//! an occasional line, the first after two seconds. `-q` leaves only warnings. With [`json_lines`] every line is a JSON
-//! object with an `event`, for programs that read the log.
+//! If stderr is a terminal, progress is shown as a bar. Otherwise, such as in the log of a cluster job, it is shown as
+//! occasional lines, the first after two seconds. `-q` leaves only warnings. With [`json_lines`] every line is a JSON
+//! object with the field `event`, for programs that read the log.
 
 use std::fmt::Display;
 use std::io::{IsTerminal, Write};
@@ -19,12 +19,12 @@ pub use spharm_monitor::Unit;
 use crate::printable::{json as json_text, one_line};
 use crate::size::Size;
 
-/// A forecast of the time left is shown only after this time and from this share of the work on: earlier it would be a
-/// guess.
+/// The time left is forecast only after this time and after this share of the work; earlier forecasts would be
+/// unreliable.
 const FORECAST_AFTER: Duration = Duration::from_secs(5);
 const FORECAST_FROM_PERCENT: u64 = 5;
 
-/// Prints notes, warnings and progress to stderr, as verbosely as the flags ask for.
+/// Prints notes, warnings and progress to stderr; the flags `--verbose` and `--quiet` determine which.
 #[derive(Debug, Clone, Copy)]
 pub struct Console {
     verbose: bool,
@@ -43,7 +43,7 @@ fn is_json() -> bool {
     JSON_LINES.load(Ordering::Relaxed)
 }
 
-/// Kind of a line.
+/// Kind of a line, which determines its prefix or its JSON `event`.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Kind {
     Note,
@@ -52,8 +52,8 @@ pub(crate) enum Kind {
     Progress,
 }
 
-/// Prints a line to stderr, after an empty one if the text begins with a line break. Errors are ignored, since a reader
-/// that has gone away is no reason to stop the work.
+/// Prints a line to stderr, preceded by an empty line if the text begins with a line break. Errors are ignored: the
+/// work continues even if nothing reads stderr any more.
 pub(crate) fn say(kind: Kind, text: impl Display) {
     let (event, prefix) = match kind {
         Kind::Note => ("note", ""),
@@ -71,7 +71,7 @@ pub(crate) fn say(kind: Kind, text: impl Display) {
 }
 
 fn print(value: &Value) {
-    // In a single call, so that lines of several threads don't interleave.
+    // Written in a single call, so that lines of several threads don't interleave.
     let _ = std::io::stderr().lock().write_all(format!("{}\n", json_text(&value.to_string())).as_bytes());
 }
 
@@ -100,15 +100,15 @@ impl Console {
         say(Kind::Warning, text);
     }
 
-    /// Prints an event for programs that read the log, if [`json_lines`] is in effect; `value` is an object with an
-    /// `event`.
+    /// Prints an event for programs that read the log, if [`json_lines`] is in effect. `value` returns an object with
+    /// the field `event`.
     pub fn event(&self, value: impl FnOnce() -> Value) {
         if is_json() {
             print(&value());
         }
     }
 
-    /// Starts to show progress towards `total`, which is zero if it isn't known.
+    /// Starts to show progress towards `total`; a `total` of zero means that it is unknown.
     pub fn progress(&self, label: &str, total: u64, unit: Unit) -> Progress {
         if self.quiet {
             return Progress { bar: None, lines: None };
@@ -134,14 +134,14 @@ impl Console {
         bar.set_style(style.progress_chars("=> "));
         bar.set_prefix(one_line(label).into_owned());
         if total == 0 {
-            // Without a total, only the tick shows that the work goes on.
+            // If the total is unknown, only a moving symbol shows that the work continues.
             bar.enable_steady_tick(Duration::from_millis(200));
         }
         Progress { bar: Some(bar), lines: None }
     }
 }
 
-/// Progress on display. It disappears from a terminal when it is dropped.
+/// Progress on display. Dropping it removes it from a terminal.
 #[derive(Debug)]
 pub struct Progress {
     bar: Option<ProgressBar>,
@@ -169,7 +169,7 @@ impl Progress {
         }
     }
 
-    /// Prints lines of another kind without disturbing the bar.
+    /// Runs `print`, which prints other lines, without disturbing the bar.
     pub(crate) fn beside(&self, print: impl FnOnce()) {
         match &self.bar {
             Some(bar) => bar.suspend(print),
@@ -240,7 +240,7 @@ fn percent(done: u64, total: u64) -> f64 {
     100.0 * done as f64 / total as f64
 }
 
-/// Forecast of the time left, printed as `, 12 s left`, or as nothing if it can't be foreseen.
+/// Forecast of the time left, printed as `, 12 s left`, or as nothing if there is no forecast.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Forecast(Option<f64>);
 

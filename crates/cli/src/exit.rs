@@ -22,7 +22,7 @@ use crate::usage::Usage;
 /// EX_TEMPFAIL of sysexits.h: the same command may succeed later.
 const INTERRUPTED: u8 = 75;
 const FAILURE: u8 = 1;
-/// The value that clap uses.
+/// Exit code of wrong usage; clap uses the same.
 const USAGE: u8 = 2;
 
 static CANCEL: LazyLock<Arc<AtomicBool>> = LazyLock::new(listen);
@@ -37,19 +37,20 @@ fn listen() -> Arc<AtomicBool> {
     let cancel = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM, SIGHUP] {
         if !is_ignored(signal) {
-            // In this order the first signal finds the flag unset. Registration fails only for signals that can't be
-            // caught.
+            // Registered in this order, because handlers run in order: at the first signal the conditional shutdown
+            // finds the flag unset. Registration fails only for signals that can't be caught.
             let _ = flag::register_conditional_shutdown(signal, i32::from(INTERRUPTED), Arc::clone(&cancel));
             let _ = flag::register(signal, Arc::clone(&cancel));
         }
     }
-    // A write beyond the limit on file sizes (`ulimit -f`) then fails with EFBIG instead of ending the process.
+    // With a handler, a write beyond the limit on file sizes (`ulimit -f`) fails with EFBIG instead of ending the
+    // process.
     let _ = flag::register(libc::SIGXFSZ, Arc::default());
     cancel
 }
 
 /// Returns whether a signal was ignored when this process started, as under `nohup` and for background jobs of shells.
-/// It stays ignored.
+/// Such a signal stays ignored.
 fn is_ignored(signal: i32) -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
@@ -57,7 +58,7 @@ fn is_ignored(signal: i32) -> bool {
     mask >> (signal - 1) & 1 == 1
 }
 
-/// Returns the command of a verb of `program`, which provides the usage shown with an error.
+/// Returns the subcommand of `program` for a verb. Errors are shown with its usage.
 pub fn command_of(mut program: Command, verb: &str) -> Command {
     program.build();
     program.find_subcommand(verb).cloned().unwrap_or(program)
@@ -78,10 +79,10 @@ pub fn run(work: impl FnOnce() -> anyhow::Result<()>, command: impl FnOnce() -> 
     if is_interrupted(&error) { INTERRUPTED } else { FAILURE }
 }
 
-/// Prints clap's message about the arguments, an error or the requested help, and returns the exit code. `tame` escapes
-/// control characters in arguments, which clap would quote verbatim.
+/// Prints clap's message, which is an error about the arguments or the requested help, and returns the exit code.
+/// `tame` escapes control characters in arguments, which clap would quote verbatim.
 pub fn wrong_usage(error: &clap::Error, tame: bool) -> u8 {
-    // A failure to print is ignored: stderr is closed, and there is nothing to report to.
+    // A failure to print is ignored: if stderr is closed, the failure can't be reported.
     let _ = if error.use_stderr() && tame {
         let text = error.render().to_string();
         std::io::stderr().lock().write_all(printable::lines(&text).as_bytes())
@@ -94,8 +95,8 @@ pub fn wrong_usage(error: &clap::Error, tame: bool) -> u8 {
 /// Message of the first panic.
 static PANIC: Mutex<Option<String>> = Mutex::new(None);
 
-/// Runs work and turns a panic into an error. A panic is a defect, or a failure that the standard library doesn't
-/// return as an error, such as that of closing a folder. With `RUST_BACKTRACE` the panic is also printed as usual.
+/// Runs work and converts a panic to an error. A panic is a defect, or a failure that the standard library doesn't
+/// return as an error, such as a failure to close a folder. With `RUST_BACKTRACE` the panic is also printed as usual.
 fn caught(work: impl FnOnce() -> anyhow::Result<()>) -> anyhow::Result<()> {
     PANIC.lock().unwrap_or_else(PoisonError::into_inner).take();
     let usual = std::panic::take_hook();
@@ -108,12 +109,12 @@ fn caught(work: impl FnOnce() -> anyhow::Result<()>) -> anyhow::Result<()> {
             let file = Path::new(at.file()).file_name().unwrap_or_default();
             format!(" ({}:{})", file.display(), at.line())
         });
-        // A later panic is a consequence of the first and less informative.
+        // Keep the first panic: a later one is a consequence of it and less informative.
         PANIC.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(format!("{text}{at}"));
     }));
-    // Unwind safety: the process ends, so that data left half-changed isn't used again.
+    // Unwind safety: the process ends after a panic, so data that a panic left half-changed isn't used again.
     let done = std::panic::catch_unwind(AssertUnwindSafe(work));
-    // Restores the standard library's hook, for programs that embed this one in their own process.
+    // Restore the standard library's hook, for programs that embed this one in their own process.
     drop(std::panic::take_hook());
     done.unwrap_or_else(|_| {
         let text = PANIC.lock().unwrap_or_else(PoisonError::into_inner).take().unwrap_or_default();
@@ -137,7 +138,7 @@ pub fn is_interrupted(error: &anyhow::Error) -> bool {
     })
 }
 
-/// Returns whether the reader of stdout has gone away, which isn't a failure of this program.
+/// Returns whether the reader of stdout has closed the pipe, which isn't a failure of this program.
 fn is_closed_pipe(error: &anyhow::Error) -> bool {
     error.root_cause().downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe)
         && error.downcast_ref::<crate::output::ToStdout>().is_some()

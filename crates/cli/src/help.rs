@@ -1,4 +1,4 @@
-//! Texts shared by the help of all verbs.
+//! Texts that the help of several verbs shares.
 
 /// Heading of the inputs.
 pub const INPUT: &str = "Input";
@@ -11,14 +11,14 @@ pub const SOLVER: &str = "Solver";
 /// Heading of memory and threads.
 pub const RESOURCES: &str = "Resources";
 
-/// The formats of meshes.
+/// The formats of meshes, for `--help`.
 pub const MESHES: &str = "Meshes: GIfTI (.surf.gii, .gii), FreeSurfer surfaces (lh.*, rh.*), .obj, .ply, .off, .stl, .vtk \
                           (legacy), SPHARM-PDM's .meta; written also .glb; .gz may follow.";
-/// The formats of values on vertices.
+/// The formats of values on vertices, for `--help`.
 pub const SIGNALS: &str = "Values on vertices: GIfTI (.func.gii, .shape.gii), FreeSurfer curv files and maps (.mgh, \
                            .mgz), .csv and .tsv (one row per vertex, one column per channel).";
 
-/// The formats of label volumes.
+/// The formats of label volumes, for `--help`.
 pub const VOLUMES: &str = "Label volumes: NIfTI-1 and -2 (.nii, .nii.gz), FreeSurfer (.mgh, .mgz), NRRD (.nrrd, .nhdr), TIFF and \
                            OME-TIFF stacks (.tif, .tiff), arrays (.npy, first axis x, with --voxel-size).";
 

@@ -1,4 +1,4 @@
-//! Spheres, surfaces and signals from files, checked before any work starts.
+//! Reads spheres, surfaces and signals from files, and checks them before any work starts.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -9,7 +9,7 @@ use spharm_surface::{Sphere, Target};
 
 use crate::console::Console;
 
-/// Reads a sphere, see [`spharm_surface::read_sphere`], and prints its warnings.
+/// Reads a sphere with [`spharm_surface::read_sphere`], and prints its warnings.
 ///
 /// # Errors
 ///
@@ -18,7 +18,7 @@ pub fn read_sphere(path: &Path, strict: bool, console: &Console) -> Result<Spher
     Ok(spharm_cohort::run::read_sphere(path, strict, &|text| console.warn(text))?)
 }
 
-/// Reads a surface or a signal that belongs to a sphere, see [`spharm_surface::read_target`], and prints its warnings.
+/// Reads a surface or a signal that belongs to a sphere with [`spharm_surface::read_target`], and prints its warnings.
 ///
 /// # Errors
 ///
@@ -35,7 +35,7 @@ pub fn read_target(path: &Path, sphere: &Sphere, strict: bool, console: &Console
     Ok(target)
 }
 
-/// Maximum size of a list of paths in bytes: a million long paths.
+/// Maximum size of a list of paths in bytes; enough for a million long paths.
 const LONGEST_LIST: u64 = 1 << 28;
 
 /// Returns the paths with each `@list.txt` replaced by the paths that the file lists, one per line. Blank lines and
@@ -70,7 +70,7 @@ pub fn expand_lists(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
 /// Maximum size in bytes of a record, a report or a table that the program itself has written.
 pub const MOST_OWN: u64 = 64 << 20;
 
-/// Reads a text of at most `most` bytes, see [`spharm_files::read_text`]; `what` describes it in messages.
+/// Reads a text of at most `most` bytes with [`spharm_files::read_text`]; `what` describes the text in messages.
 ///
 /// # Errors
 ///
@@ -85,7 +85,7 @@ pub fn stem(path: &Path) -> String {
     file_stem(path).to_string_lossy().into_owned()
 }
 
-/// Returns the same as [`stem`] but with the exact bytes, for use in file names.
+/// Returns the name of an input without folder and format, with the exact bytes, for use in file names.
 #[must_use]
 pub fn file_stem(path: &Path) -> OsString {
     let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
@@ -97,7 +97,7 @@ pub fn file_stem(path: &Path) -> OsString {
         .filter(|ending| unpacked.ends_with(**ending) && unpacked.len() > ending.len());
     // Both `.surf.gii` and `.gii` are endings; the longest match is removed.
     let length = endings.map(|ending| unpacked.len() - ending.len()).min().unwrap_or(name.len());
-    // Endings are ASCII: each of their dots removes one part of the name.
+    // Endings are ASCII, so each dot of the ending stands for one `file_stem` call that removes one part of the name.
     let dots = name.get(length..).unwrap_or_default().matches('.').count();
     let mut exact = PathBuf::from(path.file_name().unwrap_or_default());
     (0..dots).for_each(|_| exact = PathBuf::from(exact.file_stem().unwrap_or_default()));

@@ -50,16 +50,16 @@ pub use usage::Usage;
 /// Flags of every verb.
 #[derive(Debug, Clone, Copy, Args)]
 pub struct Common {
-    /// Say more about what is being done
+    /// Print more details
     #[arg(short, long, global = true, help_heading = None)]
     pub verbose: bool,
-    /// Print results, warnings and errors only
+    /// Print only results, warnings and errors
     #[arg(short, long, global = true, conflicts_with = "verbose", help_heading = None)]
     pub quiet: bool,
 }
 
 impl Common {
-    /// Returns the console that these flags ask for.
+    /// Returns the console for these flags.
     pub fn console(self) -> console::Console {
         console::Console::new(self.verbose, self.quiet)
     }

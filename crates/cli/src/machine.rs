@@ -10,7 +10,7 @@ use spharm::machine::process_status;
 /// Memory of this process in bytes; `None` if the system doesn't report it.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct Memory {
-    /// Largest resident size so far, including mapped files.
+    /// Peak resident memory so far, including mapped files.
     pub peak_resident: Option<u64>,
     /// Current anonymous memory: without mapped files, which the system can drop at any time.
     pub anonymous: Option<u64>,
@@ -24,6 +24,6 @@ pub fn memory() -> Memory {
 /// Raises the limit on open files to the system's maximum: a store has one file per degree.
 pub fn raise_file_limit() {
     let limit = getrlimit(Resource::Nofile);
-    // If this fails, the limit stays, and opening a file reports an error when it is reached.
+    // If this fails, the lower limit stays, and opening too many files reports an error.
     let _ = rustix::process::setrlimit(Resource::Nofile, rustix::process::Rlimit { current: limit.maximum, ..limit });
 }

@@ -1,7 +1,7 @@
-//! `--memory`, and the memory check of every verb: its plan is compared with the budget before anything is allocated.
+//! `--memory`, and the memory check of every verb, before anything is allocated.
 //!
-//! The memory of a computation is a function beside its code, in the library's crates (`docs/memory.md` lists them).
-//! This module compares it with the budget and words the message.
+//! The memory that a computation needs is a function beside its code, in the library's crates (`docs/memory.md` lists
+//! them). This module compares that memory with the budget and formats the error message.
 
 use std::fmt;
 use std::path::Path;
@@ -17,22 +17,22 @@ use crate::size::Size;
 /// Memory of the program itself in bytes: its code, its allocator, and the buffers of files.
 pub const PROGRAM: u64 = 20 << 20;
 
-/// The stack of a thread in bytes; limits on the process count it in full.
+/// Size of a thread's stack in bytes; limits on the process count the entire stack.
 const STACK: u64 = 2 << 20;
 
 /// `--memory`.
 #[derive(Debug, Clone, Copy, Default, Args)]
 pub struct Memory {
-    /// Memory that may be used [default: all free memory]
+    /// Memory budget [default: all free memory]
     ///
     /// Work that doesn't fit is refused before it starts. Free memory is the minimum of the machine's free memory, the
-    /// limits of control groups and those of ulimit.
+    /// limits of control groups and the limits set by ulimit.
     #[arg(long, value_name = "SIZE", help_heading = RESOURCES)]
     pub memory: Option<Size>,
 }
 
 impl Memory {
-    /// Returns the arguments that pass the budget on to another verb; none if it wasn't given.
+    /// Returns the arguments that pass the budget on to another verb; none if no budget was given.
     pub fn arguments(self) -> impl Iterator<Item = String> {
         self.memory.into_iter().flat_map(|Size(bytes)| ["--memory".to_owned(), bytes.to_string()])
     }
@@ -46,7 +46,7 @@ impl Memory {
     }
 }
 
-/// Returns the part of the free memory that is left once the threads have started.
+/// Returns the free memory minus the stacks of the threads.
 fn beside_stacks(free: u64, threads: usize) -> u64 {
     free.saturating_sub(STACK.saturating_mul(threads as u64))
 }
@@ -58,14 +58,14 @@ pub struct Budget {
     given: bool,
 }
 
-/// A plan that doesn't fit, described in one line.
+/// Error of a plan that doesn't fit into the budget, described in one line.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub struct TooLarge {
     what: String,
     needed: u64,
     bytes: u64,
     given: bool,
-    /// The nearest setting that fits, and the bytes it needs.
+    /// The nearest setting that fits, and the bytes that it needs.
     nearest: Option<(String, u64)>,
 }
 
@@ -91,7 +91,7 @@ impl Budget {
         self.bytes.saturating_sub(PROGRAM)
     }
 
-    /// Returns whether `needed` bytes fit.
+    /// Returns whether work that needs this many bytes fits into the budget.
     pub fn fits(self, needed: u64) -> bool {
         needed <= self.work()
     }
@@ -105,8 +105,8 @@ impl Budget {
         self.check_or(what, needed, std::iter::empty())
     }
 
-    /// Checks the same as [`check`](Self::check). An error names the first of `others` that fits; these are alternative
-    /// settings with the bytes they need.
+    /// Checks that `needed` bytes fit. The error names the first of `others` that fits: these are alternative settings
+    /// with the bytes that each needs.
     ///
     /// # Errors
     ///
@@ -126,7 +126,7 @@ impl Budget {
         Err(TooLarge { what: what.to_string(), needed, bytes: self.bytes, given: self.given, nearest }.into())
     }
 
-    /// Checks that files which are held in memory together fit, before they are read.
+    /// Checks, before files are read, that all of them fit into memory together.
     ///
     /// # Errors
     ///
@@ -144,7 +144,7 @@ impl Budget {
     }
 }
 
-/// Returns the round numbers 1, 2, 5, 10, 20, ... up to `most`, in decreasing order.
+/// Returns the round numbers (1, 2, 5, 10, 20, ...) up to `most`, in decreasing order.
 pub fn round_numbers_below(most: u64) -> impl Iterator<Item = u64> {
     let powers = std::iter::successors(Some(1_u64), |power| power.checked_mul(10));
     let mut numbers: Vec<u64> = powers.flat_map(|p| [Some(p), p.checked_mul(2), p.checked_mul(5)]).flatten().collect();

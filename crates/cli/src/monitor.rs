@@ -1,4 +1,4 @@
-//! Display of a computation's progress on the console, and the signals that stop it.
+//! Shows a computation's progress on the console, and stops the computation at a signal.
 
 use std::fmt;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -8,7 +8,8 @@ use spharm_monitor::{Level, Monitor, Stage};
 
 use crate::console::{Console, Progress};
 
-/// Shows stages as bars on a terminal and as lines elsewhere, and stops when the process is asked to stop.
+/// Shows the stages of a computation as bars on a terminal and as lines elsewhere, and stops at SIGINT, SIGTERM or
+/// SIGHUP.
 #[derive(Debug)]
 pub struct ConsoleMonitor {
     console: Console,
@@ -18,7 +19,8 @@ pub struct ConsoleMonitor {
 }
 
 impl ConsoleMonitor {
-    /// Creates a monitor that shows progress on `console`. From now on signals are handled.
+    /// Creates a monitor that shows progress on `console`. From this call on, signals request a stop instead of killing
+    /// the process.
     pub fn new(console: Console) -> Self {
         Self { console, cancel: crate::exit::cancel(), progress: Mutex::new(None) }
     }

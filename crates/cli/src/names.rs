@@ -1,8 +1,8 @@
 //! Names of outputs, derived from each input's path alone.
 //!
-//! A name must not depend on the other inputs of a call: a cluster job with one subject and a call with all of them
-//! have to write the same files. The name is therefore made from a template, and inputs to which it gives the same name
-//! are refused.
+//! A name must not depend on the other inputs of a call: a cluster job with one subject and a call with all subjects
+//! have to write the same files. The name is therefore made from a template, and inputs for which the template gives
+//! equal names are refused.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -12,7 +12,7 @@ use anyhow::{Result, bail};
 
 use crate::inputs::file_stem;
 
-/// Maximum number of folders above a file that a template may name.
+/// Maximum number of folder levels above a file that a template may name.
 const DEEPEST: usize = 9;
 
 /// A name with placeholders. `{stem}` is the input's name without folder and format, `{parent}` the folder that
@@ -26,7 +26,7 @@ enum Part {
     Text(String),
     Stem,
     Label,
-    /// The folder this number of levels up, from 1.
+    /// The folder at this number of levels above the file, from 1.
     Parent(usize),
 }
 
@@ -80,14 +80,14 @@ impl std::fmt::Display for NameTemplate {
 }
 
 impl NameTemplate {
-    /// Returns the name of an input, and of its label if it is a volume, for display. A folder that it doesn't have is
-    /// left empty.
+    /// Returns the name of an input (and of a label, if the input is a volume), for display. A folder that the path
+    /// doesn't have is left empty.
     #[must_use]
     pub fn name(&self, input: &Path, label: Option<i64>) -> String {
         self.file_name(input, label).to_string_lossy().into_owned()
     }
 
-    /// Returns the same as [`name`](Self::name) but with the exact bytes, for use in file names.
+    /// Returns the name of an input with the exact bytes of its path, for use in file names.
     #[must_use]
     pub fn file_name(&self, input: &Path, label: Option<i64>) -> OsString {
         let input = in_its_folder(input);

@@ -1,4 +1,4 @@
-//! Checks of output files before any work; results to stdout, reports to files.
+//! Checks output files before any work; writes results to stdout and reports to files.
 
 use std::borrow::Cow;
 use std::io::Write;
@@ -11,7 +11,7 @@ use spharm_surface::io::{Output, check_output, write_new};
 
 use crate::printable;
 
-/// Context of errors in writing to stdout.
+/// Context that marks errors in writing to stdout.
 #[derive(Debug, Clone, Copy)]
 pub struct ToStdout;
 
@@ -21,7 +21,7 @@ impl std::fmt::Display for ToStdout {
     }
 }
 
-/// Prints lines of text, and a line break, to stdout. Control characters that a terminal would act on are escaped.
+/// Prints lines of text and a final line break to stdout. Control characters that a terminal would act on are escaped.
 ///
 /// # Errors
 ///
@@ -32,11 +32,11 @@ pub fn print(text: &str) -> Result<()> {
     out.write_all(text.as_bytes()).and_then(|()| out.write_all(b"\n")).and_then(|()| out.flush()).context(ToStdout)
 }
 
-/// Prints one line to stdout, whatever the text contains.
+/// Prints a text to stdout as one line; line breaks in it become blanks.
 ///
 /// # Errors
 ///
-/// As for [`print()`].
+/// If stdout can't be written to, as for [`print()`].
 pub fn print_line(text: &str) -> Result<()> {
     print(&printable::one_line(text))
 }
@@ -45,7 +45,7 @@ pub fn print_line(text: &str) -> Result<()> {
 ///
 /// # Errors
 ///
-/// As for [`print()`].
+/// If stdout can't be written to, as for [`print()`].
 pub fn print_json(value: &impl Serialize) -> Result<()> {
     print(&json_text(value)?)
 }
@@ -54,12 +54,12 @@ fn json_text(value: &impl Serialize) -> Result<String> {
     Ok(printable::json(&serde_json::to_string_pretty(value)?).into_owned())
 }
 
-/// Writes a value as a JSON file, into a folder that is created if it doesn't exist. `-` is standard output; pipes and
-/// devices are written to directly.
+/// Writes a value as a JSON file; creates its folder if needed. `-` is standard output. Pipes and devices are written
+/// to directly.
 ///
 /// # Errors
 ///
-/// If the file exists and isn't to be replaced, or can't be written.
+/// If the file exists and `force` isn't set, or it can't be written.
 pub fn write_json(path: &Path, force: bool, value: &impl Serialize) -> Result<()> {
     if is_stdout(path) {
         return print_json(value);
@@ -83,7 +83,7 @@ pub struct OutputFile<'a> {
 }
 
 impl<'a> OutputFile<'a> {
-    /// Creates an output file of any name, given by `flag`.
+    /// Creates an output file that may have any name; `flag` is the option that gives the name.
     pub fn new(path: &'a Path, flag: &'static str) -> Self {
         Self { path, flag, holds: None }
     }
@@ -93,7 +93,7 @@ impl<'a> OutputFile<'a> {
         Self { path, flag, holds: Some(Output::Ending(endings)) }
     }
 
-    /// Creates an output file for a surface, a sphere or a signal, in the format of its name.
+    /// Creates an output file for a surface, a sphere or a signal, whose format follows from its name.
     pub fn holding(path: &'a Path, flag: &'static str, holds: Output<'static>) -> Self {
         Self { path, flag, holds: Some(holds) }
     }
@@ -126,8 +126,9 @@ impl<'a> OutputFile<'a> {
     }
 }
 
-/// Refuses, before any work, outputs that could not be written at its end: existing files (without `force`), folders,
-/// endings of another format, and two outputs of one name. The writers check this again when they write.
+/// Refuses outputs that couldn't be written at the end of a verb's work: existing files (without `force`), folders,
+/// names that end in another format's ending, and two outputs of the same name. Called before any work; the writers
+/// check again.
 ///
 /// # Errors
 ///
@@ -148,14 +149,14 @@ pub fn check_outputs<'a>(outputs: impl IntoIterator<Item = OutputFile<'a>>, forc
     Ok(())
 }
 
-/// Returns the canonical path of a file, however the path is written: its folder without links and dots, as far as it
-/// exists.
+/// Returns the canonical path of a file, without links and dots. If the file doesn't exist, the part of its path that
+/// exists is resolved.
 pub(crate) fn place(path: &Path) -> PathBuf {
     if let Ok(place) = path.canonicalize() {
         return place;
     }
     let folder = std::path::absolute(folder_of(path)).unwrap_or_default();
-    // If `..` leads out of a folder that doesn't exist yet, it can only be resolved in the text.
+    // A `..` after a folder that doesn't exist can't be resolved by the file system, only in the text of the path.
     let mut tidy = PathBuf::new();
     for part in folder.components() {
         match part {
@@ -167,8 +168,8 @@ pub(crate) fn place(path: &Path) -> PathBuf {
     tidy.join(path.file_name().unwrap_or_default())
 }
 
-/// Checks the same as [`check_outputs`], and refuses outputs that are inputs, however their paths are written. Hard and
-/// symbolic links count as the same file; inputs that don't exist are ignored.
+/// Checks outputs as [`check_outputs`] does, and also refuses outputs that are inputs, however their paths are written.
+/// Hard and symbolic links count as the same file; inputs that don't exist are ignored.
 ///
 /// # Errors
 ///
@@ -183,7 +184,7 @@ pub fn check_files<'i, 'a>(
     check_not_inputs(inputs, outputs.iter().map(|output| output.path))
 }
 
-/// Returns whether two paths name the same file, however they are written.
+/// Returns whether two paths lead to the same file, however they are written.
 #[must_use]
 pub fn same_place(a: &Path, b: &Path) -> bool {
     a.file_name() == b.file_name() && place(a) == place(b)
@@ -204,20 +205,20 @@ pub fn check_not_inputs<'i, 'a>(
     }
 }
 
-/// File name that stands for standard output.
+/// Path that stands for standard output.
 pub const STDOUT: &str = "-";
 
 /// The flag that names a report.
 pub const REPORT: &str = "--report";
 
-/// Returns whether a report of this name goes to standard output, in place of the table.
+/// Returns whether a report with this path goes to standard output, where it replaces the table.
 #[must_use]
 pub fn is_stdout(path: &Path) -> bool {
     [STDOUT, "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"].iter().any(|name| path.as_os_str() == *name)
 }
 
-/// Returns whether a pipe or a device has this name, such as `/dev/null` or `/dev/fd/63`. It is written to, never
-/// replaced.
+/// Returns whether a path is that of a pipe or a device, such as `/dev/null` or `/dev/fd/63`. Pipes and devices are
+/// written to, never replaced.
 pub(crate) fn is_stream(path: &Path) -> bool {
     std::fs::metadata(path).is_ok_and(|found| !found.is_file() && !found.is_dir())
 }

@@ -1,4 +1,4 @@
-//! Several inputs in one argument, lists and folders; names derived from models.
+//! Expands lists and folders of inputs, and derives names from models' paths.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -10,12 +10,12 @@ pub use spharm_cohort::files::serialize_shown;
 
 use crate::inputs::{expand_lists, file_stem};
 
-/// Replaces each `@LIST` by the paths that the file lists, and each folder by the files in it whose names end in
+/// Replaces each `@LIST` by the paths in the file LIST, and each folder by those of its files whose names end in
 /// `ending`, sorted by name.
 ///
 /// # Errors
 ///
-/// If a list or a folder can't be read, or has no such file.
+/// If a list or a folder can't be read, or a folder has no file with this ending.
 pub fn expand(paths: &[PathBuf], ending: &str) -> Result<Vec<PathBuf>> {
     let mut expanded = Vec::new();
     for path in expand_lists(paths)? {
@@ -43,7 +43,7 @@ pub fn model_name(model: &Path) -> String {
     model_file_name(model).to_string_lossy().into_owned()
 }
 
-/// Returns the same as [`model_name`] but with the exact bytes, for use in file names.
+/// Returns the name of a model without folder and endings, with the exact bytes, for use in file names.
 #[must_use]
 pub fn model_file_name(model: &Path) -> OsString {
     ModelFiles { model: file_stem(model).into() }.file_name()
@@ -55,12 +55,12 @@ pub fn shown(path: impl AsRef<Path>) -> String {
     path.as_ref().display().to_string()
 }
 
-/// Returns several paths as [`shown`] does.
+/// Returns several paths as text for reports, as [`shown`] does.
 pub fn all_shown<P: AsRef<Path>>(paths: impl IntoIterator<Item = P>) -> Vec<String> {
     paths.into_iter().map(shown).collect()
 }
 
-/// Returns a path as text, for uses that only hold text, such as the arguments of another verb.
+/// Returns a path as text, for uses that require text, such as the arguments of another verb.
 ///
 /// # Errors
 ///
@@ -69,7 +69,7 @@ pub fn utf8(path: &Path) -> Result<&str> {
     path.to_str().with_context(|| format!("{}: expected a path in UTF-8", path.display()))
 }
 
-/// Adds an ending, with or without its dot, to a name that may have dots of its own.
+/// Appends an ending, given with or without its dot, to a name that may contain dots.
 pub fn with_ending(path: &Path, ending: &str) -> PathBuf {
     let mut path = path.as_os_str().to_owned();
     path.push(".");

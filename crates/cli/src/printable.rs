@@ -1,8 +1,8 @@
-//! Escaping of text from outside before it is printed to a terminal or a log.
+//! Escapes text from outside before it is printed to a terminal or a log.
 //!
 //! File names, table cells and format headers come from outside. They may contain characters that a terminal acts on:
 //! escape sequences, line breaks, and characters that reverse the direction of the text. Everything that the program
-//! prints passes through this module, so that one line stays one line.
+//! prints passes through this module, so that each line of output stays a single line.
 
 use std::borrow::Cow;
 
@@ -25,10 +25,11 @@ pub fn lines(text: &str) -> Cow<'_, str> {
 }
 
 /// Returns equivalent JSON in which all control characters are escaped, except line breaks between tokens. JSON itself
-/// requires that only up to U+001F.
+/// requires escapes only for control characters up to U+001F.
 #[must_use]
 pub fn json(text: &str) -> Cow<'_, str> {
-    // Line breaks within strings are escaped already. All other such characters are below U+10000.
+    // Line breaks within strings are already escaped. All other control characters are below U+10000, so four digits
+    // suffice.
     replaced(text, |c| if c == '\n' { c.to_string() } else { format!("\\u{:04x}", u32::from(c)) })
 }
 

@@ -1,8 +1,8 @@
-//! Roles of the arguments, input or output, checked for all verbs at once, before any work.
+//! Checks the roles of path arguments, input or output, for all verbs before any work.
 //!
-//! With `--force`, a result with the path of an input would replace it, and a report with the path of a result would
-//! replace that. This module checks the paths that are given as arguments. A verb checks the paths that it derives from
-//! them itself, with [`check_files`](crate::output::check_files).
+//! With `--force`, a result written to the path of an input would destroy the input, and a report written to the path
+//! of a result would destroy the result. This module checks the paths that are given as arguments. A verb checks the
+//! paths that it derives from arguments with [`check_files`](crate::output::check_files).
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -23,7 +23,7 @@ pub enum Role {
     Output,
     /// A file in addition to the results is written to the path: a report, a table.
     Report,
-    /// Neither, or both: a store, a folder of data.
+    /// Neither read nor written as a single file, or both: a store, a folder of data.
     Other,
 }
 
@@ -54,8 +54,8 @@ pub fn given(command: &Command, matches: &ArgMatches, role: &dyn Fn(&str, &str) 
     }
 }
 
-/// Refuses reports with the name of another output, and outputs that are inputs by device and inode, even with
-/// `--force`.
+/// Refuses reports with the path of another output, and outputs that are the same file as an input (equal device and
+/// inode), even with `--force`.
 ///
 /// # Errors
 ///
@@ -78,7 +78,7 @@ pub fn check(given: &[Given]) -> Result<()> {
     }
     for input in given.iter().filter(|given| given.role == Role::Input) {
         let itself = input.path.to_str().and_then(|path| path.strip_prefix('@')).map(PathBuf::from);
-        // A list that can't be read is refused by the verb.
+        // Skip a list that can't be read; the verb refuses it later.
         let named = expand_lists(std::slice::from_ref(&input.path)).unwrap_or_default();
         for path in itself.iter().chain(&named) {
             if let Some(output) = file_id(path).and_then(|id| there.get(&id)) {

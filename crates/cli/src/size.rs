@@ -1,4 +1,4 @@
-//! Sizes as people write them: `512MiB`, `2GiB`, `1.5G`, `100000000`.
+//! Sizes as written in arguments: `512MiB`, `2GiB`, `1.5G`, `100000000`.
 
 use std::fmt;
 use std::str::FromStr;
@@ -33,7 +33,7 @@ impl FromStr for Size {
             _ => return Err(wrong()),
         };
         let bytes = number.parse::<f64>().map_err(|_| wrong())? * factor as f64;
-        // 2^60 bytes exceed any machine's memory, and below that the conversion is exact enough.
+        // 2^60 bytes exceed any machine's memory; below that, the rounding of the conversion doesn't matter.
         if bytes >= 1.0 && bytes <= (1u64 << 60) as f64 { Ok(Self(bytes as usize)) } else { Err(wrong()) }
     }
 }

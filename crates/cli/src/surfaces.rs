@@ -1,4 +1,4 @@
-//! Surfaces to work on, from mesh files and from labels of volumes.
+//! Lists the surfaces named by arguments: mesh files, and labels of volumes.
 
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -45,14 +45,14 @@ impl FromStr for VoxelSize {
     }
 }
 
-/// Returns the surfaces that paths, lists and labels name: a file, or a file and a label of it. Without `labels` a
-/// volume must have a single label. Where surfaces are not to be made of volumes, every file stands for itself.
-/// `voxel_size` is refused for files that aren't volumes.
+/// Returns the surfaces named by paths, lists and labels: each is a file, or a file and one of its labels. Without
+/// `labels` a volume must have a single label. If the caller doesn't make surfaces of volumes, every file is returned
+/// without a label. `voxel_size` is refused for files that aren't volumes.
 ///
 /// # Errors
 ///
-/// When a list or volume can't be read, a label is missing, or `labels` or a voxel size are given for a file that isn't
-/// a volume.
+/// If a list or volume can't be read, a label is missing, or `labels` or a voxel size are given for a file that isn't a
+/// volume.
 pub fn surfaces(
     reader: &mut SurfaceReader,
     paths: &[PathBuf],

@@ -19,7 +19,7 @@ pub struct Threads {
 impl Threads {
     /// Returns the number of threads.
     pub fn count(self) -> usize {
-        // Takes affinity masks and cgroup quotas into account.
+        // The default takes affinity masks and cgroup quotas into account.
         let available = std::thread::available_parallelism().map_or(1, |n| n.get());
         let slurm = std::env::var("SLURM_CPUS_PER_TASK").ok().and_then(|text| text.parse::<usize>().ok());
         let available = available.min(MOST);
@@ -30,7 +30,7 @@ impl Threads {
         }
     }
 
-    /// Starts a pool of that many threads; the work is to be `install`ed in it.
+    /// Starts a pool with this number of threads; run the work with its `install`.
     ///
     /// # Errors
     ///

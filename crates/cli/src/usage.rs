@@ -4,7 +4,7 @@ use clap::error::ErrorKind;
 
 use crate::printable::one_line;
 
-/// An error in the call of a verb, shown in clap's format: with the usage, and exit code 2.
+/// A usage error of a verb, shown in clap's format: with the usage, and exit code 2.
 #[derive(Debug, Clone, thiserror::Error)]
 #[error("{message}")]
 pub struct Usage {

@@ -1,4 +1,4 @@
-//! Values of arguments, checked as they are parsed.
+//! Parses and checks values of arguments.
 
 use clap::ValueEnum;
 use spharm_store::Scalar;

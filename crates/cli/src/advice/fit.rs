@@ -1,4 +1,4 @@
-//! Advice on fits.
+//! Advice on errors and warnings of fits.
 
 use std::path::PathBuf;
 
@@ -24,7 +24,7 @@ pub(super) fn of_fit(error: &Error) -> Option<String> {
     }
 }
 
-/// Returns the advice on an existing output that is in the way.
+/// Returns the advice on an existing output that must not be replaced.
 pub(super) fn of_refusal(refusal: &Refusal) -> String {
     match refusal {
         Refusal::OtherInput { recorded, input, .. } => {
