@@ -1,11 +1,13 @@
-"""Makes up FreeSurfer subjects in two groups with a known difference, to try a study on.
+"""Generates FreeSurfer subjects in two groups with a known difference, for trying out a study.
 
     python make_subjects.py DIR [SUBJECTS]
 
-Needs numpy, scipy, nibabel and nilearn, whose package carries FreeSurfer's average fsaverage5. Each subject has a triangulation of
-its own, of 9,000 to 11,000 vertices a hemisphere, a head of its own size, and smooth folds of its own. Those of the group `patient`
-have a left cortex that is thicker by up to 1.5 mm within 25 degrees of one place of the sphere; all else is chance.
-DIR has the layout of SUBJECTS_DIR, and participants.tsv says who is in which group.
+Needs numpy, scipy, nibabel and nilearn; nilearn's package contains FreeSurfer's average fsaverage5. Each subject has
+its own
+triangulation of 9,000 to 11,000 vertices per hemisphere, its own head size, and its own smooth folds. Subjects of the
+group
+`patient` have a left cortex that is thicker by up to 1.5 mm within 25 degrees of one direction of the sphere; all other
+differences are random. DIR has the layout of SUBJECTS_DIR, and participants.tsv lists the group of each subject.
 """
 
 import sys
@@ -17,13 +19,14 @@ from nilearn.datasets import fetch_surf_fsaverage
 from nilearn.surface import load_surf_data, load_surf_mesh
 from scipy.spatial import ConvexHull, cKDTree
 
-#: Where the patients' left cortex is thicker, as a direction of sphere.reg; how far around, and by how much in mm.
+#: Centre of the region where the patients' left cortex is thicker, a direction of sphere.reg; its radius; the
+#: difference in mm.
 PLACE, WIDTH, THICKER = np.array([-0.6, 0.0, 0.8]), np.radians(25), 1.5
 HEMISPHERES = {"lh": "left", "rh": "right"}
 
 
 def average(side):
-    """Directions, triangles and values of a hemisphere of fsaverage5."""
+    """Returns directions, triangles and values of a hemisphere of fsaverage5."""
     data = fetch_surf_fsaverage("fsaverage5")
     mesh = lambda name: load_surf_mesh(data[f"{name}_{side}"])  # noqa: E731
     sphere = mesh("sphere")
@@ -35,7 +38,7 @@ def average(side):
 
 
 def sphere_of(count, rng):
-    """Directions spread evenly, a little irregular, and the triangles between them, counter-clockwise seen from outside."""
+    """Returns directions spread almost evenly, and the triangles between them, counter-clockwise seen from outside."""
     i = np.arange(count)
     z = 1 - (2 * i + 1) / count
     azimuth = i * np.pi * (3 - 5**0.5)
@@ -50,7 +53,8 @@ def sphere_of(count, rng):
 
 
 def interpolate(directions, sphere, faces, values):
-    """Values at directions, linear on the sphere's triangles: the one of the nearest few whose weights are most positive."""
+    """Interpolates values at directions, linearly on the sphere's triangles. Of the 8 nearest triangles it uses the one
+    whose smallest barycentric weight is largest."""
     corners = sphere[faces]
     centres = corners.mean(axis=1)
     near = cKDTree(centres / np.linalg.norm(centres, axis=1, keepdims=True)).query(directions, k=8)[1]
@@ -64,7 +68,7 @@ def interpolate(directions, sphere, faces, values):
 
 
 def waves(directions, rng):
-    """A smooth field of three components, of a size around 1."""
+    """Returns a smooth random field of three components, of a size around 1."""
     field = np.zeros((len(directions), 3))
     for _ in range(12):
         frequency, phase = rng.normal(0, 2.5, 3), rng.uniform(0, 2 * np.pi)
@@ -73,7 +77,7 @@ def waves(directions, rng):
 
 
 def make(folder, number, averages):
-    """One subject; returns the row of the participants' table."""
+    """Writes one subject; returns its row of the participants' table."""
     rng = np.random.default_rng(number)
     patient = number % 2 == 1
     head = np.eye(3) + rng.normal(0, 0.02, (3, 3))

@@ -1,7 +1,7 @@
-//! Timings of the library on arrays that another program uses as well; `benches/peer.py` drives it.
+//! Times the library on arrays that other programs also use; `benches/peer.py` runs it.
 //!
 //! Arrays are `.npy` files of f64: directions (n, 3), targets (n, c), coefficients (K, c). Each command prints the
-//! seconds of its repetitions as JSON and writes what it computed, for whoever checks it.
+//! seconds of its repetitions as JSON. It also writes the computed arrays, so that another program can check them.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -23,7 +23,7 @@ use spharm_store::factor::open_factor;
 use spharm_store::{FactorSpec, Scalar, SchemeKey, WeightsHash};
 use spharm_transform::{Transform, TransformParams};
 
-// The program's choices, so that its rates are measured.
+// The program's allocator and kernels, so that the measured rates are the program's.
 #[cfg(all(target_os = "linux", target_env = "gnu"))]
 #[path = "../tools/allocator.rs"]
 mod allocator;
@@ -39,7 +39,7 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Plan, synthesis and adjoint synthesis.
+    /// Times making the plan, synthesis and adjoint synthesis.
     Transforms {
         directions: PathBuf,
         coefficients: PathBuf,
@@ -48,7 +48,7 @@ enum Command {
         repeats: usize,
         out: PathBuf,
     },
-    /// Least squares from the arrays to the coefficients, the plan included.
+    /// Times least squares from arrays to coefficients, including the plan.
     Lsq {
         directions: PathBuf,
         targets: PathBuf,
@@ -57,20 +57,20 @@ enum Command {
         tolerance: f64,
         repeats: usize,
         out: PathBuf,
-        /// A store that has the scheme's factor.
+        /// A store that contains the factor of the sampling scheme.
         #[arg(long)]
         store: Option<PathBuf>,
         #[arg(long)]
         factor: bool,
-        /// Iterates by the samples alone.
+        /// Iterates with the samples only, without their moments.
         #[arg(long)]
         samples: bool,
     },
-    /// A fit by the facade, of positions on directions without triangles, from the arrays on.
+    /// Times a fit by the crate `spharm` of positions on directions without triangles, starting from arrays.
     Fit { directions: PathBuf, targets: PathBuf, max_degree: usize, repeats: usize },
     /// Writes the vertices of an icosphere.
     Sphere { subdivisions: u32, out: PathBuf },
-    /// The Gram matrix, moments included.
+    /// Times the Gram matrix, including the moments from which it is computed.
     Gram { directions: PathBuf, max_degree: usize, repeats: usize },
 }
 

@@ -1,8 +1,8 @@
 #!/bin/sh
-# Fits a cohort by a Slurm array: sh cohort.sh SUBJECTS.tsv OUT [SHARDS]. Prints the array's number.
-# Submit it again, as it was, after anything went wrong: models that are there are left alone. TASKS=3,7 submits these shards alone.
+# Fits a cohort by a Slurm array: sh cohort.sh SUBJECTS.tsv OUT [SHARDS]. Prints the array's number. After a failure,
+# submit the same command again: existing models are kept. TASKS=3,7 submits only these shards.
 #
-# A task that is stopped (preempted, or near its time limit) has 60 s to write what is finished, and is queued again.
+# A task that is stopped (preempted, or near its time limit) has 60 s to write finished models, and is queued again.
 set -eu
 manifest=$1 out=$2 shards=${3:-10}
 degree=${DEGREE:-80} cpus=${CPUS:-2} more=${MORE:-}

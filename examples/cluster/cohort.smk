@@ -1,4 +1,5 @@
-# A cohort in shards: snakemake -s cohort.smk --cores 4 --keep-going --config manifest=subjects.tsv shards=10 out=models
+# Fits a cohort in shards:
+# snakemake -s cohort.smk --cores 4 --keep-going --config manifest=subjects.tsv shards=10 out=models
 MANIFEST = config["manifest"]
 OUT = config.get("out", "models")
 SHARDS = int(config.get("shards", 10))
@@ -9,7 +10,7 @@ rule all:
     input: f"{OUT}/status.txt"
 
 
-# Rows that can't be fitted are in the status files, and are no reason to stop here: exit status 1 says that there are some.
+# Exit status 1 means that some rows couldn't be fitted. The status files list them, and the workflow continues.
 rule shard:
     input: MANIFEST
     output: OUT + "/report/{index}.json"

@@ -8,9 +8,9 @@ A closed mesh is mapped to the sphere, expanded in spherical harmonics, and eval
 # %%
 # The surface
 # -----------
-# Any closed mesh without holes or handles will do: ``sp.read_surface("cell.ply")`` reads one, and `spharm_rs.as_surface`
-# takes the meshes of trimesh, pyvista, meshio, nibabel and nilearn. Here a folded surface is made, and its own sphere is
-# left unused.
+# Any closed mesh without holes or handles can be used: ``sp.read_surface("cell.ply")`` reads one, and
+# `spharm_rs.as_surface` converts meshes of trimesh, pyvista, meshio, nibabel and nilearn. Here a folded surface is
+# generated, and the sphere that comes with it isn't used.
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -24,8 +24,8 @@ surface
 # %%
 # The model
 # ---------
-# One call maps the surface to the sphere and fits x, y and z by least squares to degree 60, which are 61\ :sup:`2` = 3,721
-# coefficients for each.
+# One call maps the surface to the sphere and fits x, y and z by least squares to degree 60. Each of the three has 61\
+# :sup:`2` = 3,721 coefficients.
 
 model = sp.fit(surface, max_degree=60)
 print(model)
@@ -33,9 +33,9 @@ print("mean squared distance, bounding box of volume 1:", f"{model.report['msd']
 print("root mean square distance in mm:", f"{np.sqrt(model.report['passes'][-1]['msd_raw']):.2f}")
 
 # %%
-# The map to the sphere is part of the model. It is one to one: no triangle is turned over. Its areas differ from the
-# surface's by some 25 per cent, so that parts in which a model has large errors get more of the sphere. Colours show the
-# logarithm of the area on the sphere over that on the surface, each scaled to 4 pi in all.
+# The map to the sphere is part of the model. It is one to one: no triangle is turned over. Areas on the sphere differ
+# from areas on the surface by some 25 per cent, because parts with large errors of the model get a larger share of the
+# sphere. Colours show the logarithm of the ratio of the two areas, sphere to surface, each scaled to a total of 4 pi.
 
 
 def areas(mesh):
@@ -49,7 +49,7 @@ log_ratio = np.log(areas(sphere) / areas(surface))
 at_vertices = np.zeros(len(surface.vertices))
 np.add.at(at_vertices, surface.faces, log_ratio[:, np.newaxis] / 6)
 
-# Both have the same triangles; the sphere is drawn at the surface's size.
+# The surface and the sphere have the same triangles; the sphere is drawn at the surface's size.
 ball = sp.Surface(sphere.vertices * 45, sphere.faces)
 panels(
     [surface, ball],
@@ -65,8 +65,8 @@ plt.show()
 # %%
 # From coarse to fine
 # -------------------
-# A model of degree 60 contains all models of lower degrees. With each degree is the root mean square distance between
-# corresponding vertices.
+# A model of degree 60 contains all models of lower degrees. The titles show the root mean square distance between
+# corresponding vertices for each degree.
 
 degrees = [5, 10, 20, 40, 60]
 coarse = [model.surface(degree=degree) for degree in degrees]
@@ -100,7 +100,7 @@ plt.show()
 # %%
 # What a degree adds
 # ------------------
-# The power of each degree falls steeply: low degrees have the form, high degrees the folds.
+# The power of each degree falls steeply: low degrees hold the overall shape, high degrees the folds.
 
 degrees, power = np.arange(1, model.max_degree + 1), model.spectrum()[1:]
 figure, axes = plt.subplots(figsize=(6, 3), layout="constrained")
@@ -110,8 +110,8 @@ axes.grid(alpha=0.3)
 plt.show()
 
 # %%
-# ``model.save("folded.spharm.npz")`` keeps the model, ``model.surface(6).save("smooth.ply")`` writes it on 40,962 vertices.
-# The program does the same:
+# ``model.save("folded.spharm.npz")`` saves the model, ``model.surface(6).save("smooth.ply")`` writes its surface with
+# 40,962 vertices. The command line does the same:
 #
 # .. code-block:: sh
 #

@@ -2,15 +2,15 @@
 Surfaces with spheres, and thickness on them
 ============================================
 
-The subjects of a study often come with spheres: FreeSurfer, CIVET and the Human Connectome Project make them. They are
-used as they are. What is measured at the vertices, such as cortical thickness, is modelled in the same way.
+The subjects of a study often come with spheres made by FreeSurfer, CIVET or the Human Connectome Project. These spheres
+are used unchanged. Values measured at the vertices, such as cortical thickness, are modelled in the same way.
 """
 
 # %%
 # The files of FreeSurfer
 # -----------------------
-# A subject's ``lh.pial`` and ``lh.sphere.reg`` have the same vertices in the same order. They and the thickness are read
-# by their names, gzipped or not, GIfTI files as well:
+# A subject's ``lh.pial`` and ``lh.sphere.reg`` have the same vertices in the same order. These two files and the
+# thickness are read by name, gzipped or not; GIfTI files can be read, too:
 #
 # .. code-block:: python
 #
@@ -18,8 +18,8 @@ used as they are. What is measured at the vertices, such as cortical thickness, 
 #    sphere = sp.read_surface("sub-01/surf/lh.sphere.reg")
 #    thickness = sp.read_signal("sub-01/surf/lh.thickness")  # (n, 1)
 #
-# Here a folded surface stands in, with a thickness that is made up: 2.5 mm, thicker on the crowns of folds, with noise of
-# 0.5 mm as a measurement has.
+# This example uses a generated folded surface with an invented thickness: 2.5 mm, thicker on the crowns of folds, with
+# noise of 0.5 mm, similar to that of a measurement.
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -37,15 +37,15 @@ thickness = true + rng.normal(0, 0.5, len(true))
 # %%
 # One fit each
 # ------------
-# Over a given sphere a fit takes some hundredths of a second. ``weights="area"`` counts each vertex by its share of the
-# sphere: ``sphere.reg`` has vertices of very different density.
+# Over a given sphere a fit takes some hundredths of a second. ``weights="area"`` weights each vertex by its share of
+# the sphere, because the density of vertices varies strongly over ``sphere.reg``.
 
 shape = sp.fit(pial, sphere, 80, weights="area")
 print(f"surface: {shape}, msd {shape.report['msd']:.1e}, {shape.report['solver']['iterations']} iterations")
 
 # %%
-# A signal is an array with a row for each vertex. Noise calls for a smoothness; ``"auto"`` chooses it by generalised
-# cross-validation.
+# A signal is an array with a row for each vertex. Noisy signals need a smoothness penalty; ``"auto"`` chooses it by
+# generalised cross-validation.
 
 smooth = sp.fit(thickness, sphere, 60, weights="area", smoothness="auto")
 rough = sp.fit(thickness, sphere, 60, weights="area", stderr=True)
@@ -57,8 +57,8 @@ for name, model in (("no smoothness", rough), ("chosen by cross-validation", smo
 # %%
 # Both models together
 # --------------------
-# Both are functions on the same sphere, so the modelled thickness can be shown on the modelled surface, on any sampling.
-# Here the vertices that were fitted.
+# Both models are functions on the same sphere, so the modelled thickness can be shown on the modelled surface, on any
+# sampling. Here the sampling is that of the fitted vertices.
 
 modelled = shape.surface()
 panels(
@@ -74,9 +74,9 @@ panels(
 plt.show()
 
 # %%
-# Standard errors tell which coefficients the data determine: noise of 0.5 mm at 40,962 vertices leaves the same error in
-# all of them. At high degrees coefficients without a smoothness are mostly noise, and those that cross-validation
-# leaves are smaller.
+# Standard errors show which coefficients the data determine: noise of 0.5 mm at 40,962 vertices gives all coefficients
+# about the same error. Without a smoothness penalty, coefficients of high degrees are mostly noise; with the penalty
+# chosen by cross-validation they are smaller.
 
 
 def by_degree(values):
@@ -100,8 +100,8 @@ plt.show()
 # Many subjects
 # -------------
 # FreeSurfer's ``sphere.reg`` of each subject is registered to a common frame, so coefficients of several subjects are
-# comparable. Where subjects share a sphere, vertex by vertex, as they do after `spharm_rs.resample`, fit them together
-# with `spharm_rs.fit_many`. On the command line:
+# comparable. If all subjects' vertices lie at the same directions, as after `spharm_rs.resample`, fit the subjects
+# together with `spharm_rs.fit_many`. On the command line:
 #
 # .. code-block:: sh
 #

@@ -2,15 +2,15 @@
 Cells from a label volume
 =========================
 
-A segmentation, as CellProfiler, Cellpose or ilastik make it, has a whole number for each voxel. Each label gets a model.
+A segmentation by CellProfiler, Cellpose or ilastik has an integer label for each voxel. Each label gets a model.
 """
 
 # %%
 # The volume
 # ----------
-# Files in NIfTI and MGH are read by their name, ``sp.parametrize_volume("cells.nii.gz", label=3)``; others, say TIFF, as
-# arrays. Here a clump of cells is made with NumPy: each voxel within a ball belongs to the nearest of twelve centres,
-# bent a little. Voxels are 0.5 by 0.5 by 1 micrometre.
+# Files in NIfTI and MGH are read by name, ``sp.parametrize_volume("cells.nii.gz", label=3)``; other formats are passed
+# as arrays. Here a clump of cells is made with NumPy: each voxel within a ball belongs to the nearest of twelve
+# centres, with slightly bent boundaries. Voxels are 0.5 by 0.5 by 1 micrometre.
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -39,9 +39,9 @@ print("voxels of each label:", sp.labels(volume))
 # %%
 # Surfaces and models
 # -------------------
-# `spharm_rs.parametrize_volume` makes the surface around a label, of the outer faces of its voxels, and maps it to the
-# sphere such that each face gets its share of the area. The fit of degree 10 passes between the steps. A label in several
-# pieces, or with holes, is refused; ``fix=True`` repairs it.
+# `spharm_rs.parametrize_volume` makes the surface around a label from the outer faces of its voxels. It maps the
+# surface to the sphere such that each face gets an area in proportion to its own. A fit of degree 10 smooths the steps
+# of the voxels. A label in several pieces, or with holes, is refused; ``fix=True`` repairs it.
 
 affine = np.diag([*voxel, 1.0])
 cells = {label: sp.parametrize_volume(volume, label=label, affine=affine, fix=True) for label in sp.labels(volume)}
@@ -49,7 +49,7 @@ models = {label: sp.fit(cell, max_degree=10) for label, cell in cells.items()}
 
 
 def together(surfaces, values):
-    """Several surfaces as one, with a colour for each."""
+    """Joins several surfaces to one, with a colour for each."""
     first = np.cumsum([0, *(len(s.vertices) for s in surfaces)])
     vertices = np.concatenate([s.vertices for s in surfaces])
     faces = np.concatenate([s.faces + start for s, start in zip(surfaces, first)])
@@ -71,8 +71,9 @@ plt.show()
 # %%
 # What the models measure
 # -----------------------
-# The area of a voxel surface is that of its steps, half as much again as the cell's, however fine the voxels are. The
-# model's has no steps, so that sphericity, the area of a ball of the same volume over the area, has a meaning.
+# The area of a voxel surface includes its steps, and exceeds the cell's area by half, however fine the voxels are. The
+# model's surface has no steps. Its sphericity, the area of a ball of the same volume divided by the area, is therefore
+# meaningful.
 
 
 def volume_and_area(surface):
@@ -92,7 +93,7 @@ ratios = [volume_and_area(models[k].surface(5))[0] / volume_and_area(cells[k].su
 print("volume, model / voxels:", np.round(ratios, 3))
 
 # %%
-# Sphericity on the models, the clump taken apart to show all of them:
+# Sphericity of the models, with the cells moved apart to show all of them:
 
 apart = []
 for label, model in models.items():
@@ -114,7 +115,7 @@ axes.grid(alpha=0.3)
 plt.show()
 
 # %%
-# On the command line all labels of a file are fitted by one call:
+# On the command line, one call fits all labels of a file:
 #
 # .. code-block:: sh
 #

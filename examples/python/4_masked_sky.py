@@ -3,15 +3,15 @@ A sky with a mask, by Transform and solve
 =========================================
 
 Functions on the sphere need no surface. `spharm_rs.Transform` evaluates them at any directions, and `spharm_rs.solve`
-finds least-squares coefficients of scattered samples: a sky without the plane of the galaxy, topography along the tracks
-of a satellite.
+computes least-squares coefficients from scattered samples, such as a sky without the plane of the galaxy, or topography
+along the tracks of a satellite.
 """
 
 # %%
 # Samples
 # -------
-# A random field to degree 48, whose coefficients have the variance l\ :sup:`-3`, is observed at 30,000
-# scattered directions with noise. Those within 8 degrees of the equator are lost.
+# A random field to degree 48, whose coefficients have variance l\ :sup:`-3`, is observed with noise at 30,000 scattered
+# directions. Samples within 8 degrees of the equator are removed.
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -37,15 +37,16 @@ print(transform, f"signal {clean.std():.2f}, noise {noise:.2f}")
 # %%
 # Coefficients
 # ------------
-# Summing samples times harmonics, as one does on a full grid, is the adjoint. With a mask it is no inverse: power leaks
-# from degree to degree.
+# The sum of samples times harmonics, which computes coefficients on a full grid, is the adjoint of synthesis. With a
+# mask it isn't the inverse: power leaks from degree to degree.
 
 leaky = 4 * np.pi / len(directions) * transform.adjoint(samples)
 
 # %%
-# Least squares is. In the gap of 16 degrees, four times as wide as what degree 48 resolves, the samples determine
-# nothing; a smoothness says what happens there. It is chosen by samples that the fit doesn't see: a weight of zero leaves
-# them out. (``smoothness="auto"`` chooses it by generalised cross-validation, which takes a minute on a sampling with a gap.)
+# Least squares inverts synthesis. The gap of 16 degrees is four times as wide as the resolution of degree 48, so
+# samples don't determine the field there; a smoothness penalty does. Here the penalty is chosen by samples left out of
+# the fit with weight zero. (``smoothness="auto"`` chooses it by generalised cross-validation, which takes a minute on a
+# sampling with a gap.)
 
 seen_by_fit = rng.random(len(samples)) < 0.8
 tried = 10.0 ** np.arange(-5, 1)
@@ -62,7 +63,7 @@ print("chosen:", report["smoothness"], " optimality:", f"{report['solver']['opti
 # %%
 # Maps
 # ----
-# A grid of directions, and the three fields on it.
+# The three fields are evaluated on a grid of directions.
 
 longitude, latitude = np.meshgrid(np.linspace(-np.pi, np.pi, 361), np.linspace(-np.pi / 2, np.pi / 2, 181))
 grid = np.stack(
@@ -93,7 +94,8 @@ plt.show()
 # %%
 # How well
 # --------
-# Where there are samples, least squares is below the noise. In the gap it is as good as smoothness allows.
+# At the samples, the error of least squares is below the noise. In the gap, the error depends on the smoothness
+# penalty.
 
 bins = np.radians(np.arange(-90, 91, 4))
 row = np.digitize(latitude.ravel(), bins)
@@ -116,7 +118,7 @@ plt.show()
 # %%
 # A solver of one's own
 # ---------------------
-# The basis is also a SciPy operator, for ``lsqr`` and its like, without 8 n K bytes for its matrix.
+# The basis is also available as a SciPy operator, for solvers such as ``lsqr``, without the 8 n K bytes of its matrix.
 
 from scipy.sparse.linalg import lsqr
 
@@ -127,7 +129,7 @@ off = np.sqrt(np.mean((everywhere.synthesis(by_lsqr) - fields["truth"])[inside] 
 print(f"{operator.shape} operator, rms error of lsqr away from the gap: {off:.3f}")
 
 # %%
-# healpy and ducc0 keep coefficients of non-negative orders; `spharm_rs.convert` has the way there.
+# healpy and ducc0 store only coefficients of non-negative orders; `spharm_rs.convert` converts to their format.
 
 alm = sp.convert.to_healpy(found)
 print(alm.shape, alm.dtype)

@@ -2,16 +2,16 @@
 Principal components of twenty shapes
 =====================================
 
-Coefficients of surfaces with corresponding vertices are rows of a table, on which scikit-learn works. The mean and the
-modes are surfaces again.
+Coefficients of surfaces with corresponding vertices are rows of a table that scikit-learn can process. The mean and the
+modes can be converted back to surfaces.
 """
 
 # %%
 # Twenty shapes
 # -------------
-# Made-up shapes like a hippocampus: a bar that is bent, and thicker at one end. Bend and taper differ from shape to shape,
-# and each has bumps of its own. Their vertices correspond, over the same icosphere; surfaces with spheres of their own are
-# brought there by `spharm_rs.resample`.
+# The generated shapes resemble a hippocampus: a bar that is bent, and thicker at one end. Bend and taper vary from
+# shape to shape, and each shape has its own bumps. The vertices correspond, over the same icosphere. For surfaces with
+# different spheres, `spharm_rs.resample` establishes such a correspondence.
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -29,7 +29,7 @@ bumps = sp.Transform(sphere.vertices, 8)
 
 
 def shape(bend, taper, noise):
-    """A bar of 36 by 10 by 8 mm."""
+    """Returns the vertices of a bar of 36 by 10 by 8 mm."""
     x, y, z = sphere.vertices.T
     thick = 1 + (0.25 + 0.12 * taper) * x
     bar = np.stack([18 * x, 5 * thick * y, 4 * thick * z], axis=1)
@@ -47,9 +47,8 @@ plt.show()
 
 # %%
 # Components
-# ----------
-# Harmonics are orthonormal: distances between rows of coefficients are root mean square distances between surfaces, times
-# sqrt(4 pi), so that principal components of the rows are those of the surfaces.
+# Harmonics are orthonormal: the distance between two rows of coefficients is the root mean square distance between the
+# surfaces times sqrt(4 pi). The principal components of the rows are therefore those of the surfaces.
 
 pipeline = make_pipeline(SpharmTransformer(12, sphere=sphere), PCA(5))
 scores = pipeline.fit_transform(X)
@@ -59,7 +58,8 @@ print(scores.shape, "variance explained:", np.round(pca.explained_variance_ratio
 # %%
 # Modes
 # -----
-# The mean, and what two standard deviations of the first two modes do to it. Colours show how far each point moves.
+# The figure shows the mean, and the shapes two standard deviations along the first two modes. Colours show how far each
+# point moves.
 
 sd = np.sqrt(pca.explained_variance_)
 mean = pipeline.inverse_transform(np.zeros((1, 5)))[0]
@@ -76,7 +76,7 @@ panels(drawn, moved, titles, columns=3, view=(-90, 65), cmap="YlOrRd", label="di
 plt.show()
 
 # %%
-# What the modes mean is known here, since the shapes were made: the first two scores are bend and taper.
+# The meaning of the modes is known, because the shapes were generated: the first two scores are bend and taper.
 
 figure, axes = plt.subplots(1, 2, figsize=(8, 3.2), layout="constrained")
 for mode, (cell, name, truth) in enumerate(zip(axes, ("bend", "taper"), (bend, taper))):
@@ -88,5 +88,5 @@ for mode, (cell, name, truth) in enumerate(zip(axes, ("bend", "taper"), (bend, t
 plt.show()
 
 # %%
-# Beside a pipeline of scikit-learn there is `spharm_rs.fit_many`, which returns models; their ``coefficients`` are the same
-# numbers. Surfaces that aren't aligned to each other have to be aligned first: a rotation is a difference, too.
+# As an alternative to a scikit-learn pipeline, `spharm_rs.fit_many` returns models, whose ``coefficients`` are the same
+# numbers. Surfaces in different poses have to be aligned first, because a rotation changes the coefficients.

@@ -2,9 +2,11 @@
 Coming from SPHARM-PDM, pyshtools, ktch and others
 ==================================================
 
-Packages agree on the harmonics, and differ in normalisation, phase and order of the coefficients. `spharm_rs.convert` has
-the way from each and back. Here one shape is evaluated by the formula of each package, from the array that package
-would have.
+Packages use the same harmonics, but with different normalisation, phase and order of the coefficients.
+`spharm_rs.convert`
+converts coefficients from and to each package. Here one shape is evaluated by the formula of each package, from an
+array
+in that package's convention.
 """
 
 # %%
@@ -32,15 +34,15 @@ theta, phi = np.arctan2(np.hypot(x, y), z), np.arctan2(y, x)
 
 
 def Y(degree, order):
-    """Complex, orthonormal, with the Condon-Shortley phase; (n, 1)."""
+    """Returns complex, orthonormal harmonics with the Condon-Shortley phase; (n, 1)."""
     return sph_harm_y(degree, order, theta, phi)[:, np.newaxis]
 
 
 # %%
 # SPHARM-PDM
 # ----------
-# A ``.coef`` file has, for each degree, order 0, and then a pair for each order from 1: what Re Y and Im Y are multiplied
-# by. Files are read and written.
+# For each degree, a ``.coef`` file has the row of order 0, and then a pair of rows for each order from 1: the factors
+# of Re Y and of Im Y. spharm_rs reads and writes these files.
 
 with tempfile.TemporaryDirectory() as folder:
     file = Path(folder) / "subject.coef"
@@ -60,8 +62,8 @@ for degree in range(L + 1):
 # %%
 # SPHARM-MAT, and SciPy
 # ---------------------
-# ``fvec`` is complex, row l\ :sup:`2` + l + m, with SciPy's ``sph_harm_y``. Of a MATLAB file:
-# ``Model.from_("spharm_mat", scipy.io.loadmat("a01_fix.mat")["fvec"])``.
+# ``fvec`` is complex, with row l\ :sup:`2` + l + m for degree l and order m, and uses SciPy's ``sph_harm_y``. For a
+# MATLAB file: ``Model.from_("spharm_mat", scipy.io.loadmat("a01_fix.mat")["fvec"])``.
 
 fvec = model.to("spharm_mat")
 mat = sum(Y(d, m) * fvec[d * d + d + m] for d in range(L + 1) for m in range(-d, d + 1)).real
@@ -69,14 +71,16 @@ mat = sum(Y(d, m) * fvec[d * d + d + m] for d in range(L + 1) for m in range(-d,
 # %%
 # pyshtools
 # ---------
-# ``SHCoeffs.from_array(array[k], normalization="ortho", csphase=1)`` takes channel k; its own coefficients are
-# ``coeffs.convert(normalization="ortho", csphase=1).to_array()``. Index 0 has cosines, index 1 sines.
+# ``SHCoeffs.from_array(array[k], normalization="ortho", csphase=1)`` reads channel k; for coefficients of pyshtools,
+# ``coeffs.convert(normalization="ortho", csphase=1).to_array()`` makes such an array. Index 0 has cosines, index 1
+# sines.
 
 array = model.to("pyshtools")
 shtools = np.zeros((len(x), 3))
 for degree in range(L + 1):
     for order in range(degree + 1):
-        # Without the phase, which is in SciPy's.
+        # SciPy's harmonics have the Condon-Shortley phase and these coefficients don't, so the factor (-1)^m removes
+        # it.
         scale = (-1) ** order * (1 if order == 0 else np.sqrt(2))
         shtools += scale * Y(degree, order).real * array[:, 0, degree, order]
         shtools += scale * Y(degree, order).imag * array[:, 1, degree, order]
@@ -84,7 +88,7 @@ for degree in range(L + 1):
 # %%
 # healpy and ducc0
 # ----------------
-# ``alm`` has the complex coefficients of orders from 0, m by m; the others follow, since the function is real.
+# ``alm`` has the complex coefficients of non-negative orders, sorted by order m; a real function determines the others.
 
 alm = model.to("healpy")
 healpy = np.zeros((len(x), 3))
@@ -97,7 +101,7 @@ for order in range(L + 1):
 # %%
 # s2fft
 # -----
-# ``flm[degree, L - 1 + order]`` where s2fft's L is the number of degrees, one more than here.
+# The array is ``flm[degree, L - 1 + order]``, where s2fft's L is the number of degrees, one more than L here.
 
 flm = model.to("s2fft")
 s2fft = sum(Y(d, m) * flm[:, d, L + m] for d in range(L + 1) for m in range(-d, d + 1)).real
@@ -105,7 +109,7 @@ s2fft = sum(Y(d, m) * flm[:, d, L + m] for d in range(L + 1) for m in range(-d, 
 # %%
 # ktch and FlowShape
 # ------------------
-# ktch's coefficients are those of this package, transposed; FlowShape's have the phase (-1)\ :sup:`m`.
+# ktch's coefficients are those of this package, transposed; FlowShape's have the additional phase (-1)\ :sup:`m`.
 
 print("ktch", model.to("ktch").shape, " FlowShape", model.to("flowshape").shape)
 orders = np.concatenate([np.arange(-d, d + 1) for d in range(L + 1)])
@@ -115,7 +119,7 @@ flowshape = sp.Model(model.to("flowshape") * (-1.0) ** orders[:, np.newaxis]).ev
 # %%
 # The same shape, seven times
 # ---------------------------
-# With the largest difference from this package's own evaluation, in mm; the shape is 140 mm long.
+# The output shows the largest difference from this package's own evaluation, in mm; the shape is 140 mm long.
 
 own = model.evaluate()
 packages = {
@@ -144,10 +148,10 @@ plt.show()
 # %%
 # What goes wrong without
 # -----------------------
-# The same numbers under a wrong convention still give a closed surface, only another one. Here SPHARM-PDM's rows are
-# taken for canonical ones, pyshtools' default normalisation (``4pi``) for orthonormal, and a Condon-Shortley phase is
-# forgotten. The last is easy to miss: the surface is the same, but each point of it belongs half a turn about z away.
-# Colours show the x of the sphere.
+# Coefficients read with a wrong convention still give a closed surface, but a different one. Here SPHARM-PDM's rows are
+# read as this package's rows, pyshtools' default normalisation (``4pi``) as orthonormal, and a Condon-Shortley phase is
+# ignored. The last error is easy to miss: the surface is the same, but each of its points belongs to a direction half a
+# turn about z away. Colours show the x coordinate on the sphere.
 
 wrong = {
     "right": model.coefficients,
@@ -168,4 +172,4 @@ panels(
 plt.show()
 
 # %%
-# `The page on conventions <../conventions.html>`_ has all formulas in one table.
+# `The page on conventions <../conventions.html>`_ lists all formulas in one table.

@@ -1,4 +1,4 @@
-"""Pictures of surfaces by matplotlib, for the examples: a panel for each surface, lit, in colour where there are values."""
+"""Draws surfaces with matplotlib for the examples: a panel for each surface, lit, and coloured by values if given."""
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -10,7 +10,8 @@ STONE = "#d8cbb8"
 
 
 def camera(azimuth, elevation):
-    """Returns the rotation to right, up and towards the viewer, of a viewer at these degrees; z is up."""
+    """Returns the rotation to the axes right, up and towards the viewer, for a viewing direction in degrees; z is
+    up."""
     azimuth, elevation = np.radians([azimuth, elevation])
     towards = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
@@ -25,7 +26,7 @@ def paint(axes, surface, values=None, *, view=(200, 20), cmap="viridis", limits=
     corners = points[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
-    # Light by the vertices' normals, so that triangles don't show.
+    # Shade by the vertices' normals, so that triangles aren't visible.
     smooth = np.zeros_like(points)
     for corner in range(3):
         np.add.at(smooth, faces[:, corner], normals)
@@ -70,7 +71,8 @@ def panels(
 ):
     """Draws surfaces side by side at one scale, with one colour bar for all values; returns the figure.
 
-    `values` has an array or None for each surface; `limits` are the ends of the colours, by default those of all values.
+    `values` has an array or None for each surface; `limits` are the values at the ends of the colour scale, by default
+    the extremes of all values.
     """
     count = len(surfaces)
     values = [None] * count if values is None else list(values)
@@ -79,7 +81,7 @@ def panels(
     scalars = [v for v in values if v is not None and np.ndim(v) == 1]
     if scalars and limits is None:
         limits = min(v.min() for v in scalars), max(v.max() for v in scalars)
-    # Wide surfaces get wide panels.
+    # A panel's width is proportional to the width of its surface.
     rotation = camera(*view)
     seen = [np.ptp(np.asarray(surface.vertices) @ rotation.T, axis=0)[:2] for surface in surfaces]
     width, height = np.max(seen, axis=0)
