@@ -1,4 +1,4 @@
-"""`python -m spharm_rs` is the program `spharm`."""
+"""Runs the program `spharm` for `python -m spharm_rs`."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""Converts users' values to arrays of the types that the extension module takes. Arguments are never modified."""
+"""Converts users' values to arrays of the types that the extension module accepts. Arguments are never modified."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def threads(value: Any) -> int | None:
     return count
 
 
-#: The units that the program's options take.
+#: The units of sizes, the same as in the program's options.
 _UNITS = {"KiB": 1 << 10, "MiB": 1 << 20, "GiB": 1 << 30, "KB": 10**3, "MB": 10**6, "GB": 10**9, "B": 1}
 
 

@@ -1,4 +1,4 @@
-"""Fits of cohorts: many surfaces from files, with outcomes as they come."""
+"""Fits cohorts: many surfaces from files, whose outcomes are returned as they finish."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ class CohortFit:
     id : str
         The row's id.
     state : {"done", "skipped", "failed", "interrupted"}
-        Whether its model was made, existed, couldn't be made, or wasn't finished.
+        Whether the model was made, existed already, couldn't be made, or wasn't finished.
     path : pathlib.Path
-        The model's file.
+        Path of the model's file.
     error : str, optional
-        Why it failed.
+        Why the row failed.
     report : dict, optional
-        Of a model that was made: as `Model.report`, without `solver`, `smoothness` and `seconds`.
+        For a model that was made: as `Model.report`, without `solver`, `smoothness` and `seconds`.
     seconds : float, optional
-        Time from reading the surface to having written its model; rows that are fitted together share it.
+        Time from reading the surface until its model was written; rows that are fitted together share the time.
     """
 
     id: str
@@ -54,7 +54,7 @@ class CohortFit:
         Raises
         ------
         SpharmError
-            If the row has none.
+            If the row has no model.
         """
         if self.state not in ("done", "skipped"):
             raise errors.SpharmError(f"{self.id}: has no model: {self.error or self.state}")
@@ -64,7 +64,7 @@ class CohortFit:
 class CohortFits:
     """Outcomes of a cohort's rows, in the order in which they are finished: an iterator of `CohortFit`.
 
-    ``len`` is the number of rows. Closing it, or leaving its ``with`` block, stops the fits that are under way.
+    ``len`` is the number of rows. Closing the iterator, or leaving its ``with`` block, stops the fits that are running.
     """
 
     def __init__(self, run: Any, progress: Any) -> None:
@@ -89,7 +89,7 @@ class CohortFits:
         return CohortFit(row, state, _Path(path), error, None if report is None else json.loads(report), seconds)
 
     def close(self) -> None:
-        """Stops the fits that are under way."""
+        """Stops the fits that are running."""
         self._run.stop()
 
     def __enter__(self) -> CohortFits:
@@ -140,43 +140,46 @@ def fit_cohort(
 ) -> CohortFits:
     """Fits many surfaces from files and writes their models, as ``spharm fit --manifest`` does.
 
-    Rows that share a sphere are fitted together, in memory that doesn't grow with their number. Work begins at once, on threads
-    of its own; outcomes are taken from the iterator.
+    Rows that share a sphere are fitted together, in memory that doesn't grow with the number of rows. The fits start at
+    once,
+    on separate threads; the iterator returns their outcomes.
 
     Parameters
     ----------
     table : path, or iterable of mappings, or pandas.DataFrame
-        A table with the columns ``id`` and ``surface``, and perhaps ``sphere``, ``weights``, ``output`` and ``label``: a file
-        (tab-separated, or with commas if its name ends in .csv), whose paths are relative to it, or its rows.
+        A table with the columns ``id`` and ``surface``, and optionally ``sphere``, ``weights``, ``output`` and
+        ``label``: either a file (tab-separated, or comma-separated if its name ends in .csv), whose paths are relative
+        to it, or its rows.
     output : path, optional
-        The folder of the models; by default that of the table's file, or the current one. A model is named by ``output`` or by
-        the id.
+        Folder of the models; by default the folder of the table's file, or the current folder. A model is named by the
+        column ``output`` or by the id.
     max_degree : int
         Highest degree L, inclusive.
     sphere : path, optional
-        The sphere of rows that have none of their own. Without one a surface is mapped to a sphere of its own, which is written
-        beside its model.
+        Sphere of rows that have no sphere of their own. Without it, each such surface is mapped to its own sphere,
+        which is written beside its model.
     mask : path, optional
-        A mask of the spheres' vertices: those with 0 aren't read.
+        A mask of the spheres' vertices: vertices with value 0 are left out.
     on_error : {"raise", "collect"}
-        End at the first row that fails, with its exception; or go on, with the reason in its `CohortFit.error`.
+        Stop at the first row that fails, and raise its exception; or continue, with the reason in `CohortFit.error`.
     exists : {"refuse", "skip", "update", "replace"}
-        Models that exist: refuse them; keep those of the same input and settings and refuse others; keep those and replace
-        others; replace all.
+        How to treat existing models. ``"refuse"``: raise an error. ``"skip"``: keep models of the same input and
+        settings, and refuse other models. ``"update"``: keep models of the same input and settings, and replace other
+        models. ``"replace"``: replace all.
     shard : str, optional
-        Part of the rows, such as ``"0/10"``, the first of ten; or ``"slurm"``.
+        Part of the rows, such as ``"0/10"`` for the first of ten parts; or ``"slurm"``.
     status : path, optional
-        A table to append the outcome of each row to, which ``spharm status`` reads.
+        A table to which the outcome of each row is appended; ``spharm status`` reads it.
     fix, cut_handles : bool
         Repair meshes and labels of volumes; cut handles.
     voxel_size : three floats, optional
-        Size of volumes' voxels along x, y and z, in mm, in place of what their files say.
+        Size of volumes' voxels along x, y and z, in mm, overriding that in their files.
     objective, weights, smoothness, denoise, stderr, hold_out, surface_distance, method, store, passes, granularity
-        As of `fit`; weights are named, or files in the table's column.
+        As for `fit`; weights are given by name, or by files in the table's column.
     start_degree, accelerate, tolerance, max_iterations, preconditioner, strict, dtype, memory, threads
-        As of `fit`.
+        As for `fit`.
     progress : bool or callable, optional
-        As of `fit`: called for each outcome that is taken.
+        As for `fit`; called for each outcome that the iterator returns.
 
     Returns
     -------
@@ -255,7 +258,7 @@ def _rows(table: Any) -> list[tuple[Any, ...]]:
         if not isinstance(row, Mapping):
             raise ValueError(f"table: expected mappings with the columns id and surface, found {type(row).__name__}")
         cells = [row.get(column) for column in _COLUMNS]
-        # pandas has NaN for cells without a value.
+        # pandas represents empty cells by NaN.
         cells = [None if cell is None or cell != cell or cell == "" else cell for cell in cells]
         for column, cell in zip(("id", "surface"), cells):
             if cell is None:
@@ -265,7 +268,7 @@ def _rows(table: Any) -> list[tuple[Any, ...]]:
             raise ValueError(f"table: row {number}: id {name!r} occurs twice")
         ids.add(name)
         label = cells[5]
-        # pandas makes floats of a column in which cells are missing.
+        # pandas converts a column of integers with missing cells to floats.
         label = int(label) if isinstance(label, float) and label.is_integer() else label
         label = None if label is None else _arrays.whole("label", label, -(2**62))
         rows.append((name, *(None if cell is None else os.fspath(cell) for cell in cells[1:5]), label))

@@ -16,20 +16,20 @@ from ._surface import as_surface
 
 @dataclass(frozen=True, eq=False)
 class Distances:
-    """Distances of a surface from another.
+    """Distances between two surfaces.
 
     Attributes
     ----------
     msd, xsd : float
-        Mean and maximal squared distance of corresponding vertices, the first surface's bounding box scaled to volume 1
-        (Shen and Chung 2006, section 4.2); NaN where the meshes don't correspond.
+        Mean and maximal squared distance of corresponding vertices, with the first surface's bounding box scaled to
+        volume 1 (Shen and Chung 2006, section 4.2); NaN if the meshes don't correspond.
     rms, max : float
         Root mean square and maximal distance of corresponding vertices, in the surfaces' unit.
     scale : float
         Cube root of the volume of the first surface's bounding box.
     per_vertex : ndarray of float, (n,)
-        Distance of each vertex of the second surface from the corresponding one, or, with ``surface_distance``, from the
-        first surface.
+        Distance of each vertex of the second surface from the corresponding vertex of the first one or, with
+        ``surface_distance``, from the first surface.
     surface : dict or None
         Distances over the entire surfaces: ``mean``, ``rms``, ``percentile95``, ``hausdorff``, in the surfaces' unit.
     """
@@ -53,14 +53,14 @@ def compare(
     threads: int | None = None,
     progress: Progress = None,
 ) -> Distances:
-    """Measures how far a surface is from another.
+    """Measures the distance between two surfaces.
 
     Parameters
     ----------
     surface, other : Surface or what `as_surface` takes
-        With the same triangles, unless ``surface_distance`` is True.
+        Meshes with the same triangles, unless ``surface_distance`` is True.
     surface_distance : bool
-        Also measure the distance over the entire surfaces, which is defined for any triangles.
+        Also measure the distance over the entire surfaces, which may have different triangles.
     samples : int
         Approximate number of points on each surface for ``surface_distance``.
     memory : int or str, optional
@@ -75,7 +75,7 @@ def compare(
     Raises
     ------
     MemoryBudgetError
-        If the budget is too small; it has ``budget`` and ``needed``.
+        If the budget is too small; the exception has ``budget`` and ``needed``.
 
     Examples
     --------

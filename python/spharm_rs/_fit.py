@@ -1,4 +1,4 @@
-"""Fits: coefficients of surfaces and signals."""
+"""Fits surfaces and signals: computes their coefficients."""
 
 from __future__ import annotations
 
@@ -118,17 +118,18 @@ def fit(
     Parameters
     ----------
     surface : Surface or what `as_surface` takes, or ndarray of float, (n,) or (n, c)
-        A surface; an array of positions (n, 3) over a sphere; or a signal on the sphere's vertices.
+        A surface; an array of positions (n, 3) at a sphere's vertices; or a signal on the sphere's vertices.
     sphere : Surface or what `as_surface` takes, Parametrization, Model, or ndarray of float, (n, 3), optional
-        A sphere with the same vertices in their order, of any radius, centred at the origin. Without it the surface is
-        mapped to one first, as `parametrize` does; that sphere is the model's.
+        A sphere with the same vertices in the same order, of any radius, centred at the origin. Without it the surface
+        is first mapped to a sphere, as by `parametrize`; that sphere becomes the model's.
     max_degree : int
         Highest degree L, inclusive.
     cut_handles : bool
-        Without a sphere: cut a surface that has handles, as `parametrize` does.
+        Without a sphere: cut the handles of a surface, as `parametrize` does.
     objective : {"surface", "vertices"}, optional
-        What is fitted: all triangles of the surface, each part weighted by its share of the sphere, or its vertices alone, as
-        in the paper. By default the surface if there is one over triangles; the vertices of signals and over a store.
+        What is fitted: ``"surface"``, all triangles, each part weighted by its share of the sphere; or ``"vertices"``,
+        the vertices alone, as in the paper. By default the surface if triangles are given; the vertices for signals and
+        with a store.
     weights : {"uniform", "area"} or array_like of float, (n,)
         Weight of each vertex: one, its share of the sphere, or these. Values at vertices of weight 0 are never read, and may
         be NaN; a fit of the surface leaves out the triangles that they are corners of.
@@ -136,68 +137,71 @@ def fit(
         Vertices to read; the others have weight 0. A file has a value for each vertex, of which 0 leaves it out, or is a
         FreeSurfer label, or a label of GIfTI.
     smoothness : float or "auto", optional
-        Penalty ``lambda * sum (l (l + 1))**2 * a**2``; ``"auto"`` chooses it by generalised cross-validation. By default
-        none; for the vertices over a sphere that `parametrize` made, a small one.
+        Penalty ``lambda * sum (l (l + 1))**2 * a**2``; ``"auto"`` chooses lambda by generalised cross-validation. By
+        default no penalty, but a small one if vertices are fitted over a sphere made by `parametrize`.
     denoise : bool
-        Remove independent noise of the vertices within the fit, by a penalty for each degree, estimated from the surface, or
-        from each channel of a signal. Replaces ``smoothness``; for ``lsq`` only. ``report["denoise"]`` has the
-        noise found, ``sigma``, the ``gain`` of each degree, and ``degrees_of_freedom``.
+        Remove independent noise of the vertices within the fit, by a penalty for each degree that is estimated from the
+        surface, or from each channel of a signal. Replaces ``smoothness``; for ``lsq`` only. ``report["denoise"]`` has
+        the noise found, ``sigma``, the ``gain`` of each degree, and ``degrees_of_freedom``.
     stderr : bool
         Compute the standard error of each coefficient, for independent noise of the vertices.
     hold_out : float, optional
-        Fraction of the vertices to leave out and assess separately; a fit of the surface leaves out their triangles.
+        Fraction of the vertices to leave out of the fit and to assess separately; a fit of the surface also leaves out
+        their triangles.
     surface_distance : bool
-        Measure the distance between model and surface if the surface is fitted; takes about a second.
+        If the surface is fitted, measure the distance between model and surface, which takes about a second.
     method : {"lsq", "irf", "sirf", "mirf", "nlsf", "quadrature"}, optional
-        ``lsq`` is the full least squares by fast transforms, the default; ``irf``, ``sirf``, ``mirf`` and ``nlsf`` are
-        those of Shen and Chung (2006) over a store, ``irf`` the default with one.
+        ``lsq``, the default, is the full least squares by fast transforms; ``irf``, ``sirf``, ``mirf`` and ``nlsf`` are
+        the methods of Shen and Chung (2006) over a store. With a store the default is ``irf``.
     store : str, os.PathLike or Store, optional
         Basis store.
     passes : int, optional
         Passes over the store, of ``irf`` and ``mirf``; by default 1, and at most 16 with ``accelerate``.
     granularity : int
-        Basis functions that ``irf`` solves together.
+        Number of basis functions that ``irf`` solves for together.
     start_degree : int
         Last degree of the first block of ``sirf`` and ``mirf``.
     accelerate : bool
         Conjugate gradients over pairs of passes, for ``irf`` and ``mirf``.
     tolerance : float
-        Optimality to reach: the gradient relative to that at zero coefficients.
+        Optimality to reach: the gradient relative to the gradient at zero coefficients.
     max_iterations : int
     preconditioner : {"auto", "none", "density", "factor"}
-        ``density`` divides by that of uneven samples, from moments of them; ``factor`` factorises the normal equations;
-        ``auto`` does the first if that pays, and the second if iterations are slow.
+        ``density`` computes moments of uneven samples and divides by the samples' density; ``factor`` factorises the
+        normal equations; ``auto`` uses ``density`` if that pays off, and ``factor`` if iterations are slow.
     strict : bool
-        Raise an error if the tolerance isn't met, or if the sphere may not be a sphere.
+        Raise an error if the tolerance isn't met, or if the sphere is doubtful.
     dtype : {"f64", "f32"}, optional
         Scalar type of the store's basis.
     memory : int or str, optional
-        Memory budget in bytes, or ``"512MiB"``; by default half of the free memory, 256 MiB over a store.
+        Memory budget in bytes, or text such as ``"512MiB"``; by default half of the free memory, or 256 MiB with a
+        store.
     threads : int, optional
-        All of the machine by default.
+        Number of threads; by default all CPUs.
     progress : bool or callable, optional
-        ``progress(stage, done, total)``, or True for a bar of tqdm. An exception in it stops the fit and is raised.
+        ``progress(stage, done, total)``, or True for a tqdm bar. An exception raised in it stops the fit and is raised
+        again.
 
     Returns
     -------
     Model
-        Its ``report`` has ``surface_distance``: ``rms``, ``percentile95`` and ``hausdorff`` between model and surface,
-        both ways; ``msd`` and ``xsd``, the mean and maximal squared distances at the vertices; all with the bounding box scaled
-        to volume 1; and ``warnings``.
+        Its ``report`` has ``surface_distance`` (``rms``, ``percentile95`` and ``hausdorff`` between model and surface,
+        both ways), ``msd`` and ``xsd`` (mean and maximal squared distance at the vertices), and ``warnings``. Distances
+        are for a bounding box scaled to volume 1.
 
     Raises
     ------
     MeshError
         If the surface can't be mapped, or doesn't belong to the sphere.
     MemoryBudgetError
-        If the budget is too small; it has ``budget`` and ``needed``.
+        If the budget is too small; the exception has ``budget`` and ``needed``.
     StoreError
         If the store lacks the basis, or is damaged.
 
     Warns
     -----
     NotDetermined, NotConverged, Oscillation
-        What may be wrong with the fit.
+        Doubts about the fit.
 
     Examples
     --------
@@ -211,7 +215,7 @@ def fit(
     """
     if isinstance(surface, Parametrization):
         surface, sphere = surface.surface, surface if sphere is None else sphere
-    # An array is taken as values; meshes are given as objects, paths or pairs.
+    # An array holds values; a mesh is given as an object, a path or a pair of arrays.
     triangles = None
     if isinstance(surface, np.ndarray):
         values, is_surface = _arrays.channels("surface", surface), surface.ndim == 2 and surface.shape[1] == 3
@@ -274,12 +278,12 @@ def fit_many(
     progress: Progress = None,
     **settings: Any,
 ) -> list[Model]:
-    """Fits many surfaces, or signals, over one sphere, sharing its transforms and factor.
+    """Fits many surfaces, or signals, over one sphere; they share the sphere's transforms and factor.
 
     Parameters
     ----------
     surfaces : array_like of float, (s, n, 3) or (s, n, c), or iterable
-        As for `fit`, each on the sphere's vertices.
+        As for `fit`; each has the sphere's vertices.
     sphere : Surface or what `as_surface` takes, Parametrization, or ndarray of float, (n, 3)
     max_degree : int
         Highest degree L, inclusive.
@@ -353,7 +357,7 @@ def solve(
     Parameters
     ----------
     transform : Transform or ndarray of float, (n, 3)
-        The directions, with their degree; or the directions alone.
+        The directions with a degree; or only the directions.
     values : array_like of float, (n,) or (n, c)
     max_degree : int, optional
         Required with directions; by default the transform's.

@@ -1,4 +1,4 @@
-"""Landmarks: named points that a person placed, and their files."""
+"""Landmarks, named points placed by a person, and their files."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Landmarks:
     Attributes
     ----------
     names : tuple of str, n
-        Each once.
+        Distinct names.
     points : ndarray of float, (n, 3)
         In the file's unit.
     frame : str, optional
@@ -47,7 +47,7 @@ class Landmarks:
         return len(self.names)
 
     def in_frame(self, frame: str) -> Landmarks:
-        """Returns the landmarks along the axes of ``"LPS"`` or ``"RAS"``, unchanged if their own frame isn't known.
+        """Returns the landmarks along the axes of ``"LPS"`` or ``"RAS"``; unchanged if their own frame is unknown.
 
         Parameters
         ----------
@@ -77,7 +77,7 @@ def read_landmarks(path: Path) -> Landmarks:
 
 
 def write_landmarks(path: Path, landmarks: Landmarks, *, overwrite: bool = False) -> None:
-    """Writes landmarks in the format given by the file's name, one of those of `read_landmarks`.
+    """Writes landmarks in the format given by the file's name; the formats are those of `read_landmarks`.
 
     Parameters
     ----------
@@ -95,7 +95,8 @@ def write_landmarks(path: Path, landmarks: Landmarks, *, overwrite: bool = False
 def matched(
     landmarks: Sequence[Landmarks | ArrayLike | Path], members: int
 ) -> tuple[tuple[str, ...] | None, list[Floats]]:
-    """Returns the names that all members have, in the first one's order, and their positions; arrays have no names."""
+    """Returns the names that all members share, in the first member's order, and the positions; arrays have no
+    names."""
     found = [read_landmarks(item) if isinstance(item, (str, os.PathLike)) else item for item in landmarks]
     if len(found) != members:
         raise ValueError(f"landmarks: expected those of {members} members, found {len(found)}")

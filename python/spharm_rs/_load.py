@@ -1,7 +1,9 @@
 """Loads the extension module with the kernels that fit this processor.
 
-OpenBLAS chooses its kernels once, while it is loaded, from the environment, and treats processors that are newer than itself
-as ones of 2004. So the environment variable is set while the module is loaded, as the program `spharm` does for itself.
+OpenBLAS chooses its kernels once, while it is loaded, from the environment. It treats processors that are newer than
+itself
+as processors of 2004. So this module sets the environment variable while the extension module is loaded, as the program
+`spharm` does for itself.
 """
 
 from __future__ import annotations

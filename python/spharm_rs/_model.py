@@ -19,16 +19,16 @@ from .errors import SpharmWarning
 
 class Model:
     """A model: functions on the sphere, each a sum of real spherical harmonics.
-
-    Parameters
+Row ``l**2 + l + m`` has degree l and order m, for orthonormal harmonics without the Condon-Shortley phase; negative m
+stand for sin(abs(m) phi).
     ----------
     coefficients : array_like of float, (K, c)
         Row ``l**2 + l + m`` is degree l and order m, orthonormal and without the Condon-Shortley phase; sin(abs(m) phi) for
         negative m.
     sphere : Surface or what `as_surface` takes, or array_like of float, (n, 3), optional
-        The sphere or directions that the model was fitted at.
+        The sphere or directions at which the model was fitted.
     surface : bool, optional
-        Whether the channels are x, y and z; by default if there are three.
+        Whether the channels are x, y and z; by default True for three channels.
 
     Examples
     --------
@@ -43,7 +43,7 @@ class Model:
     """
 
     _inner: _core.Model
-    #: Report of the fit: distances, iterations, warnings; empty for a model that wasn't fitted in this process.
+    #: Report of the fit: distances, iterations, warnings; empty if the model wasn't fitted in this process.
     report: dict[str, Any]
     #: Standard error of each coefficient, (K, c), if requested, else None.
     standard_errors: Floats | None
@@ -95,13 +95,13 @@ class Model:
 
     @property
     def sphere(self) -> Surface | None:
-        """The sphere that the model was fitted over; None without triangles."""
+        """The sphere over which the model was fitted; None if it has no triangles."""
         found = self._inner.sphere
         return None if found is None or len(found[1]) == 0 else Surface(*found)
 
     @property
     def directions(self) -> Floats | None:
-        """Unit vectors that the model was fitted at, (n, 3)."""
+        """Unit vectors at which the model was fitted, (n, 3)."""
         found = self._inner.sphere
         return None if found is None else found[0]
 
@@ -120,9 +120,9 @@ class Model:
         Parameters
         ----------
         at : array_like of float, (n, 3), optional
-            Vectors of any length but zero; by default those it was fitted at.
+            Vectors of any nonzero length; by default the directions at which the model was fitted.
         degree : int, optional
-            Highest degree to sum; by default all.
+            Highest degree to evaluate; by default all degrees.
         threads : int, optional
 
         Returns
@@ -146,10 +146,11 @@ class Model:
         Parameters
         ----------
         at : int, Surface or what `as_surface` takes, optional
-            Level of an icosphere, ``icosphere:N``, or a sphere; by default the sphere it was fitted over. If the surface's
-            handles were cut, the default returns the surface with its handles; ``model.sphere`` returns it as cut.
+            Subdivisions of an icosphere, as a number or as ``icosphere:N``; or a sphere. By default the sphere over
+            which the model was fitted. If the surface's handles were cut, the default returns the surface with its
+            handles, and ``model.sphere`` returns the cut surface.
         degree : int, optional
-            Highest degree to sum; by default all.
+            Highest degree to evaluate; by default all degrees.
         threads : int, optional
 
         Returns
@@ -161,7 +162,7 @@ class Model:
         return Surface(*self._inner.surface(vertices, faces, self._degree(degree), threads=threads))
 
     def truncate(self, degree: int) -> Model:
-        """Returns the model of the degrees 0 to ``degree``."""
+        """Returns a model that has only the degrees 0 to ``degree``."""
         return Model._of(self._inner.truncate(_arrays.whole("degree", degree)))
 
     def spectrum(self) -> Floats:
@@ -216,28 +217,29 @@ def _unpickled(data: bytes, report: dict[str, Any], errors: Floats | None) -> Mo
 
 
 def core(what: str, model: Any) -> _core.Model:
-    """Returns the extension module's object of a model."""
+    """Returns the extension module's object for a model."""
     if not isinstance(model, Model):
         raise ValueError(f"{what}: expected a Model, found {model!r}")
     return model._inner
 
 
 def warn(found: Iterable[str], stacklevel: int = 3) -> tuple[str, ...]:
-    """Warns the caller of the function that calls this; returns the warnings."""
+    """Issues warnings at the line that calls this function's caller; returns the warnings."""
     for text in (texts := tuple(found)):
         warnings.warn(text, SpharmWarning, stacklevel=stacklevel)
     return texts
 
 
 def seam_of(sphere: Any) -> Seam:
-    """Returns the seam of a sphere whose surface was cut, else None."""
+    """Returns the seam of a sphere whose surface was cut, otherwise None."""
     if isinstance(sphere, Parametrization):
         return sphere._seam
     return sphere._inner.seam if isinstance(sphere, Model) else None
 
 
 def sphere_arrays(sphere: Any) -> tuple[Any, Any, bool]:
-    """Returns directions and triangles, None if absent, and whether the sphere was made from a surface by `parametrize`."""
+    """Returns the directions, the triangles (None if absent), and whether `parametrize` made the sphere from a
+    surface."""
     if sphere is None:
         return None, None, True
     if isinstance(sphere, Parametrization):

@@ -1,4 +1,4 @@
-"""Sums over samples, for fits of more samples than memory or one machine holds."""
+"""Sums over samples, for fits of more samples than fit into memory or onto one machine."""
 
 from __future__ import annotations
 
@@ -15,29 +15,31 @@ from ._surface import Path
 
 
 class Moments:
-    """The sums over samples that least-squares fits to a degree need; sums of parts of the samples can be added.
+    """The sums over samples from which least-squares fits to a degree are computed; sums of parts of the samples can be
+    added.
 
-    These are the moments of the weights to degree 2L, the right-hand sides to degree L, ``sum w f**2`` and the number of samples.
-    Their size depends on the degree, not on the number of samples. ``spharm moments`` computes them from files too large for
-    memory, `spharm_rs.dask` from Dask arrays.
+    They are the moments of the weights to degree 2L, the right-hand sides to degree L, ``sum w f**2`` and the number of
+    samples. Their size depends on the degree, not on the number of samples. ``spharm moments`` computes them from files
+    too large for memory, and `spharm_rs.dask` from Dask arrays.
 
     Parameters
     ----------
     directions : array_like of float, (n, 3)
-        Vectors of any length but zero.
+        Vectors of any nonzero length.
     values : array_like of float, (n,) or (n, c)
     weights : array_like of float, (n,), optional
-        Finite and not negative; by default one.
+        Finite and not negative; by default 1.
     max_degree : int
         Highest degree L of fits, inclusive.
     channels : sequence of str, optional
-        Names of the channels; by default their numbers. The model of ``x``, ``y`` and ``z`` is a surface.
+        Names of the channels; by default numbers. If they are ``x``, ``y`` and ``z``, the model is a surface.
     whole : str, optional
-        Name of the data that these samples are part of; by default the samples are identified by their bytes.
+        Name of the data of which these samples are a part; by default the samples are identified by their bytes.
     shard : (int, int)
-        The part's number, from 0, and the number of parts. `merge` refuses duplicate parts, and data with a part missing.
+        The part's number, from 0, and the number of parts. `merge` refuses duplicate parts, and data of which a part is
+        missing.
     threads : int, optional
-        All of the machine by default.
+        Number of threads; by default all CPUs.
     progress : bool or callable, optional
 
     Examples
@@ -123,7 +125,8 @@ class Moments:
     def scheme(self) -> str | None:
         """Key of the sampling scheme whose vertices are the samples' directions, as in a store of f64.
 
-        Files of ``spharm moments --sphere`` have one. None for samples from arrays, and for sums over several schemes.
+        Files of ``spharm moments --sphere`` have a key. None for samples from arrays, and for sums over several
+        schemes.
         """
         return self._inner.scheme
 
@@ -134,9 +137,9 @@ class Moments:
         Parameters
         ----------
         parts : iterable of Moments
-            With the same degree and channels, and no samples in common.
+            Moments with the same degree and channels, and no samples in common.
         partial : bool
-            Add the given parts even if others are missing.
+            Add the given parts even if other parts are missing.
 
         Returns
         -------
@@ -164,7 +167,7 @@ class Moments:
         Parameters
         ----------
         max_degree : int, optional
-            Highest degree, up to that of the moments, which is the default.
+            Highest degree; at most, and by default, the degree of the moments.
         smoothness, denoise, stderr, tolerance, max_iterations, preconditioner, strict, memory, threads, progress
             As for `spharm_rs.fit`.
 
@@ -189,7 +192,7 @@ class Moments:
         return _model(self._inner.fit(settings, callback(progress)))
 
     def save(self, path: Path, *, overwrite: bool = False) -> None:
-        """Writes a file of moments, atomically; ``spharm fit --moments`` and ``spharm moments merge`` read it.
+        """Writes a file of moments, atomically; ``spharm fit --moments`` and ``spharm moments merge`` can read it.
 
         Parameters
         ----------
@@ -202,7 +205,7 @@ class Moments:
 
     @classmethod
     def load(cls, path: Path) -> Moments:
-        """Reads a file of moments, as `save` and ``spharm moments`` write it.
+        """Reads a file of moments, written by `save` or ``spharm moments``.
 
         Parameters
         ----------

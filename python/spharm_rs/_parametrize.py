@@ -1,4 +1,4 @@
-"""Maps of closed surfaces to the sphere."""
+"""Maps closed surfaces to the sphere."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from ._surface import Path, Surface, as_surface, named_icosphere
 from .errors import SpharmWarning
 
 
-#: Relation of a cut surface to the original: the original's numbers of vertices, n, and of triangles, which come first in the cut
-#: surface, and the original vertices that the vertices from n on are copies of.
+#: Relation of a cut surface to the original surface: the original numbers of vertices, n, and of triangles, which come
+#: first in the cut surface; and for each further vertex, from n on, the original vertex of which it is a copy.
 Seam = Union[tuple[int, int, "_arrays.Triangles"], None]
 
 
@@ -29,12 +29,13 @@ class Parametrization:
     Attributes
     ----------
     surface : Surface
-        The given surface, or the new one if the method makes one (volumes, ``deform``, `resample`).
+        The given surface, or a new one if the method makes one (volumes, ``deform``, `resample`).
     sphere : Surface
-        The surface's triangles over unit vectors, one for each of its vertices.
+        The surface's triangles with a unit vector for each of its vertices.
     report : dict
-        What the method did, and the quality of the map: ``report["quality"]["area_rms"]`` is the root mean square of the
-        log area ratio, ``["flipped"]`` is 0. If handles were cut, ``report["handles"]`` has their locations.
+        Details of the method, and the quality of the map: ``report["quality"]["area_rms"]`` is the root mean square of
+        the log area ratio, and ``["flipped"]`` the number of flipped triangles, 0. If handles were cut,
+        ``report["handles"]`` has their locations.
     """
 
     surface: Surface
@@ -87,22 +88,22 @@ def parametrize(
     ----------
     surface : Surface or what `as_surface` takes
     cut_handles : bool
-        Cut handles along short loops and fill both sides, instead of refusing the surface. The map is that of the cut surface;
-        `Model.surface` of a model fitted over it has the handles again.
+        Cut handles along short loops and fill both sides, instead of refusing the surface. The cut surface is mapped;
+        `Model.surface` of a model fitted over its sphere restores the handles.
     method : {"auto", "cald", "conformal", "stretch", "deform"}
-        ``auto`` is ``cald``, equal areas with little length distortion, and ``stretch`` if that fails.
+        ``auto`` is ``cald`` (equal areas with little length distortion), or ``stretch`` if ``cald`` fails.
     degree : int, optional
-        Degree of the model whose residual the areas adapt to; below 2 they don't adapt.
+        Degree of the model to whose residual the areas adapt; below 2 they don't adapt.
     area : float
         Allowed area distortion: the root mean square of the log area ratio, from 0 to 1.
     seed : int
-        Seed of the rotation that the sphere starts from.
+        Seed of the sphere's initial rotation.
     memory : int or str, optional
-        Bytes that may be used, or ``"512MiB"``; by default the free memory.
+        Memory budget in bytes, or text such as ``"512MiB"``; by default the free memory.
     threads : int, optional
-        All of the machine by default.
+        Number of threads; by default all CPUs.
     progress : bool or callable, optional
-        ``progress(stage, done, total)``, or True for a bar of tqdm.
+        ``progress(stage, done, total)``, or True for a tqdm bar.
 
     Returns
     -------
@@ -111,9 +112,9 @@ def parametrize(
     Raises
     ------
     MeshError
-        If the surface isn't closed, has handles without ``cut_handles``, or can't be mapped.
+        If the surface isn't closed, has handles (without ``cut_handles``), or can't be mapped.
     MemoryBudgetError
-        If the budget is too small; it has ``budget`` and ``needed``.
+        If the budget is too small; the exception has ``budget`` and ``needed``.
 
     Examples
     --------
@@ -152,15 +153,15 @@ def parametrize_volume(
     volume : str, os.PathLike or array_like of int, (i, j, k)
         A file (NIfTI, MGH/MGZ, NRRD, TIFF with its voxel size), or an array of labels.
     label : int, optional
-        Required if the volume has several.
+        Required if the volume has several labels.
     affine : array_like of float, (4, 4), optional
-        From voxel indices to positions, for an array; the identity by default.
+        For an array: the transform from voxel indices to positions; by default the identity.
     fix : bool
-        Repair a label that isn't a ball, instead of refusing it.
+        Repair a label whose surface isn't of genus zero, instead of refusing it.
     cut_handles : bool
         As for `parametrize`; the label's surface is then mapped as a triangle mesh.
     method : str
-        ``auto`` is ``equal-area``; others as for `parametrize`.
+        ``auto`` is ``equal-area``; other methods are as for `parametrize`.
     degree, area, seed, memory, threads, progress
         As for `parametrize`.
 
@@ -233,7 +234,7 @@ def resample(
     ----------
     surface : Surface or what `as_surface` takes
     sphere : Surface or what `as_surface` takes, or array_like of float, (n, 3)
-        The surface's own sphere: its vertices, in their order.
+        The surface's own sphere, with the same vertices in the same order.
     onto : str, Surface or what `as_surface` takes
         ``icosphere:N``, or a sphere.
     memory, threads, progress
@@ -241,8 +242,8 @@ def resample(
 
     Returns
     -------
-    Parametrization
-        The new surface over ``onto``; its report has ``distance_rms`` and ``distance_max``, distances from the given surface.
+    The new surface over ``onto``; its report has ``distance_rms`` and ``distance_max``, the distances from the given
+    surface.
 
     Examples
     --------

@@ -1,16 +1,16 @@
-"""Progress of long computations."""
+"""Shows the progress of long computations."""
 
 from __future__ import annotations
 
 from typing import Any, Callable, Optional, Union
 
-#: Called as ``progress(stage, done, total)``; ``total`` is 0 if unknown.
+#: Called as ``progress(stage, done, total)``; ``total`` is 0 if it is unknown.
 Callback = Callable[[str, int, int], Any]
 Progress = Optional[Union[bool, Callback]]
 
 
 def callback(progress: Progress) -> Callback | None:
-    """Returns the function to call: None, the caller's own, or a bar of tqdm for ``True``."""
+    """Returns the function to call, or None: the caller's own function, or a tqdm bar for ``True``."""
     if progress is None or progress is False:
         return None
     if progress is True:
@@ -21,7 +21,7 @@ def callback(progress: Progress) -> Callback | None:
 
 
 class _Bar:
-    """A bar of tqdm for each stage."""
+    """Shows a tqdm bar for each stage."""
 
     def __init__(self) -> None:
         from tqdm.auto import tqdm

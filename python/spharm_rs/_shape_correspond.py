@@ -1,4 +1,4 @@
-"""Correspondence of groups: one template, one sphere."""
+"""Makes groups of surfaces correspond, with one template and one sphere."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ from ._surface import Path, Surface, icosphere
 
 
 def _stem(path: str) -> str:
-    """Returns a file's name without known suffixes: ``sub-01.surf.gii`` gives sub-01, ``lh.pial`` stays."""
+    """Returns a file's name without known suffixes: ``sub-01.surf.gii`` becomes ``sub-01``, ``lh.pial`` is
+    unchanged."""
     name = os.path.basename(path)
     for suffix in (".gz", ".npz", ".spharm", ".gii", ".surf", ".ply", ".obj", ".off", ".stl", ".vtk"):
         name = name.removesuffix(suffix)
@@ -34,7 +35,7 @@ def _stem(path: str) -> str:
 
 
 def _names(surfaces: Sequence[Any], first: int = 0) -> list[str]:
-    """Returns names: the stems of paths if they are unique, else the paths; numbers for other surfaces."""
+    """Returns names: for paths their stems if these are unique, otherwise the paths; for other surfaces numbers."""
     paths = [os.fspath(item) if isinstance(item, (str, os.PathLike)) else None for item in surfaces]
     stems = [None if path is None else _stem(path) for path in paths]
     known = [stem for stem in stems if stem is not None]
@@ -50,11 +51,11 @@ class Carried:
     Attributes
     ----------
     points : ndarray of float, (n, 3)
-        On the target, in its own coordinates.
+        Points on the target, in its own coordinates.
     off_surface : ndarray of float, (n,)
         Distance of each point from the source's surface, in its unit.
     reached : ndarray of bool, (n,)
-        Whether both members have a counterpart there; if not, the place is a guess.
+        Whether both members have a counterpart of the point; if not, its position is a guess.
     """
 
     points: Floats
@@ -64,24 +65,24 @@ class Carried:
 
 @dataclass(frozen=True, eq=False)
 class Member:
-    """A surface added to a group, which isn't changed by it.
+    """A surface added to a group; the group isn't changed.
 
     Attributes
     ----------
     name : str
     model : Model
-        In the group's frame and over its sphere.
+        The member's model, in the group's frame and over the group's sphere.
     transform : Transform
-        From its own frame to the group's.
+        Transform from the member's own frame to the group's.
     places : ndarray of float, (n, 3)
-        Points on its surface at the sphere's directions, in the group's frame.
+        Points on the member's surface at the sphere's directions, in the group's frame.
     reached : ndarray of bool, (n,)
-        Whether each place has a counterpart on the surface.
+        Whether each place has a counterpart on the member's surface.
     report : dict
-        ``pose_distance``, its median distance from the group's mean in its pose; ``cover_rms``, ``cover_most`` (99 %) and
-        ``cover_farthest``, distances of its surface from the places, and ``unreached``, the share of its area without places;
-        ``without_counterpart``, number of places without a counterpart on it; ``turned``, triangles turned over; ``model_rms``,
-        distance between model and places.
+        ``pose_distance``: median distance from the group's mean, in the pose found. ``cover_rms``, ``cover_most`` (99
+        %) and ``cover_farthest``: distances of the surface from the places. ``unreached``: share of the surface's area
+        without places. ``without_counterpart``: number of places without a counterpart on the surface. ``turned``:
+        number of triangles turned over. ``model_rms``: distance between model and places.
     """
 
     name: str
@@ -93,14 +94,14 @@ class Member:
 
 
 class Group:
-    """N surfaces that correspond, from `spharm_rs.shape.correspond`: one sphere of n directions, one frame.
+    """N corresponding surfaces, from `spharm_rs.shape.correspond`: over one sphere of n directions, in one frame.
 
     Lengths are in the surfaces' unit. Groups are immutable.
 
     Attributes
     ----------
     names : tuple of str
-        Names of the members: the stems of paths, else numbers from 0.
+        Names of the members: the stems of paths, otherwise numbers from 0.
     """
 
     _inner: _core.Group
@@ -120,7 +121,7 @@ class Group:
 
     def __reduce__(self) -> Any:
         with tempfile.TemporaryDirectory() as folder:
-            # Members' names may be invalid as file names.
+            # Files are named by numbers, because names of members may be invalid as file names.
             self._inner.write(folder, [f"m{index}" for index in range(len(self))], True)
             files = [path for path in pathlib.Path(folder).rglob("*") if path.is_file()]
             data = {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
@@ -130,12 +131,12 @@ class Group:
         return f"Group({len(self)} members, degree {self.mean.max_degree}, {len(self.masked)} directions)"
 
     def save(self, folder: Path, *, overwrite: bool = False) -> None:
-        """Writes the group into a folder, atomically, as ``spharm shape correspond -o`` does; ``--to`` reads it.
+        """Writes the group into a folder, atomically, as ``spharm shape correspond -o`` does; ``--to`` can read it.
 
         Parameters
         ----------
         folder : str or os.PathLike
-            Created by this call.
+            Created if it doesn't exist.
         overwrite : bool
             Replace existing files.
         """
@@ -143,9 +144,9 @@ class Group:
 
     @classmethod
     def load(cls, folder: Path, *, landmarks: Sequence[Landmarks | ArrayLike | Path] | None = None) -> Group:
-        """Reads a group that `save` or ``spharm shape correspond -o`` has written.
+        """Reads a group that was written by `save` or ``spharm shape correspond -o``.
 
-        The folder has no record of guiding landmarks and of the refinement, so `report` lacks them.
+        The folder has no record of guiding landmarks and of the refinement, so `report` doesn't contain them.
 
         Parameters
         ----------
@@ -181,17 +182,17 @@ class Group:
 
     @cached_property
     def places(self) -> Floats:
-        """Corresponding places, (N, n, 3): on the members' surfaces, in the group's frame."""
+        """Corresponding places on the members' surfaces, (N, n, 3), in the group's frame."""
         return self._inner.places
 
     @cached_property
     def reached(self) -> Flags:
-        """Whether each place has a counterpart on its member, (N, n); if not, it is a guess."""
+        """Whether each place has a counterpart on its member, (N, n); if not, the place is a guess."""
         return self._inner.reached
 
     @cached_property
     def masked(self) -> Flags:
-        """Directions without a counterpart on members, (n,): lids of holes and cut handles of the first template."""
+        """Directions without a counterpart on members, (n,): lids of holes and of cut handles of the first template."""
         return self._inner.masked
 
     @cached_property
@@ -206,9 +207,10 @@ class Group:
 
     @cached_property
     def warnings(self) -> list[str]:
-        """Results to check, each with the member's name.
+        """Doubts about the result, each with the member's name.
 
-        These are poses and kinds in doubt, mirror images, parts without counterpart, equal surfaces, landmarks that are far off.
+        They concern doubtful poses and kinds, mirror images, parts without counterpart, equal surfaces, and landmarks
+        far from their surface.
         """
         return [*self._inner.warnings, *self._far()]
 
@@ -216,12 +218,14 @@ class Group:
     def report(self) -> dict[str, Any]:
         """Report of how the group was made.
 
-        ``template``, the name of the first one, None if it was another surface; ``changes``, repairs of it; ``spread``, the root
-        mean square distance of members from the mean; ``members``, with the fields of `Member.report` for each; ``guide``, None
-        without: distances of guiding landmarks from their places, ``guided``, and of each when it is left out of guiding,
-        ``left_out``; ``refinement``, None without: ``stages``, each with steps, cost, variance and ``log_area``, the change of
-        areas on the sphere (``rms``, ``most``, and ``within_eight``, the share of triangles within a factor of 8), and ``moved``,
-        the root mean square angle in radians by which each member's directions moved; ``seconds`` of the steps.
+        ``template``: name of the first template, None if it isn't a member. ``changes``: repairs of the template.
+        ``spread``: root mean square distance of members from the mean. ``members``: the fields of `Member.report` for
+        each member. ``guide``, None without guiding landmarks: ``guided``, the distances of guiding landmarks from
+        their places, and ``left_out``, the distance of each landmark when it is left out of guiding. ``refinement``,
+        None without refinement: ``stages``, each with steps, cost, variance and ``log_area``, the change of areas on
+        the sphere (``rms``, ``most``, and ``within_eight``, the share of triangles within a factor of 8); and
+        ``moved``, the root mean square angle in radians by which each member's directions moved. ``seconds``: the time
+        of each step.
         """
         found: dict[str, Any] = json.loads(self._inner.report)
         for name, member in zip(self.names, found["members"]):
@@ -230,12 +234,12 @@ class Group:
 
     @cached_property
     def modes(self) -> Modes:
-        """Modes of variation, as from `pca`, of three members or more."""
+        """Modes of variation, as computed by `pca`; needs three members or more."""
         return pca(self.models, names=self.names)
 
     @cached_property
     def quality(self) -> GroupQuality:
-        """Quality of the correspondence, as `quality` measures it outside the mask, of three members or more.
+        """Quality of the correspondence, as measured by `quality` outside the mask; needs three members or more.
 
         It is computed on first access.
         """
@@ -243,14 +247,16 @@ class Group:
 
     @cached_property
     def landmark_errors(self) -> LandmarkErrors | None:
-        """Distances between the given landmarks, all pairs, of three members or more; None if none were given."""
+        """Distances between the given landmarks over all pairs of members; needs three members or more. None if none
+        were given."""
         placed = self._placed()
         if placed is None:
             return None
         return quality(self.models, modes=1, samples=1, surfaces=False, landmarks=placed).landmarks
 
     def _far(self) -> list[str]:
-        """Returns warnings of members with landmarks off their surfaces by more than a twentieth of their extent."""
+        """Returns a warning for each member with a landmark farther from its surface than a twentieth of the surface's
+        extent."""
         if self._landmarks is None:
             return []
         found = []
@@ -293,12 +299,14 @@ class Group:
     def carry(self, points: Any, source: int | str, target: int | str) -> Any:
         """Carries points on one member to the same places on another member's surface.
 
-        Warns of points without a counterpart on both, as their places are guesses; `carried` returns which ones.
+        Warns of points without a counterpart on both members, because their places are guesses; `carried` returns which
+        they are.
 
         Parameters
         ----------
         points : Landmarks or array_like of float, (n, 3)
-            On the source, in its own coordinates; a point off the source's surface is as far off the target's.
+            On the source, in its own coordinates; a point at a distance from the source's surface gets the same
+            distance from the target's.
         source, target : int or str
             Members, by number or name.
 
@@ -314,7 +322,8 @@ class Group:
         return Landmarks(points.names, found.points, points.frame) if isinstance(points, Landmarks) else found.points
 
     def carried(self, points: Landmarks | ArrayLike, source: int | str, target: int | str) -> Carried:
-        """Carries points as `carry` does, and returns how far each was from the surface, and whether both members have it.
+        """Carries points as `carry` does; also returns their distance from the surface, and whether both members have
+        them.
 
         Parameters
         ----------
@@ -338,7 +347,7 @@ class Group:
     def add(self, surface: Any, *, threads: int | None = None, progress: Progress = None) -> Any:
         """Registers surfaces to the group without changing its mean, sphere and members.
 
-        Several at a time share their preparation; the results are the same as one by one.
+        Surfaces added together share their preparation; the results are the same as one by one.
 
         Parameters
         ----------
@@ -414,39 +423,43 @@ def correspond(
     threads: int | None = None,
     progress: Progress = None,
 ) -> Group:
-    """Makes surfaces of any poses and topology correspond, so that a direction is the same place on each.
+    """Makes surfaces of any poses and topology correspond, so that a direction is the same place on every surface.
 
-    One template is mapped to the sphere and moved in space onto every surface; all are fitted over its sphere; then the group's
-    own statistics refine the directions. Results are the same bit for bit with any number of threads.
+    One template is mapped to the sphere and registered in space to every surface. All surfaces are fitted over the
+    template's sphere; then the group's own statistics refine the directions. Results have the same bits with any number
+    of threads.
 
     Parameters
     ----------
     surfaces : iterable
         Two or more: paths of meshes or of volumes of one label, `Surface`, `Model` (evaluated on an icosphere) or what
-        `spharm_rs.as_surface` takes. Paths are read when they are needed.
+        `spharm_rs.as_surface` takes. Each path is read when its surface is needed.
     max_degree : int
         Highest degree L of the models, inclusive.
-    template : int, str, or a surface as of ``surfaces``, optional
-        First template: a member, by number or name, or another surface; by default the most typical member.
+    template : int, str, or a surface as in ``surfaces``, optional
+        First template: a member, given by number or name, or another surface; by default the most typical member.
     landmarks : sequence of Landmarks, of array_like of float, (p, 3), or of paths, optional
-        The same places on each member, in its own coordinates, for checks; named ones are matched by name.
+        The same places on each member, in the member's own coordinates, for checks; landmarks with names are matched by
+        name.
     guide : bool
-        Let the landmarks guide the registration, too: the template's are drawn to those of each surface, and held in the
-        refinement. ``report["guide"]`` has their distances from their places, with each guiding and left out. The template has to
-        be a member.
+        Also let the landmarks guide the registration: the template's landmarks are drawn to those of each surface, and
+        held in the refinement. ``report["guide"]`` has their distances from their places, with each landmark guiding
+        and with each left out. The template has to be a member.
     signals : sequence of (values, weight)
         Signals on the surfaces, such as thickness, to match in the refinement: for each member an array with a value per vertex.
-        One standard deviation of the signal weighs as ``weight`` times the square root of the area; normals have weight 0.12.
+        One standard deviation of the signal counts as a distance of ``weight`` times the square root of the area;
+        normals have weight 0.12.
     rounds : int
-        Rounds of registration; after the first, the group's mean is the template.
+        Rounds of registration; from the second round on, the group's mean is the template.
     refine : bool
         Refine directions by the group's statistics.
     scale : bool
         Scale members to one size.
     mirror : bool
-        Match mirror images, too.
+        Also match mirror images.
     subdivisions : int, optional
-        Subdivisions of the icosphere whose directions are registered, 2 to 8; by default 4 to degree 15, 5 to 40, and 6 above.
+        Subdivisions of the icosphere whose directions are registered, 2 to 8; by default 4 up to degree 15, 5 up to
+        degree 40, and 6 above.
     memory : int or str, optional
         Memory budget of the fits in bytes, or text such as ``"2GiB"``.
     threads : int, optional
@@ -459,7 +472,7 @@ def correspond(
     Raises
     ------
     MeshError
-        If a surface can't be used; the message has its name.
+        If a surface can't be used; the message names the surface.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Modes of variation of a group: principal components."""
+"""Computes modes of variation of a group: principal components."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from ._surface import Path
 
 @dataclass(frozen=True, eq=False)
 class Quality:
-    """Generalisation and specificity of the first k modes, k = 1 to m; smaller is better.
+    """Generalisation and specificity of the first k modes, for k = 1 to m; smaller is better.
 
     Attributes
     ----------
     generalisation : ndarray of float, (m,)
-        Mean distance of a member from its nearest shape in the model of all others.
+        Mean distance of a member from its nearest shape in the modes of all other members.
     specificity : ndarray of float, (m,)
-        Mean distance of a random shape of the model from the nearest member.
+        Mean distance of a random shape in the modes from the nearest member.
     """
 
     generalisation: Floats
@@ -64,7 +64,8 @@ class Modes:
 
     @property
     def modes(self) -> Floats:
-        """Coefficients of the modes, (m, K, 3), by decreasing variance, of norm ``sqrt(4 pi)`` and zero in row 0."""
+        """Coefficients of the modes, (m, K, 3), by decreasing variance; each mode has norm ``sqrt(4 pi)`` and is zero
+        in row 0."""
         return self._inner.modes
 
     @property
@@ -79,7 +80,7 @@ class Modes:
 
     @property
     def total_variance(self) -> float:
-        """Variance along all modes, including those left out."""
+        """Variance along all modes, including modes that were left out."""
         return self._inner.total_variance
 
     @property
@@ -104,7 +105,7 @@ class Modes:
         return found
 
     def truncate(self, count: int) -> Modes:
-        """Returns the first modes, at most ``count``."""
+        """Returns a copy with the first modes, at most ``count``."""
         return Modes._of(self._inner.truncate(_arrays.whole("count", count)))
 
     def shape(self, deviations: ArrayLike) -> Model:
@@ -113,7 +114,7 @@ class Modes:
         Parameters
         ----------
         deviations : array_like of float, (k,)
-            Along the first k modes, at most m; a single number is for the first mode.
+            Standard deviations along the first k modes, at most m; a single number is for the first mode.
 
         Returns
         -------
@@ -125,7 +126,7 @@ class Modes:
         return Model._of(self._inner.shape(numbers.reshape(-1)))
 
     def sample(self, count: int, *, seed: int = 0) -> list[Model]:
-        """Returns random shapes: deviations are normally distributed.
+        """Returns random shapes, whose deviations along the modes are normally distributed.
 
         Parameters
         ----------
@@ -141,26 +142,26 @@ class Modes:
         Parameters
         ----------
         model : Model
-            Of the group's degree, aligned with the mean.
+            A model of the group's degree, aligned with the mean.
 
         Returns
         -------
         scores : ndarray of float, (m,)
-            Coordinates along the modes, in the surfaces' unit; `shape` takes them divided by ``sqrt(variances)``.
+            Coordinates along the modes, in the surfaces' unit; divide them by ``sqrt(variances)`` for `shape`.
         distance : float
-            Root mean square distance from that shape.
+            Root mean square distance of the model from that shape.
         """
         return self._inner.project(core("model", model))
 
     def quality(
         self, *, samples: int = 2000, seed: int = 0, threads: int | None = None, progress: Progress = None
     ) -> Quality:
-        """Measures generalisation and specificity, for modes that weren't truncated.
+        """Measures generalisation and specificity; the modes must not have been truncated.
 
         Parameters
         ----------
         samples : int
-            Random shapes for the specificity.
+            Number of random shapes for the specificity.
         seed : int
             Seed of the random shapes.
         threads : int, optional
@@ -179,7 +180,7 @@ class Modes:
         return Quality(*found)
 
     def save(self, path: Path, *, overwrite: bool = False) -> None:
-        """Writes a ``.shape-model.npz`` file, which ``spharm shape sample`` reads, too.
+        """Writes a ``.shape-model.npz`` file, which ``spharm shape sample`` can read, too.
 
         Parameters
         ----------
@@ -217,9 +218,9 @@ def pca(
     Parameters
     ----------
     models : sequence of Model
-        Three or more, such as those of `procrustes`. Their position in space is ignored.
+        Three or more corresponding models, such as those of `procrustes`. Their position in space is ignored.
     modes : int, optional
-        Most modes to keep; by default all, one fewer than models.
+        Maximum number of modes to keep; by default all, one fewer than models.
     degree : int, optional
         Highest degree; by default the lowest of the models'.
     names : sequence of str, optional

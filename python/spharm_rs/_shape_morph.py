@@ -1,4 +1,4 @@
-"""Shapes between two models."""
+"""Interpolates shapes between two models."""
 
 from __future__ import annotations
 
@@ -20,11 +20,12 @@ class Morph:
     Attributes
     ----------
     models : list of Model
-        Shapes at the times, of the lower degree of the two.
+        Shapes at the times; their degree is the lower one of the two models'.
     times : ndarray of float, (n,)
-        0 is the first surface, 1 the second one.
+        Times from 0, the first surface, to 1, the second surface.
     volume_ratio : float
-        Volume half way divided by the smaller end's; below 0.8 the surfaces don't correspond, and a warning is given.
+        Volume half way divided by the smaller volume of the two ends. Below 0.8 the surfaces don't correspond, and a
+        warning is given.
     warnings : tuple of str
     """
 
@@ -44,18 +45,19 @@ def morph(
     threads: int | None = None,
     progress: Progress = None,
 ) -> Morph:
-    """Makes the shapes between two surfaces: the first is aligned to the second, then shapes are interpolated linearly.
+    """Interpolates between two surfaces: the first is aligned to the second, then shapes are interpolated linearly.
 
     Parameters
     ----------
     start, end : Model
-        Of surfaces, in any poses.
+        Models of surfaces, in any poses.
     steps : int or array_like of float, (n,)
-        Number of shapes, both ends included, at least 2; or their times.
+        Number of shapes, both ends included, at least 2; or the shapes' times.
     keep_pose : bool
-        Begin in the first surface's pose and turn on the way; by default all shapes are in the second one's pose.
+        Begin in the first surface's pose and rotate towards the second's; by default all shapes are in the second
+        surface's pose.
     mirror : bool
-        Match mirror images, too.
+        Also match mirror images.
     threads : int, optional
     progress : bool or callable, optional
 

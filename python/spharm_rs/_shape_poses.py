@@ -1,4 +1,4 @@
-"""Rotation and alignment of surfaces; means of groups."""
+"""Rotates and aligns surfaces, and averages groups."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ._surface import Surface
 
 
 def rotation(what: str, value: Any) -> list[float]:
-    """Returns a rotation's 3, 4 or 9 numbers, matrices by rows. SciPy's rotations are converted to matrices."""
+    """Returns the 3, 4 or 9 numbers of a rotation, a matrix row by row. SciPy's rotations are converted to matrices."""
     if value is None:
         return [1, 0, 0, 0, 1, 0, 0, 0, 1]
     if hasattr(value, "as_matrix"):
@@ -41,16 +41,17 @@ def vector(what: str, value: ArrayLike) -> list[float]:
 
 @dataclass(frozen=True, eq=False)
 class Transform:
-    """Transform of a surface: ``f'(u) = scale Q f(R.T u) + translation``, or with ``f(-R.T u)``.
+    """Transform of a surface: ``f'(u) = scale Q f(R.T u) + translation``, or with ``f(-R.T u)`` if antipodal.
 
     Attributes
     ----------
     parameters : ndarray of float, (3, 3)
         R, the rotation of the parameters.
     antipodal : bool
-        Whether directions are replaced by their opposites first, which keeps a mirrored surface's normals outwards.
+        Whether directions are first replaced by their opposites; this keeps a mirrored surface's normals pointing
+        outwards.
     object : ndarray of float, (3, 3)
-        Q, the rotation of space; a reflection where mirror images were matched.
+        Q, the rotation of space; a reflection if a mirror image was matched.
     scale : float
     translation : ndarray of float, (3,)
         In the surface's unit.
@@ -76,16 +77,17 @@ class Transform:
     @overload
     def apply(self, what: ArrayLike, *, threads: int | None = None, progress: Progress = None) -> Floats: ...
     def apply(self, what: Any, *, threads: int | None = None, progress: Progress = None) -> Any:
-        """Transforms a model, at all its degrees; or moves a surface or points, such as landmarks, in space.
+        """Transforms a model at all its degrees; or moves a surface or points, such as landmarks, in space.
 
-        A model of a signal can be rotated in its parameters alone. A mirrored surface keeps its outward orientation.
+        For a model of a signal, only a rotation of the parameters is possible. A mirrored surface keeps its outward
+        orientation.
 
         Parameters
         ----------
         what : Model, Surface, Landmarks or array_like of float, (n, 3)
-            Points are in the surface's unit; one point may be (3,). Landmarks have no scanner frame afterwards.
+            Points are in the surface's unit; one point may be (3,). Transformed landmarks have no scanner frame.
         threads : int, optional
-            For models only, as is `progress`.
+            For models only; the same holds for `progress`.
         progress : bool or callable, optional
         """
         if isinstance(what, Surface):
@@ -137,21 +139,21 @@ def rotate(
 ) -> Model:
     """Rotates a model in its parameters, or the surface in space: ``x`` becomes ``scale Q x + translation``.
 
-    A rotation is 3 Euler angles alpha, beta, gamma **in degrees**, ``Rz(alpha) Ry(beta) Rz(gamma)``; a quaternion w, x, y, z;
-    a matrix, (3, 3); or a ``scipy.spatial.transform.Rotation``.
+    A rotation is given by 3 Euler angles alpha, beta, gamma **in degrees**, ``Rz(alpha) Ry(beta) Rz(gamma)``; a
+    quaternion w, x, y, z; a matrix, (3, 3); or a ``scipy.spatial.transform.Rotation``.
 
     Parameters
     ----------
     model : Model
     parameters : rotation, optional
-        R: the sphere turns under the surface, which stays in place. The point at direction u is at R u afterwards, and the
-        model's own sphere turns with it.
+        R: the sphere rotates under the surface, which stays in place. The point at direction u is then at direction R
+        u, and the model's own sphere rotates with it.
     object : rotation, optional
         Q, for surfaces only.
     scale : float
-        Above zero.
+        Positive.
     translation : array_like of float, (3,)
-        After rotation and scale.
+        Applied after rotation and scale.
     threads : int, optional
     progress : bool or callable, optional
 
@@ -192,15 +194,15 @@ class Alignment:
         The transform applied to the model.
     rmsd_before, rmsd_after : float
         Root mean square distance from the target over the sphere, in the surfaces' unit.
-    degree : int
+    Highest degree that was compared.
         Highest degree compared.
     mirrored : bool
         Whether the surface was mirrored in space.
     ends : ndarray of float
-        Distance reached by the refinement of each start of the search, without scale.
+        Distance reached from each start of the search after its refinement, without scale.
     surface_distance : float, optional
-        With ``pose="surfaces"``, root mean square distance between the surfaces both ways, regardless of directions and without
-        the farthest tenth.
+        With ``pose="surfaces"``: root mean square distance between the surfaces, both ways and regardless of
+        directions, without the farthest tenth.
     warnings : tuple of str
     """
 
@@ -251,28 +253,29 @@ def align(
     threads: int | None = None,
     progress: Progress = None,
 ) -> Alignment:
-    """Aligns a surface to another, from any poses.
+    """Aligns a surface to another one, whatever their poses.
 
     Parameters
     ----------
     model, target : Model
-        Of surfaces.
+        Models of surfaces.
     method : {"joint", "fixed", "foe"}
-        ``"joint"`` searches all rotations of the parameters and of space together. ``"fixed"`` keeps the parameters, for
-        vertices that correspond already. ``"foe"`` turns both into the frames of their first-order ellipsoids, for comparison
-        with other programs.
+        ``"joint"`` searches all rotations of the parameters and of space together. ``"fixed"`` keeps the parameters,
+        for vertices that correspond already. ``"foe"`` rotates both models into the frames of their first-order
+        ellipsoids, for comparison with other programs.
     pose : {"joint", "surfaces"}
-        Criterion for the pose in space: the distance at equal directions, over both rotations together; or the surfaces alone,
-        by nearest points, after which the parameters are searched in that pose. For models that were mapped separately, the
-        least distance at equal directions may be at a wrong pose.
+        Criterion for the pose in space. ``"joint"``: the distance at equal directions, minimised over both rotations
+        together. ``"surfaces"``: the distance of nearest points of the surfaces; the rotation of the parameters is then
+        searched in that pose. For models that were mapped separately, the least distance at equal directions may be at
+        a wrong pose.
     scale : bool
-        Scale the model to the target's size, too.
+        Also scale the model to the target's size.
     mirror : bool
-        Match mirror images, too.
+        Also match mirror images.
     degree : int, optional
-        Highest degree to compare; by default the lower one of the two. All degrees are transformed.
+        Highest degree to compare; by default the lower one of the models'. The transform is applied to all degrees.
     starts : int, optional
-        Local optima of the search that are refined; 6 by default.
+        Number of the search's local optima to refine; by default 6.
     threads : int, optional
     progress : bool or callable, optional
 
@@ -309,15 +312,15 @@ class Procrustes:
     Attributes
     ----------
     models : list of Model
-        Centred at the origin, at all their degrees.
+        The aligned models, centred at the origin, at all their degrees.
     transforms : list of Transform
         The transform applied to each model.
     mean : Model
-        In the frame of its first-order ellipsoid, of the highest degree compared.
+        The mean, in the frame of its first-order ellipsoid, up to the highest degree compared.
     report : dict
-        ``degree``, the highest compared; ``spread_before`` and ``spread_after``, the members' root mean square distance from
-        their mean, in their unit: after centring alone, and at the end; ``rmsd``, each member's distance, (n,);
-        ``templates``, the result of each start: ``template``, ``spread``, ``rounds``; ``warnings``.
+        ``degree``: highest degree compared. ``spread_before`` and ``spread_after``: the members' root mean square
+        distance from their mean, in their unit, after centring alone and at the end. ``rmsd``: each member's distance,
+        (n,). ``templates``: the result of each start, with ``template``, ``spread`` and ``rounds``. ``warnings``.
     """
 
     models: list[Model] = field(repr=False)
@@ -327,7 +330,7 @@ class Procrustes:
 
 
 def cores(models: Any) -> list[_core.Model]:
-    """Returns the extension module's objects of a sequence of models."""
+    """Returns the extension module's objects for a sequence of models."""
     if isinstance(models, Model) or not hasattr(models, "__iter__"):
         raise ValueError(f"models: expected a sequence of Model, found {models!r}")
     return [core("models", model) for model in models]
@@ -346,7 +349,7 @@ def procrustes(
     threads: int | None = None,
     progress: Progress = None,
 ) -> Procrustes:
-    """Aligns a group of surfaces to its mean: generalised Procrustes analysis over both rotations.
+    """Aligns a group of surfaces to its mean: generalised Procrustes analysis over rotations of parameters and space.
 
     Parameters
     ----------
@@ -357,15 +360,15 @@ def procrustes(
     pose : {"joint", "surfaces"}
         As in `align`.
     scale : bool
-        Scale all to the group's size.
+        Scale all models to the group's common size.
     mirror : bool
-        Match mirror images, too.
+        Also match mirror images.
     degree : int, optional
-        Highest degree to compare; by default the lowest of the models'. All degrees are transformed.
+        Highest degree to compare; by default the lowest of the models'. The transforms are applied to all degrees.
     starts : int, optional
-        Local optima of each search that are refined; 3 by default.
+        Number of local optima of each search to refine; by default 3.
     templates : int, optional
-        Members that the alignment starts from; by default all of up to 20, else 5.
+        Number of members used as starting points of the alignment; by default all of up to 20, else 5.
     threads : int, optional
     progress : bool or callable, optional
 
@@ -407,7 +410,7 @@ def mean(
     Parameters
     ----------
     models : sequence of Model
-        Two or more.
+        Two or more models.
     degree : int, optional
         Highest degree; by default the lowest of the models'.
     names : sequence of str, optional
@@ -417,8 +420,8 @@ def mean(
     Returns
     -------
     Model
-        The mean of the coefficients. Its report has the members' ``distances``, root mean square over the sphere, (n,), their
-        root mean square, the ``spread``, and ``warnings``.
+        The mean of the coefficients. Its report has ``distances``, each member's root mean square distance over the
+        sphere, (n,); ``spread``, the root mean square of the distances; and ``warnings``.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Quality of a group's correspondence."""
+"""Measures the quality of a group's correspondence."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from ._surface import Path
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """A measure of the first k modes, k = 1 to m.
+    """A measure of the first k modes, for k = 1 to m.
 
     Attributes
     ----------
     values : ndarray of float, (m,)
     low, high : ndarray of float, (m,)
-        The 95 % band of a bootstrap over the members; (0,) without a bootstrap.
+        The 95 % band by a bootstrap over the members; (0,) without a bootstrap.
     """
 
     values: Floats
@@ -39,7 +39,8 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class LandmarkErrors:
-    """Distances on a member's surface between its own landmark and the one carried from another member, all pairs.
+    """Distances on members' surfaces between a member's own landmark and that carried from another member, over all
+    pairs.
 
     Attributes
     ----------
@@ -48,7 +49,7 @@ class LandmarkErrors:
     band : ndarray of float, (2,), optional
         95 % band of the mean.
     by_landmark : ndarray of float, (p,)
-        Mean over all pairs.
+        Mean over all pairs of members, for each landmark.
     off_surface : ndarray of float, (n, p)
         Distance of each landmark from its own member's surface.
     names : tuple of str, optional
@@ -70,16 +71,17 @@ class GroupQuality:
     Attributes
     ----------
     variance : float
-        Along all modes, area-weighted, in the square of the unit.
+        Variance along all modes, weighted by area, in the square of the unit.
     variances : ndarray of float, (m,)
     compactness : Curve
         Share of the variance along the first k modes.
     generalisation : Curve
-        Mean distance of a member from its nearest shape in the modes of all others.
+        Mean distance of a member from its nearest shape in the modes of all other members.
     specificity : Curve
-        Mean distance of a random shape of the modes from the nearest member.
+        Mean distance of a random shape in the modes from the nearest member.
     surface_generalisation, surface_specificity : Curve, optional
-        The same for the distance between surfaces: the mean distance to the nearest point, both ways.
+        Generalisation and specificity for distances between surfaces: the mean distance to the nearest point, both
+        ways.
     landmarks : LandmarkErrors, optional
     warnings : tuple of str
     """
@@ -119,27 +121,27 @@ def quality(
     Parameters
     ----------
     models : sequence of Model
-        Three or more, such as those of `procrustes`. Their position in space is ignored.
+        Three or more corresponding models, such as those of `procrustes`. Their position in space is ignored.
     modes : int
         Number of modes to measure, m; at most one fewer than models.
     samples : int
-        Random shapes for the specificity.
+        Number of random shapes for the specificity.
     bands : int
-        Bootstrap samples for the bands; 0 for none.
+        Number of bootstrap samples for the bands; 0 for none.
     landmarks : sequence of Landmarks, of array_like of float, (p, 3), or of paths, optional
-        The same places on each model, in its own frame; named ones are matched by name.
+        The same places on each model, in the model's own frame; landmarks with names are matched by name.
     rigid : bool
         Align members rigidly first, weighted by area, at equal directions.
     surfaces : bool
-        Measure distances between surfaces, too, which takes most of the time.
+        Also measure distances between surfaces, which takes most of the time.
     degree : int, optional
         Highest degree; by default the lowest of the models'.
     sphere : int
-        Subdivisions of the icosphere that models are evaluated on, 2 to 7.
+        Subdivisions of the icosphere on which models are evaluated, 2 to 7.
     seed : int
         Seed of the random shapes and of the bootstrap.
     mask : array_like of bool, (V,), optional
-        Vertices of ``icosphere(sphere)`` to compare; by default all.
+        Vertices of ``icosphere(sphere)`` to compare, (V,); by default all.
     threads : int, optional
     progress : bool or callable, optional
 

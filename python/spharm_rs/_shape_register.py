@@ -1,4 +1,4 @@
-"""Poses of surfaces relative to others, and registration of templates."""
+"""Finds poses of surfaces relative to others, and registers templates."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ Given = Union[str, "tuple[Floats, Triangles]"]
 
 
 def _level(max_degree: int) -> int:
-    """Returns the subdivisions of the icosphere for a degree, as in the library."""
+    """Returns the icosphere's default number of subdivisions for a degree, the same as in the library."""
     return 4 if max_degree <= 15 else 5 if max_degree <= 40 else 6
 
 
 def given(surface: Any) -> Given:
-    """Returns a surface as the extension module takes it: a path, which is read when needed, or arrays."""
+    """Converts a surface for the extension module: to a path, which is read when needed, or to arrays."""
     if isinstance(surface, (str, os.PathLike)):
         path = os.fspath(surface)
         if not path.endswith(".npz"):
@@ -43,18 +43,18 @@ def given(surface: Any) -> Given:
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """The pose of a surface relative to another.
+    """The pose of a surface relative to another surface.
 
     Attributes
     ----------
     transform : Transform
-        From the surface's own frame to the target's.
+        Transform from the surface's own frame to the target's.
     distance : float
-        Root mean square distance of the surfaces after the transform, both ways, without the farthest tenth; in the target's
-        unit.
+        Root mean square distance of the surfaces after the transform, both ways, without the farthest tenth; in the
+        target's unit.
     second : float
-        The same for the best pose whose rotation differs by 15 degrees or more; infinite if none was found. If it is hardly
-        larger than ``distance``, the pose is in doubt.
+        The distance for the best other pose, whose rotation differs by 15 degrees or more; infinite if none was found.
+        If it is hardly larger than ``distance``, the pose is in doubt.
     """
 
     transform: Transform
@@ -69,14 +69,15 @@ class Registration:
     Attributes
     ----------
     surface : Surface
-        The template's triangles on the surface, in the surface's own frame.
+        The template's triangles, placed on the surface, in the surface's own frame.
     reached : ndarray of bool, (n,)
-        Whether each vertex has a counterpart there; if not, its place is a guess.
+        Whether each vertex has a counterpart on the surface; if not, its place is a guess.
     transform : Transform
-        From the surface's own frame to the template's; the identity with ``pose=False``.
+        Transform from the surface's own frame to the template's; the identity with ``pose=False``.
     cover : dict
-        ``rms``, ``most`` (99 %) and ``farthest``, distances of the surface from the registered template in its own unit;
-        ``unreached``, the share of its area that the template doesn't reach; ``turned``, triangles that are turned over.
+        ``rms``, ``most`` (99 %) and ``farthest``: distances of the surface from the registered template, in the
+        surface's unit. ``unreached``: share of the surface's area that the template doesn't reach. ``turned``: number
+        of triangles turned over.
     """
 
     surface: Surface
@@ -103,13 +104,14 @@ def register(
     template, surface : str, os.PathLike, Surface, Model or what `spharm_rs.as_surface` takes
         Models are evaluated on an icosphere.
     pose : bool
-        Find the surface's pose first; without it, both must be in the same pose.
+        First find the surface's pose; without this, both must be in the same pose.
     scale : bool
         Also scale the surface to the template's size.
     mirror : bool
-        Match mirror images, too.
+        Also match mirror images.
     masked : array_like of bool, (n,), optional
-        Vertices of the template without a counterpart on surfaces, such as lids of holes; nothing attracts them.
+        Vertices of the template without a counterpart on surfaces, such as lids of holes; the registration leaves them
+        free.
     threads : int, optional
     progress : bool or callable, optional
 
@@ -147,7 +149,8 @@ def pose(
     threads: int | None = None,
     progress: Progress = None,
 ) -> Pose:
-    """Finds the pose of a surface relative to another from the surfaces alone, for any topology, triangles and poses.
+    """Finds the pose of a surface relative to another surface from their shapes alone, for any topology, triangles and
+    poses.
 
     Parameters
     ----------
@@ -156,7 +159,7 @@ def pose(
     scale : bool
         Scale the surface to the target's size.
     mirror : bool
-        Match mirror images, too.
+        Also match mirror images.
     threads : int, optional
     progress : bool or callable, optional
 

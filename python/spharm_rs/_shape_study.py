@@ -1,4 +1,4 @@
-"""Measurements of groups at the vertices of a sphere, and tests of them."""
+"""Measures groups at the vertices of a sphere, and tests them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Field:
     Attributes
     ----------
     values : ndarray of float, (n, V) or (n, V, 3)
-        In the models' unit.
+        Measured values, in the models' unit.
     mean : Model
         Mean of the models.
     directions : ndarray of float, (V, 3)
@@ -51,13 +51,13 @@ def measure_group(
     Parameters
     ----------
     models : sequence of Model
-        Such as those of `procrustes`, or over spheres that share their parameters.
+        Corresponding models, such as those of `procrustes`, or models over registered spheres.
     sphere : int, Surface or what `spharm_rs.as_surface` takes, or array_like of float, (V, 3)
-        Level of an icosphere, a sphere, or directions.
+        Subdivisions of an icosphere; or a sphere; or directions.
     minus : sequence of Model, optional
-        A second model of each subject, whose measurements are subtracted, such as an earlier time or the other side.
+        A second model of each subject, such as an earlier time or the other side. Its measurements are subtracted.
     signal : {"normal", "position", "value"}
-        Displacement from the mean along its outward normal; position; or the value of a signal of one channel.
+        Displacement from the mean along the mean's outward normal; position; or the value of a signal of one channel.
     degree : int, optional
         Highest degree; by default the lowest of the models'.
     threads : int, optional
@@ -109,12 +109,12 @@ def _measured(
     return Field(values, Model._of(mean), directions, warn(warnings, stacklevel=4))
 
 
-#: A column of the subjects: numbers, or levels.
+#: A column of the table of subjects: numbers, or names of levels.
 Cells = Union[Floats, "list[str]"]
 
 
 def _levels(what: str, cells: Any) -> tuple[list[str], list[str]]:
-    """Returns the level of each subject, and the levels in order."""
+    """Returns the level of each subject, and the distinct levels in order."""
     if cells.dtype.kind in "biu":
         order = np.unique(cells)
         return [str(cell) for cell in cells.tolist()], [str(level) for level in order.tolist()]
@@ -155,7 +155,7 @@ def _covariates(given: Any, count: int) -> list[tuple[str, Cells]]:
 def _asked(
     count: int, groups: Any, effect: Any, mean: bool, design: Any, contrast: Any, covariates: Any, levels: Any
 ) -> dict[str, Any]:
-    """Returns the tested design as the extension module takes it."""
+    """Converts the tested design for the extension module."""
     if sum(given is not None for given in (groups, effect, design)) + mean != 1:
         raise ValueError("groups, effect, mean, design: expected one of them")
     if (design is None) != (contrast is None):
@@ -194,21 +194,21 @@ class TestResult:
     statistic : ndarray of float, (V,)
         t, F or Hotelling's T-squared; 0 at vertices without variance.
     p : ndarray of float, (V,)
-        Two-sided, from the statistic's distribution, uncorrected.
+        Two-sided p value from the statistic's distribution, uncorrected.
     q : ndarray of float, (V,)
         False-discovery rate of Benjamini and Hochberg.
     p_fwe, p_permutation : ndarray of float, (V,), or None
-        From relabellings: family-wise, by the largest statistic, and uncorrected. None without relabellings.
+        p values from relabellings: family-wise, by the largest statistic, and uncorrected. None without relabellings.
     effect, margin, standard_error : ndarray of float, (V,) or (V, 3), or None
         The contrast's estimate, half the width of its confidence interval, and its standard error, in the values' unit. None
         if several contrasts are tested at once.
     size : ndarray of float, (V,), or None
-        The estimate divided by the errors' standard deviation: Cohen's d for two groups, for positions Mahalanobis' distance;
-        0 at vertices without variance.
+        The estimate divided by the standard deviation of the errors: Cohen's d for two groups, Mahalanobis' distance
+        for positions; 0 at vertices without variance.
     kind : {"t", "F", "T2"}
     freedom : tuple of float
-        For t: degrees of freedom, for Welch's t the least of all vertices. For F: between and within. For T-squared:
-        components, and degrees of freedom of the errors.
+        For t: the degrees of freedom, for Welch's t the smallest over all vertices. For F: degrees of freedom between
+        and within. For T-squared: number of components, and degrees of freedom of the errors.
     meaning : str
         The tested difference in words, such as ``"control - patient"``.
     levels : dict
@@ -216,18 +216,18 @@ class TestResult:
     columns : list of str
         Names of the design's columns.
     codes : dict
-        Covariates with three to six different whole numbers, and these numbers. They are taken as amounts, with one slope each;
-        if they are codes of levels, such as sites, give names instead.
+        Covariates with three to six different whole numbers, and these numbers. They are treated as amounts, with one
+        slope each; if they are codes of levels, such as sites, give names instead.
     resampling : str or None
         Kind of relabelling: "permutations" of subjects, "sign flips", or both.
     assumption : str or None
-        The assumption about the errors that `p_fwe` and `p_permutation` rest on.
+        The assumption about the errors on which `p_fwe` and `p_permutation` rest.
     relabellings : int
-        0 without any.
+        Number of relabellings used; 0 without relabellings.
     exact : bool
         Whether all possible relabellings were used.
     smallest_p : float or None
-        The smallest p that the relabellings can give.
+        The smallest p value that these relabellings can give.
     warnings : tuple of str
     mean : Model or None
         Mean of the models, if models were given.
@@ -256,7 +256,7 @@ class TestResult:
     warnings: tuple[str, ...]
     mean: Model | None
 
-    # Not a test for pytest to collect.
+    # Tells pytest not to collect this class as a test.
     __test__ = False
 
     def __repr__(self) -> str:
@@ -289,42 +289,43 @@ def test(
 ) -> TestResult:
     """Tests groups, a slope, a mean, or a contrast at every vertex, with family-wise and false-discovery control.
 
-    At each vertex a linear model is tested: by t, by F for more than two groups, by Hotelling's T-squared for positions.
-    Rows have to be independent subjects. Family-wise p values come from the largest statistic of relabelled studies: all
-    relabellings if there are at most 20,000. Subjects are exchanged; if that changes nothing, as for means, and for Welch's
-    test, the signs of residuals are flipped. If neither changes the statistic, `p_fwe` is None, with a warning.
+    At each vertex a linear model is tested: by t, by F for more than two groups, by Hotelling's T-squared for
+    positions. Rows have to be independent subjects. Family-wise p values come from the largest statistic of relabelled
+    studies; all relabellings are used if there are at most 20,000. Relabellings exchange subjects. For means, where
+    exchanges change nothing, and for Welch's test, they flip the signs of residuals. If neither changes the statistic,
+    `p_fwe` is None, with a warning.
 
     Parameters
     ----------
     subjects : sequence of Model, or array_like of float, (n, V) or (n, V, 3)
-        Corresponding models, such as those of `procrustes`, which `measure_group` measures first; or values.
+        Corresponding models, such as those of `procrustes`, which are first measured by `measure_group`; or values.
     groups : array_like, (n,), optional
-        Group of each subject, a name or a number. Tests the difference of two groups, the first minus the second, or any
-        difference between more.
+        Group of each subject, a name or a number. Tests the difference of two groups, the first minus the second, or
+        any difference between more than two groups.
     effect : array_like of float, (n,), optional
-        A number for each subject; its slope is tested.
+        A number for each subject; the slope of the values over it is tested.
     mean : bool
         Test whether the mean of values, of a signal, or of differences (``minus``) is zero.
     design : array_like of float, (n, p), optional
         A custom design matrix, of full column rank.
     contrast : array_like of float, (p,) or (q, p), optional
-        Combinations of the design's columns that are tested to be zero.
+        Combinations of the design's columns; the test's null hypothesis is that they are zero.
     covariates : dict of array_like, (n,), or array_like of float, (n, k), optional
         Nuisance variables: numbers, or names of levels; for ``groups``, ``effect`` and ``mean``.
     levels : sequence, optional
         Order of the groups; sorted by default.
     minus : sequence of Model, or array_like of float, of the shape of subjects, optional
-        A second measurement of each subject, which is subtracted: the differences are tested.
+        A second measurement of each subject, which is subtracted from the first; the differences are tested.
     signal : {"normal", "position", "value"}
         Measurement of models, as in `measure_group`.
     sphere : int, Surface or what `spharm_rs.as_surface` takes, or array_like of float, (V, 3)
         Vertices at which models are measured.
     degree : int, optional
-        Highest degree of models; by default the lowest of them.
+        Highest degree of models; by default the lowest degree among them.
     welch : bool
-        Welch's test, for two groups of unequal variance without covariates.
+        Use Welch's test, for two groups of unequal variance without covariates.
     permutations : int
-        Random relabellings, at most 100,000,000; 0 for none.
+        Number of random relabellings, at most 100,000,000; 0 for none.
     seed : int
         Seed of the relabellings.
     confidence : float
@@ -332,7 +333,7 @@ def test(
     level : float
         Level of significance, used for warnings only.
     threads : int, optional
-        The result doesn't depend on it.
+        Number of threads; the result doesn't depend on it.
     progress : bool or callable, optional
 
     Returns

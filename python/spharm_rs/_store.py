@@ -1,4 +1,4 @@
-"""Basis stores: the basis that fits over one sphere share, on disk."""
+"""Basis stores: folders with the basis that all fits over one sphere share."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class Store:
         memory : int or str
             Memory budget in bytes.
         allow_large : bool
-            Allow a basis of more than 64 GiB, or than the free disk space.
+            Allow a basis larger than 64 GiB or than the free disk space.
         threads : int, optional
         progress : bool or callable, optional
 
@@ -98,23 +98,24 @@ class Store:
         threads: int | None = None,
         progress: Progress = None,
     ) -> dict[str, Any]:
-        """Computes the Cholesky factor of a sphere's normal equations, so that ``fit(method="lsq")`` only substitutes.
+        """Computes the Cholesky factor of a sphere's normal equations, so that ``fit(method="lsq")`` only solves
+        triangular systems.
 
         Parameters
         ----------
         sphere, dtype, memory, allow_large, threads, progress
-            As for `build`; no basis is needed.
+            As for `build`; the basis itself isn't needed.
         max_degree : int
             Highest degree L; the factor takes ``4 (L + 1)**4`` bytes of disk in f64.
         basis_dtype : {"f64", "f32"}
-            Scalar type of the scheme that the factor is stored with.
+            Scalar type of the scheme with which the factor is stored.
         smoothness : float
             Penalty of the fits that use the factor.
 
         Returns
         -------
         dict
-            ``present``, whether it existed already; ``condition`` and ``bytes``.
+            ``present``, whether the factor existed already; ``condition`` and ``bytes``.
         """
         directions, faces, _ = sphere_arrays(sphere)
         report = _core.store_factor(
@@ -139,6 +140,6 @@ class Store:
         return found
 
     def verify(self, *, threads: int | None = None, progress: Progress = None) -> list[str]:
-        """Checks every byte against its hash, and returns the errors: an empty list if all is sound."""
+        """Checks every byte of the files against its hash, and returns the errors; an empty list if there are none."""
         threads = _arrays.threads(threads)
         return _core.store_verify(self.path, threads=threads, progress=callback(progress))

@@ -66,7 +66,7 @@ def as_surface(mesh: Any) -> Surface:
     Raises
     ------
     ValueError
-        If it isn't any of these, or the arrays have other shapes.
+        If the object is none of these, or the arrays have other shapes.
     MeshError
         If a file holds no surface.
 
@@ -102,7 +102,7 @@ def as_surface(mesh: Any) -> Surface:
 
 
 def named_icosphere(sphere: Any) -> Any:
-    """Returns the icosphere that ``icosphere:N`` names, and anything else as it is."""
+    """Converts ``icosphere:N`` to that icosphere, and returns any other value unchanged."""
     if not (isinstance(sphere, str) and sphere.startswith("icosphere:")):
         return sphere
     number = sphere.removeprefix("icosphere:")

@@ -14,21 +14,21 @@ from ._arrays import Floats
 class Transform:
     """Synthesis of real spherical harmonics at scattered directions, and its adjoint.
 
-    With A the basis matrix, (n, K): `synthesis` is ``A x``, `adjoint` is ``A.T r``, `normal` is ``A.T diag(w) A x``, and none
-    of them forms A. After Reinecke, Belkner and Carron (A&A 678, 2023).
+    With the basis matrix A, (n, K): `synthesis` is ``A x``, `adjoint` is ``A.T r``, and `normal` is ``A.T diag(w) A
+    x``; none of them forms A. Method: Reinecke, Belkner and Carron (A&A 678, 2023).
 
     Parameters
     ----------
     directions : array_like of float, (n, 3)
-        Vectors of any length but zero.
+        Vectors of any nonzero length.
     max_degree : int
         Highest degree L, inclusive; ``K = (L + 1)**2``.
     accuracy : float
         Relative accuracy, from 1e-13 to 1e-3.
     channels : int
-        Number of channels transformed together: more take more memory and less time.
+        Number of channels transformed together: a larger number takes more memory and less time.
     threads : int, optional
-        By default all of the machine.
+        Number of threads; by default all CPUs.
 
     Examples
     --------
@@ -50,7 +50,7 @@ class Transform:
         channels: int = 3,
         threads: int | None = None,
     ) -> None:
-        #: Directions as given, (n, 3).
+        #: Directions as given by the caller, (n, 3).
         self.directions = _arrays.positions("directions", directions)
         self._inner = _core.Transform(
             self.directions,
@@ -70,7 +70,7 @@ class Transform:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Shape of the basis matrix: directions, and coefficients of a channel."""
+        """Shape of the basis matrix: number of directions, and number of coefficients per channel."""
         return self._inner.directions, (self.max_degree + 1) ** 2
 
     def _call(self, method: Any, what: str, values: ArrayLike, rows: int, *more: Any) -> Floats:
@@ -94,7 +94,7 @@ class Transform:
         return self._call(self._inner.synthesis, "coefficients", coefficients, self.shape[1])
 
     def adjoint(self, samples: ArrayLike) -> Floats:
-        """Applies the transpose of `synthesis`, which isn't its inverse.
+        """Applies the transpose of `synthesis`. The transpose isn't the inverse.
 
         Parameters
         ----------
@@ -107,13 +107,13 @@ class Transform:
         return self._call(self._inner.adjoint, "samples", samples, self.shape[0])
 
     def normal(self, coefficients: ArrayLike, weights: ArrayLike | None = None) -> Floats:
-        """Applies `synthesis`, multiplies by weights, and applies `adjoint`, faster than the two calls.
+        """Applies `synthesis`, multiplies by weights, and applies `adjoint`; faster than separate calls.
 
         Parameters
         ----------
         coefficients : array_like of float, (K,) or (K, c)
         weights : array_like of float, (n,), optional
-            Weights of the directions, finite and not negative; by default one.
+            Weights of the directions, finite and not negative; by default 1.
 
         Returns
         -------

@@ -1,7 +1,8 @@
-"""Conversion of coefficients from and to other packages.
+"""Converts coefficients from and to the conventions of other packages.
 
-Here a function is ``sum a[l, m] S[l, m]`` with real orthonormal harmonics without the Condon-Shortley phase, row
-``l**2 + l + m``, sin(abs(m) phi) for negative m. Degrees are inclusive; s2fft and FlowShape count L + 1 of them.
+In this package a function is ``sum a[l, m] S[l, m]`` with real orthonormal harmonics without the Condon-Shortley phase;
+row ``l**2 + l + m`` holds degree l and order m, and negative m stand for sin(abs(m) phi). Such coefficients are called
+canonical. Degrees are inclusive; the L of s2fft and FlowShape is the number of degrees, L + 1 here.
 
 ==============  =====================================================================================================
 format          array
@@ -80,7 +81,7 @@ def _canonical(coefficients: ArrayLike) -> tuple[Floats, int]:
 
 
 def _orders(degree: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Returns degree and order of each row."""
+    """Returns the degree and the order of each row."""
     degrees = np.repeat(np.arange(degree + 1), 2 * np.arange(degree + 1) + 1)
     return degrees, np.arange((degree + 1) ** 2) - degrees * (degrees + 1)
 
@@ -106,13 +107,13 @@ def to_complex(coefficients: ArrayLike) -> Complex:
 
 
 def from_complex(array: ArrayLike) -> Floats:
-    """Returns canonical coefficients of the real part of a complex series, (K, c)."""
+    """Returns canonical coefficients, (K, c), of the real part of a complex series."""
     c = _complex("complex", array, 2)
     degrees, orders = _orders(_degree("complex", len(c)))
     mirrored = c[degrees * (degrees + 1) - orders]
     sign = np.where(orders % 2, -1.0, 1.0)[:, np.newaxis]
     order = orders[:, np.newaxis]
-    # The real part of a series has, for m > 0, (c_m + (-1)^m conj c_-m) / 2.
+    # For m > 0, the real part of a series has the coefficients (c_m + (-1)^m conj c_-m) / 2.
     half = (c + sign * mirrored.conj()) / 2
     cosine = np.sqrt(2) * sign * half.real
     sine = -np.sqrt(2) * sign * ((mirrored + sign * c.conj()) / 2).imag
@@ -121,7 +122,7 @@ def from_complex(array: ArrayLike) -> Floats:
 
 
 def to_pyshtools(coefficients: ArrayLike) -> Floats:
-    """Returns orthonormal coefficients with ``csphase=1``, (c, 2, L + 1, L + 1)."""
+    """Converts to orthonormal coefficients with ``csphase=1``, (c, 2, L + 1, L + 1)."""
     a, degree = _canonical(coefficients)
     degrees, orders = _orders(degree)
     found = np.zeros((a.shape[1], 2, degree + 1, degree + 1))
@@ -130,7 +131,8 @@ def to_pyshtools(coefficients: ArrayLike) -> Floats:
 
 
 def from_pyshtools(array: ArrayLike) -> Floats:
-    """Returns canonical coefficients of orthonormal ones with ``csphase=1``, (2, L + 1, L + 1) or (c, 2, L + 1, L + 1)."""
+    """Converts orthonormal coefficients with ``csphase=1``, (2, L + 1, L + 1) or (c, 2, L + 1, L + 1), to canonical
+    ones."""
     found = _arrays.real("pyshtools", array, "(c, 2, L + 1, L + 1)")
     found = found[np.newaxis] if found.ndim == 3 else found
     if found.ndim != 4 or found.shape[1] != 2 or found.shape[2] != found.shape[3]:
@@ -146,14 +148,14 @@ def _healpy_rows(degree: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 
 def to_healpy(coefficients: ArrayLike) -> Complex:
-    """Returns ``alm`` of healpy and ducc0, (c, (L + 1) (L + 2) / 2)."""
+    """Converts to ``alm`` of healpy and ducc0, (c, (L + 1) (L + 2) / 2)."""
     a, degree = _canonical(coefficients)
     degrees, orders = _healpy_rows(degree)
     return np.ascontiguousarray(to_complex(a)[degrees * (degrees + 1) + orders].T)
 
 
 def from_healpy(array: ArrayLike) -> Floats:
-    """Returns canonical coefficients of ``alm``, (N,) or (c, N), of all orders to the highest degree."""
+    """Converts ``alm``, (N,) or (c, N), with all orders up to the highest degree, to canonical coefficients."""
     alm = _complex("healpy", np.atleast_2d(np.asarray(array)), 2)
     degree = int(round(((8 * alm.shape[1] + 1) ** 0.5 - 3) / 2))
     if (degree + 1) * (degree + 2) // 2 != alm.shape[1]:
@@ -167,7 +169,7 @@ def from_healpy(array: ArrayLike) -> Floats:
 
 
 def to_s2fft(coefficients: ArrayLike) -> Complex:
-    """Returns ``flm`` of s2fft, (c, L + 1, 2 L + 1), orders from -L; its own L is this one plus 1."""
+    """Converts to ``flm`` of s2fft, (c, L + 1, 2 L + 1), with orders from -L; s2fft's own L is L + 1."""
     a, degree = _canonical(coefficients)
     degrees, orders = _orders(degree)
     found = np.zeros((a.shape[1], degree + 1, 2 * degree + 1), dtype=np.complex128)
@@ -176,7 +178,7 @@ def to_s2fft(coefficients: ArrayLike) -> Complex:
 
 
 def from_s2fft(array: ArrayLike) -> Floats:
-    """Returns canonical coefficients of ``flm``, (L + 1, 2 L + 1) or (c, L + 1, 2 L + 1)."""
+    """Converts ``flm``, (L + 1, 2 L + 1) or (c, L + 1, 2 L + 1), to canonical coefficients."""
     given = np.asarray(array)
     flm = _complex("s2fft", given[np.newaxis] if given.ndim == 2 else given, 3)
     degree = flm.shape[1] - 1
@@ -187,13 +189,13 @@ def from_s2fft(array: ArrayLike) -> Floats:
 
 
 def to_spharm_mat(coefficients: ArrayLike) -> Complex:
-    """Returns ``fvec`` of SPHARM-MAT, (K, 3); the faces of MATLAB files count from 1: ``faces + 1``."""
+    """Converts to ``fvec`` of SPHARM-MAT, (K, 3). Faces in MATLAB files are numbered from 1: use ``faces + 1``."""
     _three("SPHARM-MAT", coefficients)
     return to_complex(coefficients)
 
 
 def from_spharm_mat(array: ArrayLike) -> Floats:
-    """Returns canonical coefficients of ``fvec``, (K, c), as ``scipy.io.loadmat`` reads it."""
+    """Converts ``fvec``, (K, c), as read by ``scipy.io.loadmat``, to canonical coefficients."""
     return from_complex(array)
 
 
@@ -204,7 +206,7 @@ def _three(who: str, coefficients: ArrayLike) -> None:
 
 
 def _pdm(degree: int) -> tuple[NDArray[np.intp], Floats]:
-    """Returns, for each row of a ``.coef`` file, the canonical row, and its factor."""
+    """Returns, for each row of a ``.coef`` file, its canonical row and its factor."""
     degrees, orders = _orders(degree)
     at = degrees**2 + np.where(orders > 0, 2 * orders - 1, -2 * orders)
     rows = np.empty_like(at)
@@ -214,7 +216,7 @@ def _pdm(degree: int) -> tuple[NDArray[np.intp], Floats]:
 
 
 def to_spharm_pdm(coefficients: ArrayLike) -> Floats:
-    """Returns the rows of a SPHARM-PDM ``.coef`` file, (K, 3). PDM's own evaluation breaks above degree 85."""
+    """Converts to the rows of a SPHARM-PDM ``.coef`` file, (K, 3). PDM's own evaluation fails above degree 85."""
     _three("SPHARM-PDM", coefficients)
     a, degree = _canonical(coefficients)
     rows, factors = _pdm(degree)
@@ -222,7 +224,7 @@ def to_spharm_pdm(coefficients: ArrayLike) -> Floats:
 
 
 def from_spharm_pdm(array: ArrayLike) -> Floats:
-    """Returns canonical coefficients of the rows of a ``.coef`` file, (K, 3)."""
+    """Converts the rows of a ``.coef`` file, (K, 3), to canonical coefficients."""
     given, degree = _canonical(array)
     rows, factors = _pdm(degree)
     found = np.empty_like(given)
@@ -262,28 +264,28 @@ def read_spharm_pdm(path: Union[str, "os.PathLike[str]"]) -> Floats:
 
 
 def to_ktch(coefficients: ArrayLike) -> Floats:
-    """Returns ktch's coefficients, (c, K)."""
+    """Converts to ktch's coefficients, (c, K)."""
     return np.ascontiguousarray(_canonical(coefficients)[0].T)
 
 
 def from_ktch(array: ArrayLike) -> Floats:
-    """Returns canonical coefficients from ktch's, (c, K) or flat (3 K,)."""
+    """Converts ktch's coefficients, (c, K) or flat (3 K,), to canonical ones."""
     given = _arrays.real("ktch", array, "(c, K)")
     return _canonical(np.ascontiguousarray((given.reshape(3, -1) if given.ndim == 1 else given).T))[0]
 
 
 def to_flowshape(coefficients: ArrayLike) -> Floats:
-    """Returns FlowShape's coefficients, (K, c): canonical except for the factor (-1)**m."""
+    """Converts to FlowShape's coefficients, (K, c): canonical except for the factor (-1)**m."""
     a, degree = _canonical(coefficients)
     return a * np.where(_orders(degree)[1] % 2, -1.0, 1.0)[:, np.newaxis]
 
 
 def from_flowshape(array: ArrayLike) -> Floats:
-    """Returns canonical coefficients from FlowShape's, (K, c)."""
+    """Converts FlowShape's coefficients, (K, c), to canonical ones."""
     return to_flowshape(array)
 
 
-#: Formats by name: the functions from and to canonical coefficients.
+#: For each format, the functions that convert from and to canonical coefficients.
 FORMATS: dict[str, tuple[Callable[[Any], Any], Callable[[Any], Floats]]] = {
     "complex": (to_complex, from_complex),
     "pyshtools": (to_pyshtools, from_pyshtools),

@@ -1,8 +1,8 @@
-"""Fits of chunked samples by Dask: beyond memory, and beyond one machine.
+"""Fits chunked samples with Dask, which may exceed the memory or one machine.
 
-Each chunk is reduced to its `spharm_rs.Moments`, and these are added in a tree. Only the sums are sent between workers, of
-``8 ((2 L + 1)**2 + c (L + 1)**2)`` bytes. The order of the additions depends on the chunks alone, so results don't depend on
-the workers.
+Each chunk is reduced to its `spharm_rs.Moments`, and the moments are added in a tree. Workers exchange only these sums,
+of ``8 ((2 L + 1)**2 + c (L + 1)**2)`` bytes. The order of the additions depends on the chunks alone, so results don't
+depend on the workers.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ def moments(
     split_every: int = 8,
     threads: int = 1,
 ) -> Any:
-    """Plans the sums over chunked samples, for any Dask scheduler to compute.
+    """Plans the sums over chunked samples; any Dask scheduler can compute them.
 
     Parameters
     ----------
     samples : dask.array.Array of float, (n, 3), or iterable of dask.delayed.Delayed
-        Directions, vectors of any length but zero, in chunks of rows; or delayed chunks, each of which gives a tuple of
-        directions, values and, if any, weights.
+        Directions, as vectors of any nonzero length, in chunks of rows; or delayed chunks, each of which gives a tuple
+        of directions, values and, optionally, weights.
     values : dask.array.Array of float, (n,) or (n, c), optional
-        Required with directions; rechunked as they are.
+        Required with an array of directions; rechunked to its chunks.
     max_degree : int
         Highest degree L of fits, inclusive.
     weights : dask.array.Array of float, (n,), optional
@@ -57,12 +57,12 @@ def moments(
     Returns
     -------
     dask.delayed.Delayed
-        Yields a `spharm_rs.Moments`.
+        Its result is a `spharm_rs.Moments`.
 
     Notes
     -----
-    A chunk of any size takes the memory of ``spharm moments`` at this degree, 0.8 GB at degree 1,000. Its final step takes as
-    long as some ten million samples at that degree, so smaller chunks are inefficient.
+    A chunk of any size takes the memory of ``spharm moments`` at this degree, 0.8 GB at degree 1,000. The final step of
+    a chunk takes as long as some ten million samples at that degree, so smaller chunks are inefficient.
 
     Examples
     --------
@@ -209,7 +209,7 @@ def _joined(parts: list[list[CohortFit]]) -> list[CohortFit]:
 
 
 def _chunks(samples: Any, values: Any, weights: Any) -> list[Any]:
-    """Returns a delayed tuple for each chunk of rows."""
+    """Returns a delayed tuple of arrays for each chunk of rows."""
     if not hasattr(samples, "to_delayed"):
         if values is not None or weights is not None:
             raise ValueError("values, weights: delayed chunks have their own, as tuples")
@@ -231,7 +231,7 @@ def _chunks(samples: Any, values: Any, weights: Any) -> list[Any]:
     if weights is not None and weights.ndim != 1:
         raise ValueError(f"weights: expected shape (n,), found {weights.shape}")
     rows, columns = samples.chunks[0], []
-    # Unknown lengths, such as of arrays made from tables, are NaN.
+    # NaN stands for an unknown length, such as of an array made from a table.
     known = all(size == size for array in arrays.values() for size in array.chunks[0])
     for name, array in arrays.items():
         if known and array.shape[0] != samples.shape[0]:
@@ -246,10 +246,10 @@ def _chunks(samples: Any, values: Any, weights: Any) -> list[Any]:
 def _part(
     chunk: Any, max_degree: int, channels: list[str] | None, whole: str, shard: tuple[int, int], threads: int
 ) -> Moments:
-    """Runs on a worker: the moments of a chunk."""
+    """Computes the moments of a chunk; runs on a worker."""
     return Moments(*chunk, max_degree=max_degree, channels=channels, whole=whole, shard=shard, threads=threads)
 
 
 def _add(parts: list[Moments], partial: bool) -> Moments:
-    """Runs on a worker: a node of the tree."""
+    """Adds moments at a node of the tree; runs on a worker."""
     return Moments.merge(parts, partial=partial)

@@ -15,7 +15,7 @@ __all__ = [
 
 
 class SpharmError(Exception):
-    """Base class of this package's exceptions. Messages state what was expected, what was found and what to do."""
+    """Base class of this package's exceptions. Messages state what was expected, what was found, and the remedy."""
 
 
 class MeshError(SpharmError, ValueError):
@@ -27,7 +27,7 @@ class StoreError(SpharmError, OSError):
 
 
 class MemoryBudgetError(SpharmError, MemoryError):
-    """A memory budget, or a limit of the process, below the memory that is needed.
+    """A memory budget, or a memory limit of the process, that is smaller than the memory needed.
 
     Attributes
     ----------
@@ -42,11 +42,12 @@ class MemoryBudgetError(SpharmError, MemoryError):
 
 
 class SpharmWarning(UserWarning):
-    """A doubt about a result. The report of a fit lists its warnings, too."""
+    """A doubt about a result. The warnings of a fit are also in its report."""
 
 
 class NotDetermined(SpharmWarning):
-    """The sampling doesn't determine all coefficients; the solution of least norm, or the smoothest, was taken."""
+    """The sampling doesn't determine all coefficients; the solution of least norm, or the smoothest one, was
+    returned."""
 
 
 class NotConverged(SpharmWarning):
@@ -54,4 +55,4 @@ class NotConverged(SpharmWarning):
 
 
 class Oscillation(SpharmWarning):
-    """The model is far off between the vertices, where they don't determine it."""
+    """The model deviates strongly between the vertices, where they don't determine it."""

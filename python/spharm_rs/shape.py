@@ -1,4 +1,4 @@
-"""Shape analysis of models from their coefficients, as in ``spharm shape``.
+"""Analyses shapes of models from their coefficients, as ``spharm shape`` does.
 
 >>> import spharm_rs as sp
 >>> surface, sphere = sp.example_surface(4)
@@ -7,7 +7,7 @@
 >>> curvature = sp.shape.geometry(model).mean_curvature
 >>> smooth = sp.shape.smooth(model, fwhm=10)
 
-A group of surfaces in any poses is aligned; it then has a mean, modes of variation, and differences:
+A group of surfaces in any poses can be aligned; the mean, the modes of variation and group differences follow:
 
 >>> group = [sp.fit(sp.example_surface(4, seed)[0], sphere, 6) for seed in range(6)]
 >>> together = sp.shape.procrustes(group, templates=1)
@@ -92,13 +92,13 @@ class Measures:
     ----------
     area, volume : float
     centroid : tuple of float
-        Centre of mass of the inside.
+        Centre of mass of the enclosed volume.
     sphericity : float
         ``(36 pi volume**2)**(1/3) / area``: 1 for a sphere, less for other shapes.
     area_change : float
         Relative change of the area between the last two grids.
     squeezed : float
-        Part of the sphere where the area element is below a thousandth of its mean.
+        Share of the sphere where the area element is below a thousandth of its mean.
     inwards : bool
         Whether the normals of the parameterisation point inwards.
     """
@@ -121,7 +121,7 @@ class Geometry:
     positions, normals : ndarray of float, (n, 3)
     area_element, mean_curvature, gaussian_curvature, shape_index, curvedness : ndarray of float, (n,)
     principal_curvatures : ndarray of float, (n, 2)
-        The larger first.
+        The larger curvature comes first.
     """
 
     positions: Floats
@@ -141,9 +141,9 @@ class Match:
     Attributes
     ----------
     index : int
-        Index in the models searched.
+        Index in the searched models.
     distance : float
-        Distance of the singular values, in the models' unit.
+        Distance between the singular values of the two models, in the models' unit.
     score : float
         The value by which models are ordered.
     """
@@ -170,11 +170,11 @@ def measure(
     Parameters
     ----------
     model : Model
-        Of a surface.
+        A model of a surface.
     degree : int, optional
         Highest degree; by default all.
     tolerance : float
-        Grids are refined until the relative change of the area is at most this. Volume and centroid are exact.
+        The grid is refined until the relative change of the area is at most this. Volume and centroid are exact.
     threads : int, optional
     progress : bool or callable, optional
 
@@ -216,9 +216,9 @@ def geometry(
     Parameters
     ----------
     model : Model
-        Of a surface.
+        A model of a surface.
     at : array_like of float, (n, 3), optional
-        Vectors of any length but zero; by default those it was fitted at.
+        Vectors of any nonzero length; by default the directions at which the model was fitted.
     degree : int, optional
         Highest degree; by default all.
     threads : int, optional
@@ -227,7 +227,7 @@ def geometry(
     Returns
     -------
     Geometry
-        Normals follow the parameterisation: over a mirrored sphere (``Measures.inwards``) they point inwards.
+        Normals follow the parameterisation: if the sphere is mirrored (``Measures.inwards``), they point inwards.
     """
     positions, normals, columns = _core.shape_geometry(
         _model("model", model),
@@ -249,7 +249,7 @@ def smooth(model: Model, *, fwhm: float | None = None, s: float | None = None) -
     fwhm : float
         Full width at half maximum, in degrees of arc on the sphere: ``4 sqrt(s ln 2)`` radians.
     s : float
-        Diffusion time, instead of a width.
+        Diffusion time, as an alternative to a width.
 
     Returns
     -------
@@ -287,13 +287,13 @@ def nearest(
     standardized: bool = False,
     threads: int | None = None,
 ) -> list[Match]:
-    """Finds the models whose singular values are nearest to those of the query, independent of pose.
+    """Finds the models whose singular values are nearest to those of the query, regardless of pose.
 
     Parameters
     ----------
     query : Model
     among : sequence of Model
-        Compared to the lowest degree of all.
+        Models to search; compared at the lowest degree of all models.
     count : int
         Number of models to return.
     unit_size : bool
@@ -336,9 +336,9 @@ def even(
     Parameters
     ----------
     model : Model
-        Of a surface.
+        A model of a surface.
     at : int, Surface or what `spharm_rs.as_surface` takes
-        Level of an icosphere, or a sphere.
+        Subdivisions of an icosphere; or a sphere.
     degree : int, optional
         Highest degree of the surface; by default all.
     threads : int, optional

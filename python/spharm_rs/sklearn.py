@@ -1,4 +1,4 @@
-"""A scikit-learn transformer between surfaces over one sphere and coefficients."""
+"""A scikit-learn transformer between surfaces over one sphere and their coefficients."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class SpharmTransformer(TransformerMixin, BaseEstimator):  # type: ignore[misc]
     max_degree : int
         Highest degree L; a row has ``3 (L + 1)**2`` coefficients.
     sphere : Surface or what `spharm_rs.as_surface` takes, or str
-        The sphere of all surfaces: their vertices, in their order; or ``icosphere:N``.
+        The sphere of all surfaces, with the same vertices in the same order; or ``icosphere:N``.
     smoothness : float or "auto", optional
         As for `spharm_rs.fit`.
     weights : {"uniform", "area"}
@@ -61,7 +61,7 @@ class SpharmTransformer(TransformerMixin, BaseEstimator):  # type: ignore[misc]
         return as_surface(named_icosphere(self.sphere))
 
     def fit(self, X: ArrayLike, y: Any = None) -> SpharmTransformer:
-        """Stores the sphere; nothing is learnt from the surfaces.
+        """Stores the sphere; nothing is learned from the surfaces.
 
         Parameters
         ----------
@@ -84,7 +84,7 @@ class SpharmTransformer(TransformerMixin, BaseEstimator):  # type: ignore[misc]
             X,
             self.sphere_,
             self.max_degree,
-            # Fitted at the vertices, so that `transform` recovers the rows of `inverse_transform`.
+            # Fits the vertices, so that `transform` recovers the rows passed to `inverse_transform`.
             objective="vertices",
             surface_distance=False,
             smoothness=self.smoothness,
@@ -94,7 +94,7 @@ class SpharmTransformer(TransformerMixin, BaseEstimator):  # type: ignore[misc]
         return np.stack([model.coefficients.T.ravel() for model in models])
 
     def inverse_transform(self, X: ArrayLike) -> Floats:
-        """Returns the positions of the sphere's vertices, (s, n, 3), of rows of coefficients."""
+        """Returns the positions of the sphere's vertices, (s, n, 3), for rows of coefficients."""
         check_is_fitted(self, "sphere_")
         rows = np.atleast_2d(np.asarray(X, dtype=np.float64))
         transform = Transform(self.sphere_.vertices, self.max_degree, threads=self.threads)
