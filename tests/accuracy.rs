@@ -1,4 +1,4 @@
-//! Compares fits of real surfaces with results that were computed without any of this code.
+//! Compares fits of real surfaces with results computed by other programs.
 
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
@@ -25,7 +25,8 @@ fn build(store: &Path, sphere: &Path, max_degree: usize) {
     succeed(command.args(["-q", "--max-degree", &max_degree.to_string()]));
 }
 
-/// Held by the test whose store of degree 100 is on disk: one at a time, because each takes gigabytes.
+/// Lock of the tests that write a store of degree 100: only one such store may be on disk at a time, because each takes
+/// gigabytes.
 static DISK: Mutex<()> = Mutex::new(());
 
 /// Checks a surface against every irf and sirf line of its shared reference.
@@ -41,7 +42,7 @@ fn meets_shared_reference(name: &str) {
     meets_reference(name, (&sphere, &surface), &reference[name], &[1, 100, 200, 400], &[10, 20, 60, 100]);
 }
 
-/// Checks msd to 1e-6 and xsd to 1e-4, relative, on every irf and sirf line of a reference: IRF for blocks of these
+/// Compares msd to a relative 1e-6 and xsd to 1e-4 with every irf and sirf line of a reference: IRF for blocks of these
 /// granularities, and SIRF for these degrees.
 fn meets_reference(
     name: &str,
@@ -90,7 +91,7 @@ fn the_head_meets_every_line_of_the_reference() {
     meets_shared_reference("head27618");
 }
 
-/// Checks the reference that every clone has: IRF, SIRF and least squares of an unevenly sampled body.
+/// Checks IRF, SIRF and least squares of an unevenly sampled body against the reference that is part of the repository.
 #[test]
 fn a_body_meets_every_line_of_its_reference() {
     let [sphere, surface, results] = ["sphere.surf.gii", "surface.surf.gii", "reference.json"].map(reference);
@@ -110,7 +111,7 @@ fn a_body_meets_every_line_of_its_reference() {
     }
 }
 
-/// The earth's magnetic field, evaluated by another program, gives its published coefficients.
+/// A fit of the earth's magnetic field, evaluated by another program, gives the published coefficients of the field.
 #[test]
 fn least_squares_of_a_field_equals_published_coefficients() {
     const DEGREE: usize = 13;
@@ -124,18 +125,18 @@ fn least_squares_of_a_field_equals_published_coefficients() {
     assert_eq!((published.vertices, published.channels), (DEGREE * (DEGREE + 3) / 2, 4));
     for row in published.values.chunks(4) {
         let (n, m) = (row[0] as usize, row[1] as usize);
-        // Of the potential's gradient at the reference radius, in Schmidt's semi-normalisation.
+        // Converts from the gradient of the potential at the reference radius, in Schmidt's semi-normalisation.
         let factor = (n + 1) as f64 * (4.0 * std::f64::consts::PI / (2 * n + 1) as f64).sqrt();
         for (value, order) in [(row[2], n + m), (row[3], n - m)].into_iter().take(1 + usize::from(m > 0)) {
             let ours = found.values()[[n * n + order, 0]] / factor;
-            // Published to hundredths of a nT, up to 29,405.
+            // The published coefficients, up to 29,405 nT, are given to hundredths of a nT.
             assert!((ours - value).abs() < 1e-6, "degree {n}, order {m}: {ours}, not {value}");
         }
     }
     assert!(found.values()[[0, 0]].abs() < 1e-6, "no monopole");
 }
 
-/// The least squares of three hippocampi at degree 15 match those published by their authors.
+/// The least squares of three hippocampi at degree 15 equal the coefficients published by the hippocampi's authors.
 #[test]
 fn full_least_squares_equals_published_coefficients() {
     for name in ["hippo_a01_l", "hippo_a02_l", "hippo_a03_l"] {

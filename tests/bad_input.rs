@@ -9,7 +9,7 @@ use spharm_surface::io::{WriteOptions, read_mesh, write_mesh};
 use crate::common::{fail, shared, text, tool};
 use crate::pipeline::{Study, names};
 
-/// Checks that a command fails, names `file` and `expected`, and leaves the study's folder unchanged.
+/// Checks that a command fails with a message that contains `expected`, and leaves the study's folder unchanged.
 fn refuses(study: &Study, command: &mut Command, expected: &[&str]) {
     let before = names(&study.path(""));
     let error = fail(command);
@@ -67,7 +67,7 @@ fn coordinates_that_are_not_numbers() {
     refuses(&study, &mut build, &["nan.obj"]);
 }
 
-/// `fit` warns, since the least squares is still defined; `--strict` refuses.
+/// `fit` only warns about a surface that isn't closed, since the least squares is still defined; `--strict` refuses it.
 #[test]
 fn surfaces_that_are_not_closed_spheres() {
     let study = Study::new();
@@ -75,7 +75,7 @@ fn surfaces_that_are_not_closed_spheres() {
     std::fs::write(study.path("nofaces.csv"), "").unwrap();
     let output = study.path("open.npz");
     let arguments = ["--max-degree", "6", "--force", "-o", output.to_str().unwrap()];
-    // The same triangles as the sphere's are asked for, so the sphere has the hole as well.
+    // The surface and the sphere must have the same triangles, so the sphere gets the same hole.
     let mut sphere = read_mesh(study.path("sphere.surf.gii")).unwrap();
     sphere.faces.truncate(1200);
     write_mesh(study.path("sphere.surf.gii"), &sphere, &WriteOptions { overwrite: true, double: true }).unwrap();
@@ -88,7 +88,7 @@ fn surfaces_that_are_not_closed_spheres() {
     refuses(&study, &mut study.fit(&["open.surf.gii"], &strict), &["open.surf.gii", "not a closed surface"]);
     for (name, words) in [("bad_cow.obj", "vertices, the sphere"), ("bad_suzanne.obj", "vertices, the sphere")] {
         let Some(path) = shared(name) else { continue };
-        // In the study's folder, so that it goes by the path that is given.
+        // Copied into the study's folder, so that `fit` gets a path in that folder.
         std::fs::copy(path, study.path(name)).unwrap();
         let mut command = study.fit(&[name], &arguments);
         refuses(&study, &mut command, &[name, words]);
@@ -176,7 +176,7 @@ fn stores_that_do_not_have_what_is_asked_for() {
         &["degrees 0 to 12", "spharm basis-build", "--max-degree 20"],
     );
     let arguments = ["--max-degree", "6", "-o", output.to_str().unwrap()];
-    // Another sphere: the same surface's own vertices, seen from the origin.
+    // A different sphere: the directions of another surface's vertices as seen from the origin.
     let mut command = tool("fit");
     command.arg("--sphere").arg(study.path("s1.surf.gii")).arg("--store").arg(study.path("store"));
     command.arg("--surface").arg(study.path("s1.surf.gii")).args(arguments).arg("-q");

@@ -26,24 +26,24 @@ fn a_bare_mesh_is_mapped_fitted_and_its_sphere_kept() {
     assert!(Quality::of(&surface, &sphere).is_bijective());
     let found = &report["surfaces"][0];
     assert_eq!(found["parametrization"]["quality"]["flipped"], 0);
-    // The same sphere, given, leads to the same distances.
+    // A fit over the written sphere, now given with --sphere, has the same distances.
     let mut given = fit();
     given.arg("--sphere").arg(out.join("bare.sphere.surf.gii")).arg("--force");
     let given: Value = serde_json::from_str(&succeed(&mut given)).expect("JSON");
     let msd = |surface: &Value| surface["passes"][0]["msd"].as_f64().expect("an msd");
     assert!((msd(found) / msd(&given["surfaces"][0]) - 1.0).abs() < 1e-9);
-    // Neither is replaced unasked, not even the sphere alone.
+    // Neither the model nor the sphere is replaced without --force, even if only the sphere exists.
     std::fs::remove_file(out.join("bare.spharm.npz")).expect("the model is there");
     assert!(fail(&mut fit()).contains("bare.sphere.surf.gii"));
 }
 
-/// Returns a surface with a few large triangles and many small ones: for a model of high degree the large ones are
-/// holes.
+/// Returns a surface with a few large triangles and many small ones. For a model of high degree, the large triangles
+/// are gaps between the vertices.
 fn uneven() -> Mesh {
     let (mut mesh, _) = cortex(&Cortex { subdivisions: 4, variant: 2 });
     let flat = |p: &[f64; 3]| p[2] < 0.0;
     let coarse = icosphere(4);
-    // Below the equator all vertices draw together towards the twelve corners of the icosahedron.
+    // Moves all vertices below the equator towards the twelve corners of an icosahedron.
     let corners = icosphere(0).vertices;
     for (p, unit) in mesh.vertices.iter_mut().zip(&coarse.vertices).filter(|(p, _)| flat(p)) {
         let near = |c: &&[f64; 3]| c.iter().zip(unit).map(|(a, b)| a * b).sum::<f64>();
@@ -72,7 +72,7 @@ fn a_model_of_a_bare_mesh_is_held_between_its_vertices() {
     let (held_at, held_between) = with(&["--objective", "vertices"]);
     assert!(held_at < 1.5 * at, "{held_at:e} {at:e}");
     assert!(held_between < 0.1 * between, "{held_between:e} {between:e}");
-    // As a surface it is as near between the vertices as at them.
+    // A fit of the surface is about as close between the vertices as at the vertices.
     let (surface_at, surface_between) = with(&[]);
     assert!(surface_between < 0.5 * held_between && surface_between < 2.0 * surface_at, "{surface_between:e}");
 }
@@ -106,7 +106,8 @@ fn a_wild_model_is_warned_of_and_a_smooth_one_on_large_triangles_is_not() {
         String::from_utf8_lossy(&output.stderr).into_owned()
     };
     assert!(told(&uneven(), "24", None).contains("times as far off"));
-    // A model that is exact at the vertices bulges over the flat triangles between them, as it should.
+    // A model that is exact at the vertices bulges over the flat triangles between them; that is correct and gives no
+    // warning.
     let sphere = icosphere(2);
     let long = sphere.with_vertices(sphere.vertices.iter().map(|&[x, y, z]| [x, y, 2.0 * z]).collect());
     assert!(!told(&long, "3", Some(&sphere)).contains("times as far off"));

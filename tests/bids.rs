@@ -66,7 +66,7 @@ fn a_study_of_freesurfer_s_subjects_becomes_a_derivative_dataset() {
     let participants = fs::read_to_string(at("participants.tsv")).expect("a table");
     assert_eq!(participants, "participant_id\nsub-01\nsub-02\nsub-03\n");
 
-    // Again, for one subject: nothing changes.
+    // A second run for one subject changes nothing.
     let before = fs::read(stem("desc-spharm_pial.npz")).expect("a file");
     let one: Vec<&str> = participant.iter().copied().chain(["--participant-label", "02"]).collect();
     succeed(&mut bids(site.path(), &one));
@@ -82,7 +82,7 @@ fn a_study_of_freesurfer_s_subjects_becomes_a_derivative_dataset() {
     let third = Model::read(at("sub-03/anat/sub-03_hemi-L_desc-spharm_pial.npz")).expect("a model");
     assert_eq!(coefficients.index_axis(ndarray::Axis(0), 2), third.coefficients.values());
     assert!(at("group.html").exists() && at("group_hemi-R_pial.shape-model.npz").exists());
-    // Another degree or icosphere is another dataset, unless that is asked for.
+    // A run with another degree or icosphere belongs to another dataset and is refused without --force.
     for other in [["--max-degree", "5", "--icosphere", "2"], ["--max-degree", "6", "--icosphere", "1"]] {
         let arguments: Vec<&str> = ["participant", "--no-pages"].iter().chain(&other).copied().collect();
         assert!(fail(&mut bids(site.path(), &arguments)).contains("--force"), "{other:?}");
@@ -115,7 +115,7 @@ fn what_is_missing_is_said_and_costs_nobody_else_s_model() {
         let name = format!("out/sub-{subject}/anat/sub-{subject}_hemi-{hemisphere}_desc-spharm_pial.npz");
         assert_eq!(site.path().join(&name).exists(), there, "{name}");
     }
-    // The group's table has both.
+    // The group's table has the outcomes of both subjects.
     let group = finish(&mut bids(site.path(), &["group", "--no-pages"]));
     let status = fs::read_to_string(site.path().join("out/group_status.tsv")).expect("a table");
     assert!(status.contains("sub-a_hemi-R_pial\tfailed") && status.contains("sub-b_hemi-R_pial\tfailed"), "{status}");
@@ -162,7 +162,7 @@ fn surfaces_of_smriprep_are_taken_with_their_sessions() {
     let mut generate = tool("generate");
     generate.args(["--subdivisions", "3", "-q"]);
     succeed(generate.arg("--surface").arg(file("pial")).arg("--sphere").arg(file("space-fsaverage_desc-reg_sphere")));
-    // Another space's surface isn't the subject's own.
+    // A surface in another space must not be taken for the subject's native one.
     fs::copy(file("pial"), file("space-fsLR_den-32k_pial")).expect("a copy");
     let arguments = ["participant", "--hemi", "L", "--max-degree", "5", "--icosphere", "1", "--no-pages"];
     succeed(&mut bids(site.path(), &arguments));

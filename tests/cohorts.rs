@@ -1,4 +1,4 @@
-//! Cohorts through the program: manifests, shards, bad rows, kills, status.
+//! Tests cohorts through the program: manifests, shards, bad rows, kills, status.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -14,13 +14,13 @@ use spharm_surface::io::write_mesh;
 use crate::common::{error_line, fail, finish, succeed, text, tool, wait};
 use crate::first_users::OPTIONS;
 
-/// A folder with a sphere, surfaces and a manifest of them.
+/// A folder with a sphere, surfaces and a manifest of the surfaces.
 pub(crate) struct Study {
     folder: tempfile::TempDir,
 }
 
 impl Study {
-    /// Subjects s0, s1, ... over one sphere.
+    /// Creates subjects s0, s1, ... over one sphere.
     pub(crate) fn new(count: u64) -> Self {
         let study = Self { folder: tempfile::tempdir().expect("a folder") };
         write_mesh(study.path("sphere.ply"), &icosphere(3), &OPTIONS).expect("a sphere");
@@ -99,7 +99,7 @@ fn shards_make_the_models_of_one_call_and_of_each_alone() {
     assert_eq!((&found["done"], &found["not_started"], &found["all"]), (&7.into(), &0.into(), &7.into()));
 }
 
-/// Writes a manifest with a row for each reason of failure, among rows that can be fitted.
+/// Writes a manifest with rows that can be fitted and one row for each reason of failure.
 fn with_bad_rows(study: &Study) {
     study.write("cut.ply", "");
     let whole = std::fs::read(study.path("s0.ply")).expect("a surface");
@@ -152,7 +152,7 @@ fn bad_rows_are_named_and_cost_no_other_its_model() {
     let report: Value = serde_json::from_slice(&std::fs::read(study.path("r.json")).expect("a report")).expect("JSON");
     assert_eq!((&report["rows"]["failed"], report["failed"].as_array().map(Vec::len)), (&7.into(), Some(7)));
     assert_eq!(report["surfaces"][0]["id"], "a");
-    // Without --keep-going the first ends the call.
+    // Without --keep-going the first failure ends the call.
     assert!(fail(&mut study.fit("bad.tsv", "first", &[])).contains("no.ply"));
 }
 
@@ -172,7 +172,7 @@ fn lists_keep_going_too() {
     assert!(error_line(&output).contains("2 of 5 surfaces failed: no, broken"), "{}", text(&output));
     assert!(study.models("out") == study.models("good"));
     assert_eq!(study.status(&["s.tsv"])["failed"], 2);
-    // Each on a sphere of its own.
+    // Without --sphere, each surface is fitted on its own sphere.
     let mut bare = tool("fit");
     bare.args(["--max-degree", "4", "-q", "-o", "bare", "--keep-going", "--surface"]).args(["broken.ply", "s0.ply"]);
     assert!(error_line(&finish(bare.current_dir(study.folder.path()))).contains("1 of 2 surfaces failed: broken"));
@@ -193,9 +193,9 @@ fn wait_for_lines(path: &Path, lines: usize) {
 #[test]
 fn a_killed_call_goes_on_where_it_was_and_makes_the_same_bytes() {
     let study = Study::new(6);
-    // Bare surfaces, one after another, so that there is time to be killed in.
+    // Surfaces without a sphere are mapped one after another, which takes long enough to kill the process in between.
     study.write("bare.tsv", "id\tsurface\n0\ts0.ply\n1\ts1.ply\n2\ts2.ply\n3\ts3.ply\n4\ts4.ply\n5\ts5.ply\n");
-    // Models have the paths of their spheres, so that all calls are into a folder of one name.
+    // Models record the paths of their spheres, so every call writes into a folder of the same name.
     let out = "out";
     succeed(&mut study.fit("bare.tsv", out, &[]));
     std::fs::rename(study.path(out), study.path("whole")).expect("renamed");
@@ -208,14 +208,14 @@ fn a_killed_call_goes_on_where_it_was_and_makes_the_same_bytes() {
         wait_for_lines(&study.path(&status), after);
         kill_process(pid, signal).expect("it runs");
         let output = wait(child);
-        // It may have come to its end just before.
+        // The process may have finished just before the signal.
         if !output.status.success() {
             assert_eq!(output.status.code(), code, "{}", text(&output));
         }
         let before = study.status(&[&status]);
         assert!(before["done"].as_u64() >= Some(after as u64 - 1), "{before}");
         if code.is_some() && !output.status.success() {
-            // None where the signal comes between two surfaces.
+            // No row is interrupted if the signal comes between two surfaces.
             assert!(before["interrupted"].as_u64() <= Some(1), "{before}");
         }
         succeed(&mut study.fit("bare.tsv", out, &arguments));
@@ -242,7 +242,7 @@ fn a_report_is_written_with_nothing_to_do() {
     let report =
         || -> Value { serde_json::from_slice(&std::fs::read(study.path("r.json")).expect("a report")).expect("JSON") };
     assert_eq!((&report()["rows"]["skipped"], &report()["rows"]["done"]), (&2.into(), &0.into()));
-    // A shard without rows, and the report of an earlier call.
+    // A shard without rows replaces the report of an earlier call.
     succeed(&mut study.fit("all.tsv", "out", &["--skip-existing", "--report", "r.json", "--shard", "5/6"]));
     assert_eq!(report()["rows"]["all"], 0);
     assert_eq!(study.status(&["s.tsv"])["skipped"], 2);
@@ -281,7 +281,7 @@ fn events_are_a_json_object_a_line() {
         "id\tsurface\tsphere\na\ts0.ply\tsphere.ply\nx\tno.ply\tsphere.ply\nb\ts1.ply\tsphere.ply\n",
     );
     let call = study.fit("three.tsv", "out", &["--keep-going", "--log", "json", "--verbose"]);
-    // Not quiet: whatever is said is JSON.
+    // Without -q, every line on stderr must be JSON.
     let arguments: Vec<_> = call.get_args().filter(|argument| *argument != "-q").map(ToOwned::to_owned).collect();
     let mut call = Command::new(call.get_program());
     let output = finish(call.args(arguments).current_dir(study.folder.path()));
@@ -330,7 +330,8 @@ fn manifests_that_are_wrong_are_refused_before_any_work() {
     assert_eq!(output.status.code(), Some(2), "{}", text(&output));
 }
 
-/// A full disk, simulated by a limit on the size of files: all other rows would fail in the same way.
+/// A full disk ends the call, because all other rows would fail in the same way. A limit on the size of files simulates
+/// it.
 #[test]
 fn a_disk_that_is_full_ends_the_call_and_loses_nothing() {
     let study = Study::new(40);
@@ -340,7 +341,7 @@ fn a_disk_that_is_full_ends_the_call_and_loses_nothing() {
         if !limited {
             return fit;
         }
-        // Writing then fails, in place of ending the process by SIGXFSZ.
+        // A write beyond the limit then fails; the program handles SIGXFSZ, so the signal doesn't end the process.
         let mut shell = Command::new("sh");
         shell.arg("-c").arg("ulimit -f 16; exec \"$@\"").arg("sh").arg(fit.get_program()).args(fit.get_args());
         shell.current_dir(study.folder.path());

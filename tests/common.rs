@@ -1,4 +1,4 @@
-//! Helpers that the tests share: paths, and running the tools.
+//! Helpers that the tests share: paths, and functions that run the tools.
 
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};

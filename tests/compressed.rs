@@ -141,7 +141,7 @@ fn python() -> Option<PathBuf> {
 
 fn reader(python: &Path, file: &Path, out: &Path) -> Command {
     let mut command = Command::new(python);
-    // Without -B, importing it would leave a folder in the sources.
+    // Without -B, Python would write a cache folder into the sources.
     command.arg("-B").arg(root().join("tests/scripts/read_sphz.py")).arg(file).arg(out);
     command
 }
@@ -180,7 +180,7 @@ fn it_refuses_what_is_damaged() {
     let folder = tempfile::tempdir().expect("a folder");
     let bytes = std::fs::read(root().join("tests/data/sphz-v1/surface.sphz")).expect("a file");
     let copy = folder.path().join("copy.sphz");
-    // The magic number, the version, the head, the stream.
+    // Changes one byte of each part: the magic number, the version, the head, the stream.
     for (at, what) in [
         (1, "magic"),
         (4, "version 0, not 1"),

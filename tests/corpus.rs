@@ -1,5 +1,5 @@
-//! Runs every reader on `tests/data/hostile`: inputs that the fuzzer of `./run attack` found, and inputs that reach
-//! each branch of the readers. The readers and the properties checked are the fuzzer's.
+//! Runs every reader on `tests/data/hostile`: inputs found by the fuzzer of `./run attack`, and inputs that reach each
+//! branch of the readers. The readers and the checked properties are the same as in the fuzzer.
 
 use crate::common::root;
 

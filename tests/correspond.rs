@@ -1,5 +1,5 @@
-//! Groups brought into correspondence through the program: places compared with the truth of generated groups, and
-//! outputs.
+//! Brings groups into correspondence through the program, and compares places with the known truth of generated groups;
+//! checks the outputs.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -90,7 +90,7 @@ fn places_are_carried_to_where_the_truth_has_them() {
     assert_eq!(marks["carried"], 4 * 3 * marks["names"].as_array().expect("names").len());
     assert_eq!(report["members"].as_array().map(Vec::len), Some(4));
     assert!(report["quality"]["generalisation"][0].as_f64().expect("a number") < 0.3, "{report}");
-    // To one as Slicer's file, to all as tables.
+    // Landmarks are carried to one member in Slicer's format, and to all members as tables.
     succeed(&mut site.shape(&["carry", "group", "in/s01.json", "--from", "s01", "--to", "s05", "-o", "s05.mrk.json"]));
     assert!(site.apart("s05.mrk.json", "in/s05.json") < 0.8);
     let all =
@@ -103,7 +103,7 @@ fn places_are_carried_to_where_the_truth_has_them() {
     assert!(fail(&mut site.shape(&all)).contains("exists"));
     let error = fail(&mut site.shape(&["carry", "group", "in/s01.json", "--from", "s09", "--to", "all", "-o", "x"]));
     assert!(error.contains("s09") && error.contains("s01"), "{error}");
-    // Points that are far off are said.
+    // Points far from the surface are reported.
     fs::write(site.path("off.csv"), "name,x,y,z\na,500,0,0\n").expect("a file");
     let output = finish(
         tool("shape")
@@ -125,7 +125,7 @@ fn groups_are_the_same_bits_and_replaced_only_when_asked() {
         assert!(fs::read(&other).expect("a file") == *bytes, "{}", path.display());
     }
     succeed(&mut site.correspond("group", &["--force"]));
-    // Somebody's file in the way is left as it is, and nothing is put beside it.
+    // A foreign file at an output's path is kept, and no other output is written.
     fs::create_dir_all(site.path("mine/places")).expect("a folder");
     fs::write(site.path("mine/places/s02.npz"), "mine").expect("a file");
     assert!(fail(&mut site.correspond("mine", &[])).contains("places/s02.npz"));
@@ -148,7 +148,7 @@ fn a_new_member_has_the_groups_sphere_and_changes_nothing() {
     let (new, mean, old) = (read("added/s03.spharm.npz"), read("group/mean.spharm.npz"), read("group/s01.spharm.npz"));
     let sphere = |model: &Model| model.sphere.clone().map(|sphere| (sphere.directions, sphere.faces));
     assert!(sphere(&new).is_some() && sphere(&new) == sphere(&mean) && sphere(&new) == sphere(&old));
-    // A folder of new members is read as a group's.
+    // A folder of added members can be read like a group's folder.
     succeed(&mut site.shape(&["carry", "added", "in/s01.json", "--from", "s01", "--to", "s03", "-o", "c.csv"]));
     assert!(site.apart("c.csv", "in/s03.json") < 0.8);
     succeed(&mut site.shape(&[
@@ -162,7 +162,7 @@ fn a_new_member_has_the_groups_sphere_and_changes_nothing() {
         "0",
         "--no-surfaces",
     ]));
-    // Another file of that name, and a model that isn't of this verb.
+    // Refuses another file of a member's name, and a model that wasn't written by `shape correspond`.
     fs::create_dir(site.path("b")).expect("a folder");
     fs::copy(site.path("in/s02.ply"), site.path("b/s03.ply")).expect("a copy");
     let error = fail(&mut site.shape(&["correspond", "b/s03.ply", "--to", "group", "-o", "added"]));
@@ -171,7 +171,7 @@ fn a_new_member_has_the_groups_sphere_and_changes_nothing() {
     let error = fail(&mut site.shape(&["correspond", "in/s02.ply", "--to", "group", "-o", "added"]));
     assert!(error.contains("s02.spharm.npz") && error.contains("exists"), "{error}");
     assert_eq!(fs::read(site.path("added/s02.spharm.npz")).expect("a file"), b"mine");
-    // What an ended run left of a member is made again: its record is written last.
+    // A member without a record is the leftover of an ended run, because the record is written last; it is made again.
     fs::remove_file(site.path("added/members/s03.json")).expect("removed");
     succeed(&mut site.shape(&["correspond", "in/s03.ply", "--to", "group", "-o", "added"]));
     assert_eq!(fs::read(site.path("added/s03.spharm.npz")).expect("a model"), first);
@@ -204,12 +204,12 @@ fn an_interrupted_group_goes_on_where_it_was_ended() {
     }
     kill_process(Pid::from_child(&child), Signal::INT).expect("it runs");
     assert!(!wait(child).status.success() && !site.path("group").exists());
-    // Another group's registrations are none of this one's.
+    // Registrations of another group, or in another folder, aren't used.
     let error = fail(&mut site.correspond("group", &["--resume", "state", "--rounds", "1"]));
     assert!(error.contains("state/key.json") && error.contains("those of others"), "{error}");
     let error = fail(&mut site.correspond("group", &["--resume", "in"]));
     assert!(error.contains("a folder with other files"), "{error}");
-    // A file that was cut off is made again.
+    // A truncated registration is made again.
     let kept = site.path("state/0-0.npz");
     let bytes = fs::read(&kept).expect("a registration");
     fs::write(&kept, &bytes[..bytes.len() / 2]).expect("written");
@@ -276,7 +276,7 @@ fn what_cannot_correspond_is_refused_in_words() {
 #[test]
 fn meshes_of_any_topology_are_aligned_by_their_surfaces() {
     let site = Site::new();
-    // One has a hole.
+    // The second mesh has a hole.
     let mut open = read_mesh(site.path("in/s02.ply")).expect("a mesh");
     open.faces.truncate(open.faces.len() - 20);
     write_mesh(site.path("in/s02.ply"), &open, &WriteOptions { overwrite: true, double: false }).expect("a file");
@@ -301,7 +301,7 @@ fn meshes_of_any_topology_are_aligned_by_their_surfaces() {
         })
         .collect();
     assert!(apart(&|_, p| p, &names) > 20.0, "they come in random poses");
-    // Bumps differ in height by some millimetres.
+    // Corresponding landmarks differ by some millimetres, because the bumps have different heights.
     assert!(apart(&|k, p| moves[k].apply(p), &names) < 4.0, "{}", apart(&|k, p| moves[k].apply(p), &names));
     for (name, to) in names.iter().zip(&moves) {
         let [own, moved] =

@@ -1,4 +1,5 @@
-//! Groups brought into correspondence with more than their surfaces: guiding landmarks, signals, labels of volumes.
+//! Groups brought into correspondence with further inputs besides surfaces: guiding landmarks, signals, labels of
+//! volumes.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -13,7 +14,7 @@ use spharm_surface::io::{WriteOptions, read_mesh, write_signal};
 use crate::common::{fail, finish, succeed, text, tool};
 use crate::volumes::write_volume;
 
-/// Four boxes with a growing bump, with landmarks.
+/// Creates four boxes with growing bumps, and their landmarks.
 fn boxes() -> tempfile::TempDir {
     let site = tempfile::tempdir().expect("a folder");
     let group = ["--group", "growing-bump", "--members", "4", "--subdivisions", "4", "--output-dir", "in", "-q"];
@@ -21,8 +22,8 @@ fn boxes() -> tempfile::TempDir {
     site
 }
 
-/// Writes the closeness of each vertex to the first landmark, for a generated member in the folder `in`; returns the
-/// file, which is beside the member's mesh.
+/// Writes a signal, the closeness of each vertex to the first landmark, for a generated member in the folder `in`.
+/// Returns the file, which is beside the member's mesh.
 pub(crate) fn near_landmark(site: &Path, name: &str) -> String {
     let mesh = read_mesh(site.join(format!("in/{name}.ply"))).expect("a mesh");
     let mark = Landmarks::read(site.join(format!("in/{name}.json"))).expect("landmarks").points[0];
@@ -62,7 +63,7 @@ fn landmarks_that_guide_stay_together() {
     assert!(alone["guide"].is_null());
     let (before, after) = (alone["mean"].as_f64().expect("a number"), guided["mean"].as_f64().expect("a number"));
     assert!(after < 0.5 * before, "{before} {after}");
-    // Where they guide, and where they are left out, in which they are as far as without.
+    // Guiding landmarks are closer than those left out of guiding; these are about as far off as without any guiding.
     let (guide, count) = (&guided["guide"], guided["names"].as_array().map_or(0, Vec::len) as f64);
     assert!(sum(&guide["guided"]) < 0.5 * sum(&guide["left_out"]), "{guide}");
     assert!(sum(&guide["left_out"]) / count < 2.0 * before, "{guide} {before}");
@@ -101,7 +102,7 @@ fn signals_are_found_beside_the_surfaces_or_in_a_table() {
     };
     assert!(wrong("height").contains("in/height: no such file"), "{}", wrong("height"));
     assert!(wrong("{stem}.near.shape.gii:-1").contains("a weight above 0"));
-    // Of other vertices: the surface is named.
+    // A signal with another number of vertices is refused with the surface's name.
     fs::copy(site.path().join("in/s01.near.shape.gii"), site.path().join("in/s03.near.shape.gii")).expect("a copy");
     let short = Signal { vertices: 3, channels: 1, values: vec![0.0, 1.0, 2.0] };
     let overwrite = WriteOptions { overwrite: true, ..WriteOptions::default() };
@@ -116,7 +117,7 @@ fn labels_of_volumes_correspond_without_their_steps() {
     let semiaxes: Vec<[f64; 3]> = (0..4).map(|k| [6.5, 4.6 + 0.2 * f64::from(k), 3.6]).collect();
     let paths: Vec<PathBuf> = (0..4).map(|k| site.path().join(format!("s{k}.nii"))).collect();
     for (path, [a, b, c]) in paths.iter().zip(&semiaxes) {
-        // Label 2 on one side of label 1.
+        // Label 1 is an ellipsoid, and label 2 lies beside it.
         write_volume(path, |[x, y, z]| {
             let inside = (x / a).powi(2) + (y / b).powi(2) + (z / c).powi(2) < 1.0;
             if x < -7.0 { 2 } else { u8::from(inside) }
@@ -128,7 +129,7 @@ fn labels_of_volumes_correspond_without_their_steps() {
         let model = Model::read(site.path().join(format!("group/s{k}.spharm.npz"))).expect("a model");
         let measures =
             spharm_shape::measure(&model.coefficients, &Default::default(), &spharm_monitor::Silent).expect("measures");
-        // The area of an ellipsoid, by Thomsen's formula, to 1 %.
+        // Expected area of the ellipsoid by Thomsen's formula, which is accurate to about 1 %.
         let terms = [a * b, a * c, b * c].map(|product| product.powf(1.6075));
         let area = 4.0 * std::f64::consts::PI * (terms.iter().sum::<f64>() / 3.0).powf(1.0 / 1.6075);
         assert!((measures.area / area - 1.0).abs() < 0.04, "{k}: {} {area}", measures.area);

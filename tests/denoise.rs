@@ -1,4 +1,4 @@
-//! Removal of noise in fits, through the library and the program.
+//! Tests the removal of noise in fits, through the library and the program.
 
 use ndarray::Array2;
 use spharm::{Error, FitParams, FitWarning, Kind, Model, Objective, Signal, Smoothness, SolverError, Sphere, fit};
@@ -17,7 +17,8 @@ fn normal(random: &mut SplitMix64) -> f64 {
     radius * (std::f64::consts::TAU * random.between(0.0, 1.0)).cos()
 }
 
-/// Returns a folded surface that the degree describes exactly, the same with noise, and their sphere.
+/// Returns a folded surface that a model of the degree describes exactly, the same surface with noise, and their
+/// sphere.
 fn surfaces(sigma: f64) -> (Mesh, Mesh, Sphere) {
     let (surface, sphere) = cortex(&Cortex { subdivisions: 4, variant: 0 });
     let sphere = Sphere::from_mesh(&sphere).unwrap();
@@ -64,7 +65,7 @@ fn noise_is_removed_from_vertices_and_from_surfaces() {
     }
 }
 
-/// Channels of a signal have their own noise, in their own units.
+/// Each channel of a signal has its own noise level, in its own unit.
 #[test]
 fn channels_of_a_signal_are_denoised_apart() {
     let sphere = Sphere::icosphere(4);
@@ -80,7 +81,8 @@ fn channels_of_a_signal_are_denoised_apart() {
     for (removed, sigma) in found.report.denoise.iter().zip(sigmas) {
         assert!((removed.noise.sigma / sigma - 1.0).abs() < 0.04, "{} {sigma}", removed.noise.sigma);
     }
-    // What is held down has a smaller standard error, that of the prior; x y is of degree 2, and is kept.
+    // Damped coefficients have a smaller standard error, that of the prior. The signal x y has degree 2 and isn't
+    // damped.
     let errors = found.standard_errors.unwrap();
     assert!(errors[[160, 1]] < 0.5 * errors[[4, 1]], "{} {}", errors[[160, 1]], errors[[4, 1]]);
     let squares =
@@ -115,7 +117,7 @@ fn what_does_not_go_with_it_is_refused() {
         let refused = fit(&sphere, &noisy, &params).unwrap_err();
         assert!(matches!(refused, Error::Setting { what: "denoise", .. }), "{refused}");
     }
-    // 2,562 vertices leave no residual beside 2,601 coefficients.
+    // A fit of 2,562 vertices with 2,601 coefficients leaves no residual from which to estimate noise.
     for objective in [Objective::Vertices, Objective::Surface] {
         let refused = fit(&sphere, &noisy, &FitParams { objective, max_degree: 50, ..denoise.clone() }).unwrap_err();
         let few = matches!(refused, Error::Solver(SolverError::NoResidual { rows: 2562, columns: 2601 }));
@@ -142,7 +144,7 @@ fn the_program_reports_what_it_removed() {
     let removed = &report["surfaces"][0]["denoise"][0];
     assert!(removed["sigma"].as_f64().unwrap() > 0.0 && removed["degrees_of_freedom"].as_f64().unwrap() < 169.0);
     assert_eq!(removed["gain"].as_array().unwrap().len(), 13);
-    // The model of a plain fit isn't the one asked for.
+    // With --skip-existing, a plain fit refuses the model of a denoised fit.
     finish(&mut command(&["--max-degree", "12", "--skip-existing"]));
     let mut plain = tool("fit");
     plain.arg("--surface").arg(path("noisy.ply")).arg("--sphere").arg(path("sphere.ply"));

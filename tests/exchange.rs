@@ -1,4 +1,4 @@
-//! `export` and `import`: round trips in every format, genuine files of other packages, and bad files.
+//! Tests `export` and `import`: round trips in every format, genuine files of other packages, and bad files.
 
 use std::path::PathBuf;
 use std::process::Command;
@@ -96,7 +96,7 @@ fn a_folder_of_models_is_exported_and_nothing_is_replaced() {
     let said = fail(&mut site.run("export", &["models", "--to", "pyshtools", "-o", "sh"]));
     assert!(said.contains("exists") && said.contains("--force"), "{said}");
     succeed(&mut site.run("export", &["models", "--to", "pyshtools", "-o", "sh", "--force"]));
-    // A scale that the file doesn't tell.
+    // The file doesn't record its normalisation, so `import` needs --normalization too.
     succeed(
         &mut site.run("export", &["models/a.spharm.npz", "--to", "pyshtools", "--normalization", "4pi", "-o", "g"]),
     );
@@ -133,7 +133,7 @@ fn what_a_format_cannot_hold_is_refused_with_the_reason() {
     );
 }
 
-/// SPHARM-PDM evaluated its own coefficients on its icosphere, at the antipodes of the vertices, to six decimals.
+/// SPHARM-PDM evaluated its coefficients on its icosphere, at the antipodes of the vertices, and wrote six decimals.
 #[test]
 fn a_genuine_file_of_spharm_pdm_is_its_surface() {
     let (Some(coef), Some(meta)) =
@@ -146,7 +146,7 @@ fn a_genuine_file_of_spharm_pdm_is_its_surface() {
     assert!(said.contains("pdm, degree 12, 3 channels"), "{said}");
     let model = Model::read(site.path("m.npz")).expect("a model");
     let surface = read_mesh(meta).expect("a mesh");
-    // Twelve vertices of the icosahedron come first; the nearest points of a fine evaluation are theirs.
+    // Every hundredth vertex is compared with the nearest point of a fine evaluation.
     let fine = model.reconstruct(&Sphere::icosphere(6), 12).expect("a surface");
     for vertex in surface.vertices.iter().step_by(100) {
         let distance = |p: &[f64; 3]| (0..3).map(|k| (p[k] - vertex[k]).powi(2)).sum::<f64>();
@@ -155,8 +155,7 @@ fn a_genuine_file_of_spharm_pdm_is_its_surface() {
     }
 }
 
-/// The package's 20 hippocampi are published as models of SPHARM-MAT, with fvec fitted to the surface's vertices over
-/// its sphere.
+/// SPHARM-MAT's 20 hippocampi are published as its models: fvec was fitted to the surface's vertices over its sphere.
 #[test]
 fn a_genuine_file_of_spharm_mat_is_read_with_its_sphere() {
     let Some(mat) = shared("peers/a01_l_hippo.des.mat") else { return };
@@ -193,7 +192,7 @@ fn channels_of_a_model_are_of_one_format_and_degree() {
     }
     let two = finish(&mut site.run("import", &["a.x.sh", "a.y.sh", "-o", "y.npz"]));
     assert!(text(&two).contains("2 channels: imported as a signal; a surface has 3"), "{}", text(&two));
-    // A row is gone, and the end.
+    // A table without its third row, and a table cut off at the end.
     let table = std::fs::read_to_string(site.path("c.csv")).expect("a table");
     let lines: Vec<&str> = table.lines().collect();
     for (kept, expected) in [
@@ -221,7 +220,8 @@ fn damaged_files_get_one_line_that_names_them() {
     for (format, file) in exports {
         succeed(&mut site.run("export", &["m.npz", "--to", format, "-o", file]));
         let whole = std::fs::read(site.path(file)).expect("a file");
-        // A FITS file ends in padding, and is one of fewer channels without its last tables.
+        // The cut must be in the first part of a FITS file: the file ends in padding, and without its last tables it is
+        // a valid file of fewer channels.
         let part = if format == "healpy" { 4 } else { 1 };
         for cut in [0, 1, 7, 100, whole.len() / 3 / part, whole.len() * 9 / 10 / part] {
             std::fs::write(site.path("cut"), &whole[..cut]).expect("written");

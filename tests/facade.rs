@@ -34,7 +34,7 @@ fn a_bare_mesh_has_the_bits_of_the_program() {
     assert!(found.report.smoothness == 0.0 && found.report.off_vertex.is_some_and(|off| off > 0.0));
     let distance = found.report.surface_distance.expect("a surface was fitted");
     assert!(0.0 < distance.rms && distance.rms < distance.percentile95 && distance.percentile95 < distance.hausdorff);
-    // The models differ in what only the program knows: the files.
+    // The models differ only in the records of files, which the library doesn't have.
     let mut model = Model::from(fitted);
     model.provenance.input.clone_from(&expected.provenance.input);
     model.provenance.sphere.clone_from(&expected.provenance.sphere);

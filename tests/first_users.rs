@@ -1,4 +1,4 @@
-//! Problems of people who tried the program for the first time: names of outputs, resumed runs, leftovers.
+//! Problems that first-time users found: names of outputs, resumed runs, leftovers.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -74,7 +74,7 @@ fn a_model_of_another_input_is_not_taken_for_ones_own() {
     let warnings = errors(&mut subjects.fit(&[2], &["--force"]));
     assert!(warnings.contains("replaces the model of") && warnings.contains("sub-01"), "{warnings}");
     assert_ne!(subjects.model("lh.pial.spharm.npz").coefficients, before.coefficients);
-    // Again, it is one's own.
+    // Replacing a model of the same input gives no warning.
     assert!(!errors(&mut subjects.fit(&[2], &["--force"])).contains("replaces"));
 }
 
@@ -108,7 +108,7 @@ fn a_model_with_other_settings_is_not_taken_for_the_one_asked_for() {
         (&["--tolerance", "1e-6"], "tolerance"),
     ] {
         let replaced = |flag: &str| !arguments.contains(&flag);
-        // A flag can't be given twice.
+        // Leave out the usual value of a flag that the case sets, because a flag can't be given twice.
         let mut command = tool("fit");
         command.arg("--sphere").arg(subjects.path("sphere.ply")).arg("--surface").arg(subjects.surface(1));
         command.args(["-q", "--skip-existing", "-o"]).arg(subjects.path("out"));
@@ -123,7 +123,7 @@ fn a_model_with_other_settings_is_not_taken_for_the_one_asked_for() {
     }
     let again = succeed(subjects.fit(&[1], &usual).arg("--skip-existing"));
     assert!(again.contains("nothing to do"), "{again}");
-    // On another sphere it would be another model.
+    // A model over another sphere has other settings.
     let turned = icosphere(3);
     let turned = turned.with_vertices(turned.vertices.iter().map(|&[x, y, z]| [y, z, x]).collect());
     write_mesh(subjects.path("sphere.ply"), &turned, &OPTIONS).expect("a sphere");
@@ -158,7 +158,7 @@ fn a_sphere_that_a_broken_off_fit_left_is_used_again() {
     let said = errors(&mut fit());
     assert!(said.contains("s.sphere.surf.gii: reusing the sphere"), "{said}");
     assert_eq!(std::fs::read(path("out/s.spharm.npz")).expect("a model"), model);
-    // One that doesn't say what it was made of is somebody's file.
+    // A sphere without a record of its input belongs to another program, and is refused.
     write_mesh(path("out/s.sphere.surf.gii"), &icosphere(3), &OPTIONS).expect("a sphere");
     std::fs::remove_file(path("out/s.spharm.npz")).expect("it is there");
     let error = fail(&mut fit());
@@ -166,7 +166,7 @@ fn a_sphere_that_a_broken_off_fit_left_is_used_again() {
     assert_eq!(read_mesh(path("out/s.sphere.surf.gii")).expect("a sphere").vertices, icosphere(3).vertices);
 }
 
-/// The maps of a group should differ by no more than its surfaces do.
+/// `--area` limits the distortion of maps: the maps of a group should differ by no more than its surfaces do.
 #[test]
 fn what_a_map_may_give_away_of_its_areas_is_a_setting() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -239,7 +239,7 @@ fn the_report_gets_its_folder_and_the_table_names_the_models() {
     }
     let report: Value = serde_json::from_slice(&std::fs::read(report).expect("a report")).expect("JSON");
     assert_eq!(report["surfaces"][1]["name"], "sub-02.lh.pial");
-    // A report that can't be written is refused before the fit.
+    // A report whose path can't be written is refused before the fit.
     let mut fit = subjects.fit(&[1, 2], &BY_SUBJECT);
     fail(fit.arg("--force").arg("--report").arg(subjects.path("sphere.ply/report.json")));
 }

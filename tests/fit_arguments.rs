@@ -104,7 +104,7 @@ fn outputs_are_not_replaced_unasked() {
     let before = bytes();
     assert!(before.iter().all(Option::is_some));
     for keep in outputs {
-        // Each alone is enough to refuse.
+        // Each of the existing outputs alone is enough for a refusal.
         for name in outputs.into_iter().filter(|name| *name != keep) {
             std::fs::rename(study.path(name), study.path(&format!("{name}.away"))).unwrap();
         }

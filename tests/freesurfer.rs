@@ -1,4 +1,4 @@
-//! FreeSurfer subjects, complete and broken.
+//! Tests `freesurfer` on complete and broken subjects.
 
 use std::path::PathBuf;
 
@@ -11,7 +11,7 @@ use spharm_surface::io::{read_mesh, read_signal, write_mesh, write_signal};
 use crate::common::{error_line, finish, succeed, text, tool};
 use crate::first_users::OPTIONS;
 
-/// A SUBJECTS_DIR: the second subject has more vertices than the first.
+/// A SUBJECTS_DIR with two subjects, of which the second has more vertices.
 struct Subjects {
     folder: tempfile::TempDir,
 }
@@ -70,13 +70,13 @@ fn every_subject_is_fitted_on_its_own_sphere_and_seen_on_a_common_one() {
             assert_eq!(mesh.faces, icosphere(2).faces);
             let values =
                 read_signal(subjects.out(&format!("{name}.{hemisphere}.thickness.ico2.shape.gii"))).expect("values");
-            // Of degree 2, so that the model is exact, whatever the vertices were.
+            // The values have degree 2, so the model is exact for any vertices.
             let sphere = icosphere(2);
             let off = values.values.iter().zip(&sphere.vertices).map(|(value, p)| value - 2.0 - p[0] * p[1]);
             assert!(off.fold(0.0f64, |most, off| most.max(off.abs())) < 1e-5);
         }
     }
-    // Workbench asks for it.
+    // The files record the anatomical structure, which Connectome Workbench requires.
     for (name, cortex) in [("bert.lh.white.ico2.surf", "CortexLeft"), ("bert.rh.thickness.ico2.shape", "CortexRight")] {
         let written = std::fs::read_to_string(subjects.out(&format!("{name}.gii"))).expect("a file");
         assert!(written.contains("AnatomicalStructurePrimary") && written.contains(cortex), "{name}");
@@ -84,7 +84,7 @@ fn every_subject_is_fitted_on_its_own_sphere_and_seen_on_a_common_one() {
     assert!(!subjects.out("fsaverage5.lh.white.spharm.npz").exists());
     let again: Vec<&str> = all.iter().copied().chain(["--skip-existing"]).collect();
     assert!(succeed(&mut subjects.run(&again)).contains("nothing to do"));
-    // What is missing beside a model is made again.
+    // A missing companion file of an existing model is made again.
     std::fs::remove_file(subjects.out("bert.lh.thickness.ico2.shape.gii")).expect("it is there");
     assert!(succeed(&mut subjects.run(&again)).contains("bert.lh.thickness"));
     assert!(subjects.out("bert.lh.thickness.ico2.shape.gii").exists());
@@ -93,7 +93,7 @@ fn every_subject_is_fitted_on_its_own_sphere_and_seen_on_a_common_one() {
 #[test]
 fn broken_subjects_are_named_and_stop_no_other() {
     let subjects = Subjects::new();
-    // Without a sphere; on the other subject's; on one that is mirrored.
+    // A missing sphere, another subject's sphere, and a mirrored sphere.
     std::fs::remove_file(subjects.path("bert/surf/rh.sphere.reg")).expect("it is there");
     let other = subjects.path("ernie b./surf/lh.sphere.reg");
     std::fs::copy(&other, subjects.path("bert/surf/lh.sphere.reg")).expect("copied");
@@ -117,13 +117,14 @@ fn broken_subjects_are_named_and_stop_no_other() {
     assert!(subjects.out("ernie b..lh.white.spharm.npz").exists());
 }
 
-/// Values of a hemisphere don't determine the sphere; its surfaces do: the white one or, if that is missing, another.
+/// Values of a hemisphere can't show whether the sphere is right, but the hemisphere's surfaces can: the white surface
+/// or, if it is missing, another one.
 #[test]
 fn values_are_held_against_the_surfaces_of_their_hemisphere() {
     let subjects = Subjects::new();
     let bert = |name: &str| subjects.path(&format!("bert/surf/{name}"));
     let fit = ["--signal", "thickness", "--subject", "bert", "--hemi", "rh"];
-    // The other hemisphere's, of as many vertices, whose triangles are others.
+    // The other hemisphere's sphere, with the same number of vertices but different triangles.
     let mut other = read_mesh(bert("lh.sphere.reg")).expect("a sphere");
     other.faces.iter_mut().for_each(|face| *face = face.map(|vertex| (vertex + 1) % 642));
     std::fs::rename(bert("rh.white"), bert("rh.pial")).expect("moved");
@@ -149,7 +150,7 @@ fn values_are_held_against_the_surfaces_of_their_hemisphere() {
         text(&output)
     );
     assert!(!subjects.out("bert.rh.thickness.spharm.npz").exists());
-    // A file that was cut off says nothing of hemispheres.
+    // For a truncated file, the error doesn't mention hemispheres.
     let bytes = std::fs::read(bert("lh.white")).expect("a surface");
     std::fs::write(bert("lh.white"), &bytes[..bytes.len() / 2]).expect("written");
     let output = finish(&mut subjects.run(&["--surface", "white", "--subject", "bert", "--hemi", "lh"]));
@@ -182,7 +183,8 @@ fn write_label(path: &std::path::Path, vertices: &[[f64; 3]], keep: impl Fn(&[f6
     std::fs::write(path, format!("{head}{}\n{}", kept.len(), kept.concat())).expect("a label");
 }
 
-/// Row 6 of the problems of first-time users: the medial wall has no thickness, and isn't read.
+/// Row 6 of the problems of first-time users: values on the medial wall aren't a thickness, so the model ignores them
+/// and extrapolates from the cortex's edge.
 #[test]
 fn values_outside_of_the_cortex_are_continued_from_its_edge() {
     let subjects = Subjects::new();
@@ -190,7 +192,7 @@ fn values_outside_of_the_cortex_are_continued_from_its_edge() {
     let sphere = read_mesh(bert("surf/lh.sphere.reg")).expect("a sphere");
     let inside = |p: &[f64; 3]| p[0] / (p[0] * p[0] + p[1] * p[1] + p[2] * p[2]).sqrt() < 0.8;
     write_label(&bert("label/lh.cortex.label"), &sphere.vertices, inside);
-    // 2.5 on the cortex, and zeros, or nothing, on the wall.
+    // Values are 2.5 on the cortex, and zero or missing on the medial wall.
     let write = |name: &str, wall: f64| {
         let value = |p: &[f64; 3]| if inside(p) { 2.5 } else { wall };
         let values = Signal::new(sphere.vertices.iter().map(value).collect(), sphere.vertices.len(), 1);
@@ -209,7 +211,7 @@ fn values_outside_of_the_cortex_are_continued_from_its_edge() {
     };
     let output = finish(&mut fit(&[]));
     assert!(output.status.success() && !text(&output).contains("warning"), "{}", text(&output));
-    // Zero but for GIfTI's single precision: no zero of the wall is left in it.
+    // The model is constant up to GIfTI's single precision, so no zero of the wall was read.
     assert!(range() < 1e-5, "{}", range());
     let model = Model::read(subjects.out("bert.lh.wall.spharm.npz")).expect("a model");
     assert!(model.provenance.region.is_some_and(|region| region.path.ends_with("lh.cortex.label")));
@@ -218,7 +220,7 @@ fn values_outside_of_the_cortex_are_continued_from_its_edge() {
     assert!(text(&output).contains("region") && !output.status.success(), "{}", text(&output));
     succeed(&mut fit(&["--force", "--mask", "none"]));
     assert!(range() > 1.0, "the zeros are fitted where that is asked for: {}", range());
-    // Another label, by its name.
+    // Another label, given by its name.
     write_label(&bert("label/lh.small.label"), &sphere.vertices, |p| inside(p) && p[1] > 0.0);
     succeed(&mut fit(&["--force", "--mask", "small"]));
     let output = finish(&mut fit(&["--force", "--mask", "absent"]));
@@ -226,7 +228,7 @@ fn values_outside_of_the_cortex_are_continued_from_its_edge() {
     write_label(&bert("label/lh.other.label"), &[[0.0; 3]; 900], |_| true);
     let output = finish(&mut fit(&["--force", "--mask", "other"]));
     assert!(text(&output).contains("expected vertices below 642"), "{}", text(&output));
-    // Without a label all is read, and said.
+    // Without a label, all values are read, and a note says so.
     std::fs::remove_file(bert("label/lh.cortex.label")).expect("it is there");
     let output = finish(&mut fit(&["--force"]));
     assert!(
@@ -236,7 +238,7 @@ fn values_outside_of_the_cortex_are_continued_from_its_edge() {
     );
 }
 
-/// A non-finite value isn't filled in if it is to be read.
+/// A non-finite value within the cortex is an error: it isn't extrapolated.
 #[test]
 fn infinite_values_inside_of_the_cortex_are_refused() {
     let subjects = Subjects::new();
@@ -248,7 +250,8 @@ fn infinite_values_inside_of_the_cortex_are_refused() {
     let mut values = vec![2.5; sphere.vertices.len()];
     let mut fit = |name: &str, value: f64| {
         values[at] = value;
-        // As FreeSurfer writes them: a magic number, vertices, faces, values a vertex; big-endian.
+        // FreeSurfer's curv format, big-endian: a magic number, number of vertices, number of faces, values per vertex,
+        // the values.
         let mut bytes = vec![255; 3];
         [values.len() as u32, sphere.faces.len() as u32, 1].iter().for_each(|n| bytes.extend(n.to_be_bytes()));
         values.iter().for_each(|value| bytes.extend((*value as f32).to_be_bytes()));
@@ -258,12 +261,12 @@ fn infinite_values_inside_of_the_cortex_are_refused() {
     let output = fit("wide", f64::INFINITY);
     assert!(!output.status.success() && text(&output).contains("finite"), "{}", text(&output));
     assert!(!subjects.out("bert.lh.wide.spharm.npz").exists());
-    // A missing one has weight 0.
+    // A missing value (NaN) gets weight 0.
     let output = fit("missing", f64::NAN);
     assert!(output.status.success(), "{}", text(&output));
 }
 
-/// Row 5 of the problems of first-time users.
+/// Problem of first-time users, row 5: subjects that recon-all didn't finish are listed before the fits.
 #[test]
 fn subjects_that_recon_all_did_not_finish_are_named_before_the_fits() {
     let subjects = Subjects::new();
@@ -278,7 +281,7 @@ fn subjects_that_recon_all_did_not_finish_are_named_before_the_fits() {
         output.status.success() && said.contains("2 folders without a folder surf left out: sub-04, sub-07"),
         "{said}"
     );
-    // An empty surface, and the sphere of another subject.
+    // One subject has an empty surface, the other has another subject's sphere.
     std::fs::write(subjects.path("bert/surf/lh.white"), "").expect("a file");
     let sphere = subjects.path("bert/surf/lh.sphere.reg");
     std::fs::copy(&sphere, subjects.path("ernie b./surf/lh.sphere.reg")).expect("copied");

@@ -1,4 +1,4 @@
-//! The full least squares through `fit`: without a store, with a factor, with smoothness.
+//! Tests the full least squares through `fit`: without a store, with a factor, with smoothness.
 
 use std::path::Path;
 use std::process::Command;
@@ -81,7 +81,7 @@ fn without_a_store_fit_gives_the_full_least_squares() {
             assert!(off <= 1e-9, "{way}, {weights}: {off:e}");
             let batch = &ours["batches"][0];
             assert_eq!((&batch["stop"], batch["shift"].as_f64()), (&"converged".into(), Some(0.0)), "{batch}");
-            // An icosphere is too even for its density to gain anything.
+            // An icosphere is so even that dividing by its density gains nothing, so no preconditioner is chosen.
             assert_eq!(batch["preconditioner"], if way == "factor" { way } else { "none" }, "{batch}");
             assert!(batch["steps"].as_array().is_some_and(|steps| !steps.is_empty()), "{batch}");
             if way == "density" {
@@ -133,7 +133,7 @@ fn the_factor_in_the_store_is_used_where_it_belongs_and_passed_over_where_it_doe
         let off = difference(&model(&study, "m.npz"), &model(&study, "nlsf.npz"));
         assert!(off <= 1e-9, "{dtype}: {off:e}");
     }
-    // Of itself for many surfaces, and each as it is alone.
+    // With many surfaces the stored factor is used without a flag, and each model equals that of a fit alone.
     let surfaces: Vec<String> = (0..5).map(|i| format!("copy{i}.surf.gii")).collect();
     for (i, name) in surfaces.iter().enumerate() {
         std::fs::copy(study.path(&format!("s{}.surf.gii", i % 4)), study.path(name)).unwrap();
@@ -146,7 +146,7 @@ fn the_factor_in_the_store_is_used_where_it_belongs_and_passed_over_where_it_doe
         let off = difference(&model(&study, &format!("models/{name}.spharm.npz")), &model(&study, "nlsf.npz"));
         assert!(off <= 1e-9, "{name}: {off:e}");
     }
-    // Of other equations: said, and solved without.
+    // A stored factor of other equations isn't used: a warning says so, and the result is the same.
     let base = ["--method", "lsq", "--preconditioner", "factor", "--force"];
     let other = |arguments: &[&str]| {
         let mut command = study.fit(&["s0.surf.gii"], &[&base[..], arguments].concat());
@@ -168,7 +168,7 @@ fn the_factor_in_the_store_is_used_where_it_belongs_and_passed_over_where_it_doe
         report(&study, &without);
         assert!(difference(&with, &model(&study, "m.npz")) < 1e-8, "{arguments:?}");
     }
-    // One of its own is taken then.
+    // A factor stored for these equations is used.
     succeed(study.build(12).args(["--factor", "12", "--smoothness", "1e-3"]));
     let (warnings, preconditioner) = other(&["--max-degree", "12", "--smoothness", "1e-3"]);
     assert_eq!((warnings.as_str(), preconditioner.as_str()), ("", "stored-factor"));
@@ -197,11 +197,11 @@ fn smoothness_holds_the_high_degrees_down_and_auto_chooses_it() {
     let lambda = batch["smoothness"].as_f64().unwrap();
     assert!(lambda > 0.0 && batch["gcv"]["smoothness"] == batch["smoothness"], "{batch}");
     assert!(chosen <= without);
-    // The least of what was tried.
+    // The chosen smoothness has the smallest score of those tried.
     let tried = batch["gcv"]["tried"].as_array().unwrap();
     let least = tried.iter().min_by(|a, b| a[1].as_f64().unwrap().total_cmp(&b[1].as_f64().unwrap())).unwrap();
     assert_eq!(least[0].as_f64(), Some(lambda));
-    // That one by hand is the same fit.
+    // A fit with that smoothness given explicitly is the same.
     let automatic = model(&study, "m.npz");
     roughness(&format!("{lambda:e}"));
     assert!(difference(&model(&study, "m.npz"), &automatic) < 1e-9);
@@ -216,11 +216,11 @@ fn standard_errors_come_beside_the_model() {
     let errors = read();
     assert_eq!(errors.dim(), (169, 3));
     assert!(errors.iter().all(|e| *e > 0.0 && e.is_finite()));
-    // A penalty leaves less to be wrong about.
+    // A penalty reduces the standard errors.
     succeed(&mut lsq(&study, &["--max-degree", "12", "--stderr", "--force", "--smoothness", "0.01"]));
     let penalised = read();
     assert!(penalised.row(160).sum() < errors.row(160).sum());
-    // More coefficients than vertices: refused by name, but for a penalty.
+    // Standard errors with more coefficients than vertices are refused, unless there is a penalty.
     std::fs::remove_file(&path).unwrap();
     std::fs::remove_file(study.path("m.npz")).unwrap();
     let before = names(&study.path(""));
@@ -242,7 +242,7 @@ fn held_out_vertices_are_further_from_the_model_than_those_it_saw() {
         assert!((35..=95).contains(&vertices), "a tenth of 642: {held_out}");
         let of = |which: &str| held_out[which]["msd"].as_f64().unwrap();
         assert!(of("held_out") > of("seen") && of("seen") > 0.0, "{held_out}");
-        // Both together are all of them.
+        // The msd over held-out and fitted vertices together is the msd over all vertices.
         let all = (of("held_out") * vertices as f64 + of("seen") * (642 - vertices) as f64) / 642.0;
         meets(all, msd(&report), 1e-9, "all");
     }
@@ -286,12 +286,12 @@ fn more_coefficients_than_vertices_are_said_to_be_undetermined() {
     let x = model(&study, "m.npz");
     let largest = x.columns().into_iter().map(|c| c.dot(&c).sqrt()).fold(0.0, f64::max);
     meets(norm, largest, 1e-12, "norm");
-    // The surface is of the size of its scale, and so are its coefficients.
+    // The norm of the coefficients is of the order of the surface's scale.
     assert!(norm < 10.0 * report["surfaces"][0]["scale"].as_f64().unwrap(), "{norm}");
 }
 
-/// A surface of degree 3 is approximated linearly between the vertices of finer and finer spheres: the error falls with
-/// the square of the edge length.
+/// A surface of degree 3 is approximated linearly between the vertices of ever finer spheres; the error falls with the
+/// square of the edge length.
 #[test]
 fn quadrature_finds_a_surface_of_low_degree_to_the_error_of_interpolation() {
     let study = Study::new();
@@ -317,7 +317,7 @@ fn quadrature_finds_a_surface_of_low_degree_to_the_error_of_interpolation() {
     assert!(ratio > 3.3 && ratio < 4.7, "{errors:?}");
 }
 
-/// If the transform is used, the samples equal those of the direct sums.
+/// Samples evaluated by the fast transform equal those evaluated by direct sums.
 #[test]
 fn reconstruction_by_transform_is_that_of_direct_sums() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,5 @@
-//! Surfaces with handles through the program: cut, fitted, and rejoined.
+//! Tests surfaces with handles through the program: the handles are cut, the surface is fitted, and the handles
+//! restored.
 
 use std::path::{Path, PathBuf};
 
@@ -20,8 +21,8 @@ fn written(folder: &Path, name: &str, surface: &Mesh) -> PathBuf {
     path
 }
 
-/// Fits a surface with handles, reconstructs the original, and checks the guarantees. The sides of the seam are at most
-/// a thousandth of the box apart, with a margin of a fifth.
+/// Fits a surface with handles, reconstructs the original, and checks the guarantees. The gap between the sides of the
+/// seam may be a thousandth of the bounding box; the test requires a fifth less.
 fn there_and_back(name: &str, surface: &Mesh, genus: i64) {
     let folder = tempfile::tempdir().expect("a folder");
     let input = written(folder.path(), "in.ply", surface);
@@ -42,20 +43,20 @@ fn there_and_back(name: &str, surface: &Mesh, genus: i64) {
     let read = Model::read(&model).expect("a model");
     let gap = read.reconstruct_original(60).expect("a surface").gap / distance.scale;
     let (rms, hausdorff) = (distance.rms / distance.scale, distance.hausdorff / distance.scale);
-    // How far the welded seam is off the surface.
+    // Largest distance of the welded seam from the surface.
     let tree = TriangleTree::new(surface);
     let seam = read.sphere.as_ref().and_then(|sphere| sphere.seam.clone()).expect("the model keeps the seam");
     let off = seam.copies.iter().filter_map(|&v| tree.nearest(found.vertices[v as usize]));
     let off = off.map(|nearest| nearest.distance / distance.scale).fold(0.0, f64::max);
     assert!(off < 5e-4, "{name}: {off:e}");
-    // Before it is welded, vertices of its sides are apart along the surface as well.
+    // Before welding, the two sides of the seam are also apart along the surface.
     assert!(gap > 0.0 && gap < 8e-4, "{name}: {gap:e}");
     eprintln!(
         "{name}: seam off {off:.2e}, n {}, rms {rms:.2e}, Hausdorff {hausdorff:.2e}, gap {gap:.2e} of the box",
         surface.vertices.len()
     );
     assert!(rms < 2e-3, "{name}: {rms:e}");
-    // Vertices correspond, at the seam as well.
+    // Vertices correspond to the original's, also on the seam.
     let largest = surface
         .vertices
         .iter()
@@ -82,7 +83,7 @@ fn a_double_torus_comes_back_with_both_handles() {
     there_and_back("double torus", &double_torus(100), 2);
 }
 
-/// Uses three verbs with files between them: the sphere keeps the seams.
+/// Runs three verbs with files between them; the sphere's file keeps the seams.
 #[test]
 fn a_cut_surface_and_its_sphere_are_files_that_a_fit_takes() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -114,7 +115,7 @@ fn a_cut_surface_and_its_sphere_are_files_that_a_fit_takes() {
     assert_eq!(genus(&["--original".as_ref()]), Some(1));
     assert_eq!(genus(&["--sphere".as_ref(), sphere.as_ref()]), Some(0), "as it was cut");
     assert_eq!(genus(&["--icosphere".as_ref(), "4".as_ref()]), Some(0));
-    // Other formats lose the seams, and that is said.
+    // Other formats lose the seams; a warning says so.
     let output = finish(&mut parametrize(&folder.path().join("cut.sphere.ply")));
     assert!(output.status.success());
     assert!(String::from_utf8_lossy(&output.stderr).contains("doesn't keep the seams"));
@@ -135,7 +136,7 @@ fn handles_are_refused_unless_asked_for_and_spheres_are_left_as_they_are() {
     assert!(refused.contains("--cut-handles"), "{refused}");
     succeed(&mut fit(&handle, &["--cut-handles"]));
     assert!(folder.path().join("torus.cut.surf.gii").exists());
-    // Nothing to do the second time, and the sphere is used again where only the model is missing.
+    // A second run has nothing to do; if only the model is missing, the existing sphere is reused.
     let again = succeed(&mut fit(&handle, &["--cut-handles", "--skip-existing"]));
     assert!(!again.contains("torus.spharm.npz"), "{again}");
     let model = folder.path().join("torus.spharm.npz");
@@ -151,7 +152,7 @@ fn handles_are_refused_unless_asked_for_and_spheres_are_left_as_they_are() {
     assert!(plain.provenance.handles.is_none() && !folder.path().join("ball.cut.surf.gii").exists());
 }
 
-/// A label with a handle: its surface, as triangles, is restored with the handle.
+/// The surface of a label with a handle is restored as triangles, with its handle.
 #[test]
 fn a_label_with_a_handle_comes_back_with_it() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -169,7 +170,7 @@ fn a_label_with_a_handle_comes_back_with_it() {
     assert!(told.status.success() && String::from_utf8_lossy(&told.stderr).contains("genus 1 cut to 0"), "{told:?}");
     let named = |ending: &str| folder.path().join(format!("ring.1{ending}"));
     let files = || std::fs::read_dir(folder.path()).expect("a folder").count();
-    // The label's surface as it is, and as it was cut.
+    // The label's surface before and after the cut.
     let [whole, cut] = [".surf.gii", ".cut.surf.gii"].map(|ending| read_mesh(named(ending)).expect("a mesh"));
     assert_eq!((Topology::of(&whole).genus(), Topology::of(&cut).genus()), (Some(1), Some(0)));
     let out = folder.path().join("out.ply");
@@ -179,7 +180,7 @@ fn a_label_with_a_handle_comes_back_with_it() {
     let before = files();
     succeed(&mut fit(&ring, &["--cut-handles", "--skip-existing"]));
     assert_eq!(files(), before, "nothing is left to do");
-    // Without handles, and with them opened, a label is mapped as it was.
+    // A label without handles, or whose handles the repair opens, isn't cut.
     succeed(&mut fit(&ball, &["--cut-handles"]));
     assert!(folder.path().join("ball.1.surf.gii").exists() && !folder.path().join("ball.1.cut.surf.gii").exists());
     let told = finish(&mut fit(&ring, &["--cut-handles", "--fix", "--force"]));
@@ -188,7 +189,7 @@ fn a_label_with_a_handle_comes_back_with_it() {
     let repaired = Model::read(named(".spharm.npz")).expect("a model").provenance;
     assert!(repaired.handles.is_none());
     assert_eq!(repaired.repair.and_then(|repair| repair["handles"].as_u64()), Some(1));
-    // The report of `parametrize` says what the cut surface is around.
+    // The report of `parametrize` describes the label from which the cut surface was made.
     let sphere = folder.path().join("p.sphere.surf.gii");
     let mut parametrize = tool("parametrize");
     parametrize.arg("--surface").arg(&ring).args(["--cut-handles", "--json", "-o"]).arg(&sphere);
@@ -197,7 +198,7 @@ fn a_label_with_a_handle_comes_back_with_it() {
     assert_eq!(report["handles"]["genus_before"], 1);
 }
 
-/// Many volumes in one call.
+/// With --cut-handles, `volumes` fits a label with a handle like any other label.
 #[test]
 fn labels_with_handles_are_rows_like_others_where_they_are_cut() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -217,7 +218,7 @@ fn labels_with_handles_are_rows_like_others_where_they_are_cut() {
     let out = folder.path().join("out.ply");
     let told = finish(tool("reconstruct").arg("--model").arg(&model).arg("-o").arg(&out));
     assert_eq!(Topology::of(&read_mesh(&out).expect("a mesh")).genus(), Some(1));
-    // At so low a degree the sides of the seam are far apart.
+    // At this low degree the sides of the seam are far apart, so a warning is given.
     let told = String::from_utf8_lossy(&told.stderr).into_owned();
     assert!(told.contains("warning: ") && told.contains("a higher degree"), "{told}");
     let table = || std::fs::read_to_string(folder.path().join("out/volumes.tsv")).expect("a table");

@@ -1,5 +1,5 @@
-//! Untrusted files through the program: whatever they claim or expand to, the result is one line of text with the
-//! file's name, exit code 1, and memory within a limit enforced by the system. Stores have their own tests.
+//! Runs the program on untrusted files: whatever the files claim or expand to, the result is one line of text with the
+//! file's name, exit code 1, and memory within a limit enforced by the system. Stores have separate tests.
 
 use std::fs::File;
 use std::io::{Cursor, Write};
@@ -36,7 +36,7 @@ impl Site {
         std::fs::write(self.path(name), bytes).expect("written");
     }
 
-    /// Runs a verb within 192 MiB of data, part of which is taken by threads' stacks and OpenBLAS's buffers.
+    /// Runs a verb within a data limit of 192 MiB, part of which threads' stacks and OpenBLAS's buffers take.
     fn run(&self, arguments: &[&str]) -> Output {
         let program = tool(arguments[0]);
         let mut limited = Command::new("sh");
@@ -135,7 +135,7 @@ fn models_that_lie_are_refused() {
     let scalar = npy(&plain("<i8", "(1099511627776,)"), &[0; 8]);
     site.put("degree.npz", &npz(&[("coefficients", coefficients()), ("max_degree", scalar)], false));
     assert!(site.refused_model("degree.npz").contains("max_degree"));
-    // 85 MB of zeros in 85 KB, which would be 250 MB while they are read.
+    // 85 MB of zeros in 85 KB of file; reading them would take 250 MB.
     let zeros = npy(&plain("<f8", "(10600000, 1)"), &vec![0; 84_800_000]);
     let bomb = npz(&[("coefficients", zeros)], true);
     assert!(bomb.len() < 1 << 18);
@@ -148,7 +148,7 @@ fn models_that_lie_are_refused() {
 #[test]
 fn surfaces_that_expand_or_claim_too_much_are_refused() {
     let site = Site::new();
-    // Zlib in base64 in gzip: 3 GiB of UINT8 as the header says, and what is there in truth.
+    // Zlib data in base64, gzipped; the header claims `count` values, and `there` values exist.
     let gifti = |count: u64, there: usize| {
         let mut zlib = ZlibEncoder::new(Vec::new(), Compression::fast());
         zlib.write_all(&vec![0; there]).expect("packed");
@@ -160,10 +160,10 @@ fn surfaces_that_expand_or_claim_too_much_are_refused() {
     };
     site.put("bomb.shape.gii.gz", &gzip([gifti(3 << 30, 1 << 20)]));
     assert!(site.refused_surface("bomb.shape.gii.gz").contains("3.0 GiB"));
-    // Within what it may expand to, and without room for it.
+    // Within the permitted expansion, but more than the memory.
     site.put("large.shape.gii", &gifti(60 << 20, 60 << 20));
     assert!(site.refused_surface("large.shape.gii").contains(" of memory, "));
-    // Beyond what text expands to, said while it is decoded.
+    // Beyond the permitted expansion of text; reported while the file is decoded.
     site.put("text.ply.gz", &gzip((0..96).map(|_| vec![b' '; 1 << 20])));
     assert!(site.refused_surface("text.ply.gz").contains("MiB"));
     File::create(site.path("sparse.ply")).expect("a file").set_len(1 << 40).expect("a sparse file");
@@ -202,16 +202,16 @@ fn volumes_that_expand_or_claim_too_much_are_refused() {
         header[344..348].copy_from_slice(b"n+1\0");
         header
     };
-    // 4 GiB of voxels, as 5 MB of something may hold.
+    // A header that claims 4 GiB of voxels, in a file of 5 MB: a real volume may compress to that.
     site.put("bomb.nii.gz", &[gzip([nifti(1625)]), noise(5 << 20)].concat());
     assert!(site.refused_volume("bomb.nii.gz").contains("GiB of memory"));
     site.put("lie.nii.gz", &gzip([nifti(1625)]));
     site.refused_volume("lie.nii.gz");
-    // Nothing but background, of which nothing is kept.
+    // A volume of background only, for which no memory is kept.
     let zeros = |n: usize| std::iter::repeat_n(vec![0; n * n], n);
     site.put("zeros.nii.gz", &gzip([nifti(256)].into_iter().chain(zeros(256))));
     assert!(site.refused_volume("zeros.nii.gz").contains("none but 0"));
-    // A label in every other voxel, each a run of its own.
+    // A label in every other voxel, so that each voxel is a run of its own.
     let checks = |n: usize| (0..n).map(move |z| (0..n * n).map(|i| ((i + i / n + z) % 2) as u8).collect());
     site.put("checks.nii.gz", &gzip([nifti(256)].into_iter().chain(checks(256))));
     assert!(site.refused_volume("checks.nii.gz").contains(" of memory, "));
@@ -231,7 +231,7 @@ fn volumes_that_expand_or_claim_too_much_are_refused() {
     assert!(site.refused_volume("sparse.nii").contains("GiB of memory"));
 }
 
-/// Returns a page of bytes that claims this size, in one strip.
+/// Returns a TIFF page of bytes with this claimed size, in one strip.
 fn tiff(width: u32, height: u32) -> Vec<u8> {
     let tags: [(u16, u32); 8] =
         [(256, width), (257, height), (258, 8), (259, 1), (262, 1), (273, 200), (278, height), (279, u32::MAX)];
@@ -259,9 +259,9 @@ fn tables_and_settings_that_lie_are_refused() {
     for name in ["claim.npy", "twice.npy", "claim.npz"] {
         samples(name);
     }
-    // A buffer of Arrow: 8 TiB in 85 bytes, for as many rows. Pages of Parquet: 2 GiB in 20 bytes, for few rows or for
-    // as many as that; more than the column, less than nothing, columns that aren't in the file. Files of the corpus
-    // end with a byte that says how they are read.
+    // An Arrow buffer that claims 8 TiB in 85 bytes, with as many rows. Parquet pages that claim 2 GiB in 20 bytes
+    // (with few rows and with as many rows), more values than the column, negative sizes, and columns missing from the
+    // file. Files of the corpus end with a byte that selects how they are read.
     for (file, expected) in [
         ("rows.arrow", "8796093022272 bytes in a buffer of 85 compressed ones"),
         ("pages-expands.parquet", "2147483647 bytes in a page of"),
@@ -293,7 +293,7 @@ fn tables_and_settings_that_lie_are_refused() {
     site.refused("claim.moments", &["fit", "--moments", "claim.moments", "--max-degree", "2", "-q", "-o", "o.npz"]);
 }
 
-/// Escape sequences, bells and line breaks in names and in files' contents reach neither a terminal nor a log.
+/// Escape sequences, bells and line breaks in file names and file contents are escaped on terminals and in logs.
 #[test]
 fn what_a_terminal_obeys_is_shown() {
     let site = Site::new();
@@ -308,7 +308,7 @@ fn what_a_terminal_obeys_is_shown() {
         }
         String::from_utf8_lossy(&[&output.stdout[..], &output.stderr[..]].concat()).into_owned()
     };
-    // An error, names in a list, arguments that clap refuses.
+    // In errors, in names from a list, and in arguments that clap refuses.
     let said = quiet(&site.run(&["parametrize", "--surface", name, "-o", name]));
     assert!(said.contains(shown) && said.contains("an input"), "{said}");
     assert!(
@@ -316,7 +316,7 @@ fn what_a_terminal_obeys_is_shown() {
     );
     let said = quiet(&site.run(&["fit", "--no\u{202e}\u{7}\u{1b}[1m", name]));
     assert!(said.contains("--no\\u{202e}"), "{said}");
-    // Tables, notes and progress of what succeeds, JSON on standard output, and a log of JSON.
+    // In tables, notes and progress of successful runs, in JSON on standard output, and in a JSON log.
     let fit = ["fit", "--sphere", "sphere.ply", "--surface", name, "--max-degree", "2", "--force", "-o", "made"];
     for more in [&["-v"][..], &["--json"], &["--log", "json", "-v"], &["--report", "-"]] {
         let output = site.run(&[&fit[..], more].concat());
@@ -329,7 +329,7 @@ fn what_a_terminal_obeys_is_shown() {
             assert!(value["surfaces"][0]["file"].as_str().is_none_or(|file| file == name), "{value}");
         }
     }
-    // The table of outcomes.
+    // In the table of outcomes.
     site.put("rows.tsv", "id\tsurface\tsphere\nq\u{1b}[5m\tnone\u{1b}[7m.ply\tsphere.ply\n".as_bytes());
     let rows = ["fit", "--manifest", "rows.tsv", "--max-degree", "2", "-o", "out", "--keep-going", "--status", "s.tsv"];
     quiet(&site.run(&rows));

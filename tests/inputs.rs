@@ -1,4 +1,4 @@
-//! Metadata of files is preserved by a fit, and files that don't belong together are detected.
+//! A fit preserves the metadata of files, and detects files that don't belong together.
 
 use std::path::Path;
 
@@ -27,7 +27,7 @@ fn fit(study: &Study, input: &str) {
     succeed(&mut study.fit(&[input], &["--max-degree", "6", "--force", "-o", output.to_str().unwrap()]));
 }
 
-/// Tools that add `c_ras` would otherwise show the reconstruction in another place.
+/// Otherwise tools that add `c_ras` would show the reconstruction away from its input.
 #[test]
 fn a_reconstruction_lies_in_the_volume_of_its_input() {
     let study = Study::new();
@@ -52,7 +52,7 @@ fn a_reconstruction_lies_in_the_volume_of_its_input() {
     assert_eq!(reconstruct(&study, "again.surf.gii").meta.coordinate_system, Some(system));
 }
 
-/// Runs a fit that gives a warning, and is refused with `--strict`.
+/// Runs a fit that gives the expected warning, and that `--strict` refuses.
 fn warned_of(study: &Study, sphere: &Path, input: &str, expected: &str) {
     let command = |more: &[&str]| {
         let mut command = tool("fit");

@@ -1,4 +1,4 @@
-//! Models of labels: degrees that resolve the voxels, equal inputs, and the page that compares models with their
+//! Models of labels: degrees at which models follow voxels, equal inputs, and the page that compares models with
 //! surfaces.
 
 use std::fs;
@@ -36,7 +36,7 @@ fn degrees_that_resolve_the_voxels_and_equal_volumes_are_warned_of() {
         fit.args(["--surface", "a.nii", "b.nii", "--max-degree", degree, "-o", output]).current_dir(folder.path());
         fit
     };
-    // pi 5 / 1.5 = 10.5.
+    // A warning is given from degree pi 5 / 1.5 = 10.5 on, for a radius of 5 voxels.
     assert_eq!(warnings(&mut fit("10", "coarse")), Vec::<String>::new());
     let fine = warnings(&mut fit("12", "fine"));
     let [only] = &fine[..] else { panic!("{fine:?}") };
@@ -72,7 +72,7 @@ fn a_study_of_labels_says_on_its_page_that_they_follow_the_voxels() {
     let page = fs::read_to_string(site.join("out/report.html")).unwrap();
     let head = page.split_once("class=\"warnings\"").and_then(|(_, rest)| rest.split_once("</section>")).unwrap().0;
     assert!(head.contains("resolves the voxels of 4 labels (s1, s2, s3, s4)"), "{head}");
-    // Each model beside the surface that it was fitted to.
+    // The page shows each model beside the surface to which it was fitted.
     assert!(!String::from_utf8_lossy(&output.stderr).contains("without its surface"), "{}", text(&output));
     for item in items(&page).iter().filter(|item| item.get("reference").is_some()) {
         assert_eq!(item["reference"]["kind"], "vertices");

@@ -1,8 +1,8 @@
-//! The parts of OpenBLAS that are linked, and those that are left out (crates/link).
+//! Checks which parts of OpenBLAS are linked and which are left out (crates/link).
 
 use object::{Object, ObjectSymbol};
 
-/// Returns whether a name is of a BLAS or LAPACK function for a scalar type other than f64: `cblas_sgemm`,
+/// Returns whether a name is a BLAS or LAPACK function for a scalar type other than f64, such as `cblas_sgemm`,
 /// `cblas_icamax`, `LAPACKE_zpotrf`, `cpotrf_`.
 fn is_of_another_precision(name: &str) -> bool {
     let c = name.strip_prefix("cblas_i").or(name.strip_prefix("cblas_")).or(name.strip_prefix("LAPACKE_"));

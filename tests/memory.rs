@@ -1,4 +1,4 @@
-//! Memory budgets are respected: a fit of 40,962 vertices from a store of 3.3 GB under limits enforced by the system.
+//! Checks that memory budgets are respected: a fit of 40,962 vertices from a store of 3.3 GB under system limits.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -11,7 +11,7 @@ use crate::common::{succeed, tool};
 
 const LIMIT: usize = 320 << 20;
 
-/// A generated cortex of 40,962 vertices and its basis to degree 100; kept in the target folder from run to run.
+/// A generated cortex of 40,962 vertices and its basis to degree 100, kept in the target folder between runs.
 static STUDY: LazyLock<PathBuf> = LazyLock::new(|| {
     let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("memory");
     fs::create_dir_all(&folder).unwrap();
@@ -27,7 +27,7 @@ static STUDY: LazyLock<PathBuf> = LazyLock::new(|| {
 
 fn fit(wrapper: &[String]) -> Command {
     static NEXT: AtomicUsize = AtomicUsize::new(0);
-    // Tests run side by side, and one must not find another's output.
+    // Tests run in parallel, so each writes to a different output.
     let name = format!("{}-{}.npz", std::process::id(), NEXT.fetch_add(1, Ordering::Relaxed));
     let arguments = [
         ("--store", STUDY.join("store")),
@@ -62,7 +62,7 @@ fn fit(wrapper: &[String]) -> Command {
     command
 }
 
-/// Drops the store's pages from the page cache and checks that they are gone; otherwise a cold run would prove nothing.
+/// Drops the store's pages from the page cache and checks that they are gone, so that the next run reads from the disk.
 fn drop_pages() -> bool {
     let scheme = fs::read_dir(STUDY.join("store")).unwrap().next().unwrap().unwrap().path();
     let files: Vec<PathBuf> = fs::read_dir(scheme).unwrap().map(|item| item.unwrap().path()).collect();
@@ -106,7 +106,7 @@ fn peak_anonymous(command: &mut Command) -> u64 {
     peak
 }
 
-/// A factor of 172 MB, computed out of core in the least memory that the program says it needs.
+/// A factor of 172 MB, computed out of core in the smallest budget that the program's message states.
 #[test]
 fn a_factor_is_computed_in_less_memory_than_it_has() {
     let folder = tempfile::tempdir().unwrap();
@@ -118,7 +118,7 @@ fn a_factor_is_computed_in_less_memory_than_it_has() {
     let build = |memory: &str| {
         let mut command = tool("basis-build");
         command.arg("--sphere").arg(&sphere).arg("--store").arg(folder.path().join("store"));
-        // A penalty makes up for the directions that are too few.
+        // With fewer directions than coefficients, the penalty makes the equations solvable.
         command.args(["--factor", "80", "--factor-only", "--smoothness", "1", "--threads", "2", "--memory", memory]);
         command
     };
@@ -139,9 +139,9 @@ fn a_limit_on_data_is_no_obstacle() {
     }
     succeed(&mut fit(&limit(LIMIT)));
     succeed(&mut fit(&limit(256 << 20)));
-    // Blocks of 100 functions don't need OpenBLAS, nor what it reserves for each thread.
+    // Blocks of 100 functions don't need OpenBLAS, so its buffers for each thread aren't reserved.
     succeed(&mut fit(&limit(64 << 20)));
-    // Too low a limit is said before the work starts.
+    // A limit that is too low is reported before the work starts.
     let error = crate::common::fail(&mut fit(&limit(48 << 20)));
     assert!(error.contains("ulimit -d"), "{error}");
 }
@@ -155,8 +155,8 @@ fn has_prlimit() -> bool {
     there
 }
 
-/// Fits a sampling that needs a factor, under a limit that leaves no room for OpenBLAS's buffers, for which it would
-/// otherwise wait forever.
+/// Fits a sampling that needs a factor, under a limit without room for OpenBLAS's buffers. OpenBLAS would wait for
+/// these buffers forever.
 #[test]
 fn a_fit_that_wants_a_factor_ends_under_a_limit_on_data() {
     if !has_prlimit() {
@@ -164,8 +164,8 @@ fn a_fit_that_wants_a_factor_ends_under_a_limit_on_data() {
     }
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
-    // Directions without order: additive sequences in two dimensions are even, their sines' digits aren't. They are
-    // fewer than two to a coefficient, where iterations aren't preconditioned with their density.
+    // Pseudo-random directions from the digits of sines; an additive sequence would be too even. There are fewer than
+    // two directions per coefficient, so that iterations aren't preconditioned with the density.
     let random = |i: u32| (f64::from(i).sin() * 43_758.545_3).rem_euclid(1.0);
     let (mut sphere, mut signal) = (String::new(), String::new());
     for i in 0..1800 {
@@ -188,7 +188,7 @@ fn a_fit_that_wants_a_factor_ends_under_a_limit_on_data() {
         String::from_utf8(output.stderr).unwrap()
     };
     assert!(!warnings(&mut fit("unlimited", &[])).contains("no factor"), "there is room for one");
-    // Iterations take a few MiB.
+    // The iterations need only a few MiB, so the fit succeeds, with a warning that no factor was made.
     let found = warnings(&mut fit("134217728", &[]));
     assert!(found.contains("no factor was made") && found.contains("ulimit -d"), "{found}");
     let error = crate::common::fail(&mut fit("134217728", &["--preconditioner", "factor"]));
@@ -227,12 +227,12 @@ impl Cgroup {
 
 impl Drop for Cgroup {
     fn drop(&mut self) {
-        // Empty once its only process has ended.
+        // The group's folder can be removed once its only process has ended.
         let _ = fs::remove_dir(&self.0);
     }
 }
 
-/// Requests more memory than is available: refused in one line, before any work, with a setting that fits.
+/// Requests more memory than available: refused before any work, in one line that names a setting that fits.
 #[test]
 fn what_does_not_fit_is_refused_with_the_nearest_setting_that_does() {
     let folder = tempfile::tempdir().unwrap();
@@ -253,7 +253,7 @@ fn what_does_not_fit_is_refused_with_the_nearest_setting_that_does() {
         command.args(more).args(["--memory", memory]);
         command
     };
-    // Whatever the machine: no more than is asked to be used.
+    // On any machine, the peak memory is at most the requested budget.
     let mut reconstruct = verb("reconstruct", &["--icosphere", "12"], "64MiB");
     let line = crate::common::fail(reconstruct.arg("--model").arg(&model).arg("-o").arg(&out));
     assert!(line.contains("(167772162 vertices) needs") && line.contains("--memory is 64.0 MiB"), "{line}");
@@ -284,7 +284,7 @@ fn what_does_not_fit_is_refused_with_the_nearest_setting_that_does() {
     let mut parametrize = verb("parametrize", &["--resample-to", "icosphere:9"], "256MiB");
     parametrize.arg("--surface").arg(&mesh).arg("-o").arg(folder.path().join("x.sphere.ply"));
     assert!(crate::common::fail(&mut parametrize).contains("mapping its 642 vertices"));
-    // The map of a mesh without a sphere is within a fit's budget.
+    // Mapping a mesh without a sphere counts towards the fit's budget.
     let mut fit = verb("fit", &["--max-degree", "4"], "16MiB");
     let line = crate::common::fail(fit.arg("--surface").arg(&mesh).arg("-o").arg(folder.path().join("bare.npz")));
     assert!(line.contains("the smallest that works is"), "{line}");

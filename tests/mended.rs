@@ -1,4 +1,4 @@
-//! Meshes repaired with `--fix`, vertices left unread, and SPHARM-PDM's pairs of files.
+//! Tests meshes repaired with `--fix`, masked vertices, and SPHARM-PDM's pairs of files.
 
 use std::path::PathBuf;
 use std::process::Command;
@@ -80,10 +80,10 @@ fn a_broken_mesh_is_mended_and_what_was_done_is_counted() {
     assert!(Topology::of(&mended).is_sphere() && mended.vertices.len() == site.surface.vertices.len());
     let model = Model::read(site.path("out/soup.spharm.npz")).expect("a model");
     assert_eq!(model.provenance.repair.expect("a record")["holes_filled"], 1);
-    // A sound mesh is its own.
+    // A sound mesh is fitted unchanged, and no repaired mesh is written.
     succeed(&mut site.run("fit", &["--surface", "surface.ply", "--fix", "--max-degree", "6", "-o", "sound"]));
     assert!(site.path("sound/surface.spharm.npz").exists() && !site.path("sound/surface.fixed.surf.gii").exists());
-    // `parametrize` needs a file for the mended mesh, and has a default for it.
+    // `parametrize` writes the repaired mesh to a default path.
     let parametrize = ["--surface", "soup.obj", "--fix", "-o", "soup.sphere.ply", "--report", "p.json", "-q"];
     succeed(&mut site.run("parametrize", &parametrize));
     let [surface, sphere] = ["soup.ply", "soup.sphere.ply"].map(|name| read_mesh(site.path(name)).expect("a mesh"));
@@ -94,7 +94,7 @@ fn a_broken_mesh_is_mended_and_what_was_done_is_counted() {
     assert!(said.contains("--fix makes a new surface") && said.contains("--surface-output"), "{said}");
 }
 
-/// Values at unread vertices have no effect, and the model still covers the entire sphere.
+/// Values at masked vertices have no effect, and the model still covers the entire sphere.
 #[test]
 fn masked_vertices_and_missing_values_are_not_read() {
     let site = Site::new();
@@ -132,14 +132,14 @@ fn masked_vertices_and_missing_values_are_not_read() {
     assert_eq!(known.sphere.as_ref().map(|sphere| sphere.directions.len()), Some(642));
     let whole = Sphere::from_mesh(&read_mesh(site.path("sphere.ply")).expect("a mesh")).expect("a sphere");
     assert_eq!(known.sphere.expect("a sphere").faces, whole.faces);
-    // Made again it is known again, and another mask isn't this one.
+    // With the same mask the model is up to date; without it the settings differ.
     assert!(
         succeed(&mut fit(&["nan.csv"], "masked", &[&masked[..], &["--skip-existing"]].concat()))
             .contains("nothing to do")
     );
     let said = fail(&mut fit(&["nan.csv"], "masked", &["--skip-existing"]));
     assert!(said.contains("other settings: weights"), "{said}");
-    // A surface, too, at its vertices.
+    // A surface can be fitted with a mask, too.
     succeed(&mut fit(&["surface.ply"], "masked", &masked));
     std::fs::write(site.path("short.csv"), "1\n0\n").expect("written");
     let said = error_line(&finish(&mut fit(&["full.csv"], "short", &["--mask", "short.csv"])));
@@ -152,7 +152,8 @@ fn masked_vertices_and_missing_values_are_not_read() {
     assert!(said.contains("infinite.csv") && said.contains("inf at vertex 3"), "{said}");
 }
 
-/// SPHARM-PDM's own surface and parameterisation, as a pair; our sphere of that surface is no more distorted.
+/// Reads SPHARM-PDM's surface and parameterisation as a pair; the program's own sphere of this surface isn't more
+/// distorted.
 #[test]
 fn a_pair_of_spharm_pdm_is_surface_and_sphere() {
     let names = ["peers/a01_l_hippo.surf.meta", "peers/a01_l_hippo.para.meta"];

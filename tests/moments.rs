@@ -1,4 +1,4 @@
-//! `moments`, `moments merge` and `fit --moments`: from tables to models, in parts, and bad input.
+//! Tests `moments`, `moments merge` and `fit --moments`: from tables to models, in parts, and bad input.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -101,7 +101,7 @@ fn shards_give_the_model_of_the_whole() {
     }
 }
 
-/// Compares with the weighted least squares of the same samples by the transforms of `fit --surface`.
+/// Compares with the weighted least squares of the same samples by `fit --surface`, which uses transforms.
 #[test]
 fn a_model_from_moments_is_that_of_the_samples() {
     let survey = Survey::new();
@@ -133,7 +133,7 @@ fn a_model_from_moments_is_that_of_the_samples() {
     assert!(report["fit"]["largest_gap"].as_f64().is_some_and(|gap| gap < 15.0), "{report}");
     let degree_1 = survey.model("m.spharm.npz").coefficients.values()[[2, 0]];
     assert!((degree_1 - (4.0 * std::f64::consts::PI / 3.0).sqrt()).abs() < 1e-3, "{degree_1}");
-    // Cross-validation, and a penalty of one's own.
+    // Smoothness chosen by cross-validation, and no smoothness.
     let report = json(&succeed(&mut survey.fit("m.moments", 12, &["--smoothness", "auto", "--force"])));
     assert!(report["fit"]["gcv"]["smoothness"].as_f64().is_some_and(|lambda| lambda > 0.0), "{report}");
     let rough = json(&succeed(&mut survey.fit("m.moments", 12, &["--force"])));
@@ -233,9 +233,9 @@ fn a_degree_that_the_samples_do_not_determine_is_said_with_the_gap() {
     assert!(said.contains("isn't determined by the samples") && said.contains("resolves 15.0"), "{said}");
     let report = json(&String::from_utf8_lossy(&output.stdout));
     let gap = report["fit"]["largest_gap"].as_f64().expect("a number");
-    // To three cells of 180 / 26 degrees.
+    // The largest gap is determined to within three cells of 180 / 26 degrees.
     assert!((gap - 220.0).abs() < 21.0, "{gap}");
-    // As many coefficients as samples, or more, leave no standard errors.
+    // With as many coefficients as samples, or more, there are no standard errors.
     let few: String = table.lines().take(50).map(|row| format!("{row}\n")).collect();
     std::fs::write(survey.path("few.csv"), few).expect("a table");
     succeed(&mut survey.moments("few.csv", "few.moments", &[]));
@@ -254,7 +254,7 @@ fn an_interrupted_run_leaves_nothing_and_can_be_done_again() {
     let child = command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("it starts");
     std::thread::sleep(std::time::Duration::from_millis(150));
     let pid = rustix::process::Pid::from_child(&child);
-    // It may just have ended.
+    // The process may just have ended, so the signal may fail.
     let _ = rustix::process::kill_process(pid, rustix::process::Signal::INT);
     let output = wait(child);
     match output.status.code() {

@@ -1,4 +1,4 @@
-//! Files of moments on a full disk, and from programs that are killed or interrupted: complete or absent.
+//! Files of moments are complete or absent, on a full disk and after the program is killed or interrupted.
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -9,16 +9,16 @@ use rustix::process::{Pid, Signal, kill_process};
 use crate::common::{fail, finish, succeed, text, times, tool, wait};
 use crate::store::{Random, namespace};
 
-/// Degree whose files have 1.7 MB, which take a while to write.
+/// Degree for which a file of moments has 1.7 MB, which takes a while to write.
 const MAX_DEGREE: &str = "200";
-/// Number of samples, which take a while to read and spread.
+/// Number of samples; reading them and computing their moments takes a while.
 const SAMPLES: usize = 300_000;
 
-/// A folder with a table, the moments of its halves, and the expected result of adding them.
+/// A folder with a table, the moments of its halves, and the expected sum of the two.
 struct Site {
     folder: tempfile::TempDir,
     expected: Vec<u8>,
-    /// Time that adding takes.
+    /// Duration of adding the moments.
     adding: Duration,
 }
 
@@ -81,7 +81,7 @@ fn a_disk_of_any_size_has_a_whole_file_or_none() {
     let output = disk.join("all.moments");
     let steps = times(6) as u64;
     for step in 0..steps {
-        // From next to nothing to a page less than it takes.
+        // Disk space from almost nothing to one page less than the file needs.
         let room = 4096 + (site.expected.len() as u64 - 8192) * step / (steps - 1);
         for there in [false, true] {
             namespace::mount(&disk, room);
@@ -122,7 +122,7 @@ fn a_killed_program_leaves_the_earlier_file_or_a_whole_one() {
             Ok(bytes) => assert!(earlier && bytes == b"earlier", "{} bytes in round {round}", bytes.len()),
             Err(_) => assert!(!earlier, "what was there has gone in round {round}"),
         }
-        // What it was writing under a temporary name may be there, and is in nobody's way.
+        // A temporary file of the killed process may remain, and doesn't disturb the next run.
         succeed(site.merge(&output).arg("--force"));
         assert!(std::fs::read(&output).is_ok_and(|bytes| bytes == site.expected));
     }
@@ -144,7 +144,7 @@ fn a_program_that_is_asked_to_stop_says_so_and_leaves_nothing() {
     for signal in [Signal::TERM, Signal::INT, Signal::HUP].into_iter().cycle().take(times(9)) {
         let child = start(&mut site.moments(&whole));
         let pid = Pid::from_child(&child);
-        // It listens to signals once it reads the table.
+        // The process handles signals once it reads the table.
         let reads = || {
             let files = std::fs::read_dir(format!("/proc/{}/fd", pid.as_raw_nonzero())).into_iter().flatten();
             let files = files.filter_map(|file| std::fs::read_link(file.ok()?.path()).ok());
@@ -155,7 +155,7 @@ fn a_program_that_is_asked_to_stop_says_so_and_leaves_nothing() {
             std::thread::sleep(Duration::from_micros(100));
         }
         std::thread::sleep(duration.mul_f64(0.5 * random.below(1 << 20) as f64 / f64::from(1 << 20)));
-        // It may have ended already.
+        // The process may have ended already, so the signal may fail.
         let _ = kill_process(pid, signal);
         let output = wait(child);
         match output.status.code() {
@@ -167,7 +167,7 @@ fn a_program_that_is_asked_to_stop_says_so_and_leaves_nothing() {
                 assert_eq!(after, before, "nothing is left behind");
                 stopped += 1;
             }
-            // Too late to stop it.
+            // The process had finished before the signal.
             code => {
                 assert_eq!(code, Some(0), "{}", text(&output));
                 assert!(std::fs::read(&whole).is_ok_and(|bytes| bytes == expected));

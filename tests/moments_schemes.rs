@@ -1,4 +1,5 @@
-//! `moments --sphere` and `--icosphere`: one row per vertex, and the key of the sampling scheme from table to model.
+//! Tests `moments --sphere` and `--icosphere`: one row per vertex, and the key of the sampling scheme from table to
+//! model.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -15,7 +16,7 @@ use crate::common::{fail, finish, succeed, text, tool, wait};
 /// Number of vertices of an icosphere of 4 subdivisions.
 const N: usize = 2_562;
 
-/// A folder with a sphere of radius 100 and values at its vertices: separately, and together with the positions.
+/// A folder with a sphere of radius 100, and values at its vertices: in a separate file, and in one with the positions.
 struct Site(tempfile::TempDir);
 
 impl Site {
@@ -66,7 +67,7 @@ fn json(text: &str) -> Value {
     serde_json::from_str(text).expect("JSON")
 }
 
-/// Checks that the sums are equal to rounding.
+/// Checks that the sums of two files are equal up to rounding.
 fn assert_same(a: &Moments, b: &Moments) {
     assert_eq!((a.rows, a.sums.count, &a.occupied), (b.rows, b.sums.count, &b.occupied));
     let pairs = a.sums.moments.iter().zip(&b.sums.moments).chain(a.sums.right_sides.iter().zip(&b.sums.right_sides));
@@ -83,7 +84,7 @@ fn the_key_is_that_of_a_store_and_goes_from_the_table_to_the_model() {
     let anywhere = json(&succeed(&mut site.moments("beside.npy", "3", &vectors, "anywhere.moments")));
     assert!(anywhere["scheme_key"].is_null(), "{anywhere}");
     assert_same(&site.read("over.moments"), &site.read("anywhere.moments"));
-    // The sphere in a file, of another radius.
+    // The same sphere read from a file, with another radius.
     let sphere = ["--sphere", "lh.sphere.obj"];
     let of_sphere = json(&succeed(&mut site.moments("thickness.npy", "0", &sphere, "sphere.moments")));
     assert_same(&site.read("over.moments"), &site.read("sphere.moments"));
@@ -105,7 +106,7 @@ fn the_key_is_that_of_a_store_and_goes_from_the_table_to_the_model() {
     let model = |name: &str| Model::read(site.path(name)).expect("a model");
     assert_eq!(model("over.spharm.npz").scheme_key.as_deref(), Some(key));
     assert_eq!(model("anywhere.spharm.npz").scheme_key, None);
-    // A model with a key and without a sphere is as good as any.
+    // A model with a scheme key but without a sphere can be reconstructed.
     let mut reconstruct = tool("reconstruct");
     reconstruct.arg("--model").arg(site.path("over.spharm.npz")).args(["--icosphere", "2", "-q", "-o"]);
     succeed(reconstruct.arg(site.path("back.csv")));
@@ -123,7 +124,7 @@ fn shards_of_a_scheme_make_up_the_whole_and_keep_its_key() {
     let merged = site.merge(&parts, "all.moments");
     assert_eq!((&merged["scheme_key"], &merged["shards"]), (&whole["scheme_key"], &whole["shards"]));
     assert_same(&site.read("all.moments"), &site.read("whole.moments"));
-    // Another scheme, or none.
+    // Moments over another scheme, and moments without a scheme.
     let fewer = Array2::from_elem((642, 1), 1.0);
     ndarray_npy::write_npy(site.path("fewer.npy"), &fewer).expect("a table");
     succeed(&mut site.moments("fewer.npy", "0", &["--icosphere", "3"], "fewer.moments"));
@@ -137,7 +138,7 @@ fn shards_of_a_scheme_make_up_the_whole_and_keep_its_key() {
     }
 }
 
-/// Sums of samples in arbitrary directions keep the keys that they had before schemes were introduced.
+/// Sums of samples in arbitrary directions keep the keys that they had before sampling schemes were introduced.
 #[test]
 fn keys_of_other_requests_stay() {
     let site = tempfile::tempdir().expect("a folder");
@@ -165,7 +166,7 @@ fn standard_input_has_a_row_for_each_vertex_too() {
         let child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
         let mut child = child.expect("the tool starts");
         let mut input = child.stdin.take().expect("a pipe");
-        // It may end before it has read all.
+        // The process may end before it has read all input.
         let _ = std::io::Write::write_all(&mut input, bytes);
         drop(input);
         wait(child)
@@ -224,7 +225,7 @@ fn rows_and_options_that_do_not_fit_are_refused() {
     }
     let run = finish(&mut site.moments("thickness.npy", "0", &["--icosphere", "13"], "out.moments"));
     assert_eq!(run.status.code(), Some(2), "{}", text(&run));
-    // The sphere is an input, which no output replaces.
+    // The sphere is an input, so no output may replace it.
     let mut onto = site.moments("thickness.npy", "0", &["--sphere", "lh.sphere.obj", "--force"], "out.moments");
     let error = fail(onto.args(["--report", "lh.sphere.obj"]));
     assert!(error.contains("an input; choose another --report"), "{error}");

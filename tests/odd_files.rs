@@ -1,4 +1,4 @@
-//! Endless inputs, inputs without data yet, and names that aren't UTF-8, through every verb that takes files.
+//! Runs every verb that reads files on endless inputs, inputs without data yet, and names that aren't UTF-8.
 
 use std::ffi::{OsStr, OsString};
 use std::os::unix::ffi::OsStrExt;
@@ -43,8 +43,8 @@ impl Site {
     }
 }
 
-/// Pipes and devices in place of small files, which are read completely, are refused at once, in one line with their
-/// name.
+/// Pipes and devices are refused immediately where small files, which are read completely, are expected; the error is
+/// one line with their name.
 #[test]
 fn pipes_and_devices_are_refused_at_once() {
     let site = Site::new();
@@ -95,7 +95,7 @@ fn pipes_and_devices_are_refused_at_once() {
             let stderr = String::from_utf8_lossy(&output.stderr);
             assert!(stderr.lines().any(|line| line.starts_with("error: ")), "{line}: {stderr}");
             assert!(stderr.contains(name) && !stderr.contains("panicked"), "{line}: {stderr}");
-            // A table says which volumes failed.
+            // If the verb wrote a table, the table names the volumes that failed.
             let table = site.path("m/volumes.tsv");
             if table.exists() {
                 let rows = std::fs::read_to_string(table).expect("a table");
@@ -120,7 +120,7 @@ fn a_limit_on_the_size_of_files_is_an_error() {
     }
 }
 
-/// Ids that spreadsheets would evaluate are text in tables, and are still found.
+/// Ids that spreadsheets would evaluate are guarded in tables, and still found when read back.
 #[test]
 fn ids_that_are_formulas_are_text_in_tables() {
     let site = Site::new();
@@ -140,7 +140,7 @@ fn ids_that_are_formulas_are_text_in_tables() {
     assert!(measures.contains("\n'=1+1,") && measures.contains("\n'@SUM(1),"), "{measures}");
 }
 
-/// Reports name such files as far as JSON can, and outputs have the exact names.
+/// Outputs keep names that aren't UTF-8 exactly; reports show such names as well as JSON allows.
 #[test]
 fn names_that_are_not_text_are_kept() {
     let site = Site::new();
@@ -231,7 +231,7 @@ fn names_that_are_not_text_are_kept() {
                 .unwrap_or_else(|error| panic!("{line}: {error}: {stdout}"));
         }
     }
-    // What is text alone says so.
+    // An argument that must be UTF-8 is refused with a message that says so.
     std::fs::create_dir(site.path(odd("d?"))).expect("a folder");
     std::fs::write(site.path(odd("d?/s.toml")), "[subjects]\ntable = \"t.tsv\"\n[fit]\nmax_degree = 2\n")
         .expect("written");

@@ -1,4 +1,4 @@
-//! Outputs replace only what they are meant to replace: no input and no other output, even with `--force`.
+//! Outputs never replace inputs or other outputs of the same call, even with `--force`.
 
 use std::path::PathBuf;
 use std::process::{Command, Output};
@@ -106,11 +106,11 @@ fn no_output_replaces_an_input_or_another_output() {
         ],
     ] {
         let output = finish(&mut site.command(&arguments));
-        // An ending of another format is refused as well; nothing is written whatever the reason.
+        // An ending of another format may also be the reason for the refusal; nothing is written in any case.
         assert!(matches!(output.status.code(), Some(1 | 2)), "{arguments:?}: {}", text(&output));
         assert_eq!(site.files(), before, "{arguments:?}");
     }
-    // In words, and with the flag to change.
+    // The error is one line and names the flag to change.
     let line = |arguments: &[&str]| error_line(&finish(&mut site.command(arguments)));
     let said = line(&of(&["--surface", "in.ply", "-o", "a.npz", "--report", "./a.npz"]));
     assert!(said.contains("both --output and --report"), "{said}");
@@ -118,7 +118,7 @@ fn no_output_replaces_an_input_or_another_output() {
     assert!(said.contains("an input") && said.contains("--report"), "{said}");
     let said = line(&["shape", "align", "models", "--group", "-o", "models", "--force"]);
     assert!(said.contains("m.spharm.npz: is an input"), "{said}");
-    // What isn't an input is replaced, also where a link leads to it.
+    // An existing output is replaced, even through a link, if it isn't an input.
     site.done(&of(&["--surface", "in.ply", "-o", "m.spharm.npz"]));
 }
 
@@ -145,7 +145,7 @@ fn modes_are_kept_and_new_files_follow_the_umask() {
     assert_eq!((mode("k.npz"), mode("k.json")), (0o600, 0o600));
 }
 
-/// `-` is standard output for every verb with a report, which is then the only output; pipes and devices are written
+/// `-` is standard output for every verb with a report; only the report is then printed. Pipes and devices are written
 /// to.
 #[test]
 fn reports_go_to_standard_output_and_to_devices() {
@@ -174,7 +174,7 @@ fn reports_go_to_standard_output_and_to_devices() {
         site.done(&[arguments, &["--report", "/dev/null", "-q"]].concat());
         assert!(!site.path("-").exists(), "{arguments:?}");
     }
-    // A result is a file.
+    // A result other than a report must be a regular file.
     for arguments in [
         &["picture", "in.ply", "-o", "-"][..],
         &["import", "m.spharm.npz", "-o", "-"],
@@ -189,7 +189,7 @@ fn reports_go_to_standard_output_and_to_devices() {
     assert!(!site.path("-").exists());
 }
 
-/// A folder that can't be closed ends the call with an error line, if this machine can simulate that.
+/// If a folder can't be closed, the call ends with an error line. Needs strace to simulate the failure.
 #[test]
 fn a_folder_that_cannot_be_closed_is_a_failure_in_one_line() {
     if !Command::new("strace").args(["-qq", "true"]).output().is_ok_and(|output| output.status.success()) {
@@ -223,7 +223,7 @@ fn a_folder_that_cannot_be_closed_is_a_failure_in_one_line() {
         }
     }
     assert!(failed > 0, "no folder was closed");
-    // What was begun is finished by the next call.
+    // The next call completes the unfinished build.
     assert!(finish(tool("basis-build").args(&build("5")[1..]).current_dir(site.0.path())).status.success());
     let verify = finish(tool("store").args(["verify", "s"]).current_dir(site.0.path()));
     assert!(verify.status.success(), "{}", text(&verify));

@@ -1,4 +1,4 @@
-//! The paper's experiments: everything is measured, written and plausible.
+//! Runs the paper's experiments, and checks that all results are measured, written and plausible.
 
 use std::path::Path;
 
@@ -32,7 +32,7 @@ fn a_quick_run_measures_every_experiment() {
     let printed = succeed(tool("paper").arg("--quick").arg("--output").arg(&output));
     assert_eq!(printed, std::fs::read_to_string(output.join("paper.md")).expect("the summary is there"));
 
-    // More passes and more degrees never make a fit worse, beyond rounding.
+    // More passes or higher degrees never make a fit worse, apart from rounding.
     let not_above = |later: f64, earlier: f64| later <= earlier * (1.0 + 1e-9);
 
     let grid = rows(&output.join("figures6-7.csv"));
@@ -49,12 +49,12 @@ fn a_quick_run_measures_every_experiment() {
             assert!(number(&pair[1], "seconds") > number(&pair[0], "seconds"));
         }
         assert!(number(&fit[passes - 1], "msd") < number(&fit[0], "msd"));
-        // All granularities have the full least squares for their limit.
+        // IRF with every granularity converges to the full least squares.
         let (found, expected) = (number(&fit[passes - 1], "msd"), number(&grid[grid.len() - 1], "msd"));
         assert!((found / expected - 1.0).abs() < 1e-6, "{found} and {expected}");
     }
 
-    // The surface lies between its vertices as well, and no further from the fit than the vertices' fit leaves it.
+    // Distances between surface and model are also small between the vertices.
     let between = rows(&output.join("surface-distance.csv"));
     assert_eq!(between.len(), 1);
     let [mean, rms, most] = ["mean", "rms", "hausdorff"].map(|name| number(&between[0], name));
@@ -63,13 +63,13 @@ fn a_quick_run_measures_every_experiment() {
     let sirf = rows(&output.join("figure5.csv"));
     assert_eq!(sirf.iter().map(|row| number(row, "max_degree")).collect::<Vec<_>>(), [5.0, 10.0, 20.0]);
     assert!(sirf.windows(2).all(|pair| number(&pair[1], "msd") < number(&pair[0], "msd")));
-    // One degree a block and one pass is SIRF.
+    // One pass with one degree per block is SIRF.
     assert_eq!(text(&sirf[2], "msd"), text(&grid[0], "msd"));
 
     let nlsf = rows(&output.join("table1.csv"));
     assert!(nlsf.windows(2).all(|pair| number(&pair[1], "max_degree") >= number(&pair[0], "max_degree")));
     assert!(nlsf.iter().all(|row| number(row, "planned") <= number(row, "memory")));
-    // The full least squares is the best there is at its degree.
+    // No fit of this degree is closer to the vertices than the full least squares.
     let fitted = nlsf.last().expect("a row");
     assert_eq!(number(fitted, "fitted_degree"), 10.0);
     assert!(not_above(number(fitted, "msd"), number(&sirf[1], "msd")));
@@ -85,7 +85,7 @@ fn a_quick_run_measures_every_experiment() {
     let families = rows(&output.join("least-squares-quadrature.csv"));
     assert_eq!(families.len(), 3);
     for row in &families {
-        // The least squares is the least there is at the vertices.
+        // Quadrature is farther from the vertices than the least squares.
         let (least, quadrature) = (number(row, "lsq_msd"), number(row, "quadrature_msd"));
         assert!(least > 0.0 && least < quadrature && number(row, "quadrature_seconds") > 0.0, "{least} {quadrature}");
     }
@@ -94,7 +94,7 @@ fn a_quick_run_measures_every_experiment() {
         let svg = std::fs::read_to_string(output.join(figure)).expect("the figure is there");
         assert!(svg.contains("<svg") && svg.trim_end().ends_with("</svg>") && !svg.contains("NaN"), "{figure}");
     }
-    // Neither the store nor anything half-written is left.
+    // The store has been removed, and no half-written file remains.
     assert_eq!(std::fs::read_dir(&output).expect("a folder").count(), 6 + 4 + 1);
 }
 

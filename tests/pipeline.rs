@@ -1,4 +1,4 @@
-//! The complete pipeline through the binaries: sphere to basis to coefficients to surface.
+//! Runs the complete pipeline through the program: sphere to basis to coefficients to surface.
 
 use std::path::{Path, PathBuf};
 
@@ -41,7 +41,7 @@ impl Study {
         command
     }
 
-    /// Returns a `fit` of the named files of this folder.
+    /// Returns a `fit` of the named files in this folder.
     pub(crate) fn fit(&self, surfaces: &[&str], arguments: &[&str]) -> std::process::Command {
         let mut command = tool("fit");
         command.arg("--sphere").arg(self.path("sphere.surf.gii")).arg("--store").arg(self.path("store"));
@@ -84,12 +84,12 @@ fn a_fit_reconstructs_to_the_distances_that_it_reports() {
         assert!((found / expected - 1.0).abs() < 1e-9, "{measure}: {found}, reported {expected}");
     }
     assert!(last["msd"].as_f64() < report["surfaces"][0]["passes"][0]["msd"].as_f64());
-    // The error as a picture of numbers and colours.
+    // Writes the error as values and colours on a mesh.
     let ply = study.path("error.ply");
     succeed(tool("compare").arg(study.path("s0.surf.gii")).arg(&output).arg("-o").arg(&ply));
     let header = String::from_utf8_lossy(&std::fs::read(&ply).unwrap()).into_owned();
     assert!(header.contains("property float distance") && header.contains("property uchar red"));
-    // Beside a mesh of other triangles there are surfaces to compare, but no vertices.
+    // Meshes with different triangles have surface distances, but no vertexwise distances.
     let other = study.path("other.obj");
     write_mesh(&other, &icosphere(2), &WriteOptions::default()).unwrap();
     for (path, vertexwise) in [(&output, true), (&other, false)] {
@@ -100,12 +100,13 @@ fn a_fit_reconstructs_to_the_distances_that_it_reports() {
         let surfaces = &compared["surface_distance"];
         let [mean, rms, most] = ["mean", "rms", "hausdorff"].map(|name| surfaces[name].as_f64().unwrap());
         assert!(0.0 < mean && mean < rms && rms < most, "{surfaces}");
-        // No point of the surface is further from it than from the vertex that corresponds.
+        // The distance of a point to the other surface is at most its distance to the corresponding vertex.
         assert!(!vertexwise || rms * rms < compared["msd_raw"].as_f64().unwrap());
     }
 }
 
-/// (p, g) = (1, infinity) is NLSF, (p, 1) is MIRF, (1, 1) SIRF; and IRF's limit is NLSF whatever the granularity.
+/// With p passes and granularity g: (1, infinity) is NLSF, (p, 1) is MIRF, (1, 1) is SIRF. IRF converges to NLSF for
+/// every granularity.
 #[test]
 fn the_methods_are_special_cases_of_each_other() {
     let study = Study::new();
@@ -120,7 +121,7 @@ fn the_methods_are_special_cases_of_each_other() {
     let mirf = fit("mirf.npz", &["--method", "mirf", "--passes", "3"]);
     close(&mirf, &fit("g1p3.npz", &["--granularity", "1", "--passes", "3"]), 0.0);
     close(&fit("irf.npz", &["--granularity", "30", "--passes", "40"]), &nlsf, 1e-10);
-    // Sirf from s = L is the full least squares, too.
+    // SIRF whose first block ends at degree L is also the full least squares.
     close(&fit("s12.npz", &["--method", "sirf", "--start-degree", "12"]), &nlsf, 1e-12);
 }
 
@@ -136,7 +137,7 @@ fn a_batch_gives_what_each_gives_alone_and_lists_name_surfaces() {
         study.report(&[&format!("{name}.surf.gii")], &format!("{name}.npz"), &arguments);
         close(&study.model(&format!("models/{name}.spharm.npz")), &study.model(&format!("{name}.npz")), 1e-13);
     }
-    // More surfaces than are taken together: several sweeps, with the factors of the first.
+    // More surfaces than one sweep holds: later sweeps use the factors of the first.
     let names: Vec<String> = (0..130).map(|copy| format!("copy{copy}.surf.gii")).collect();
     for name in &names {
         std::fs::copy(study.path("s1.surf.gii"), study.path(name)).unwrap();
@@ -149,7 +150,7 @@ fn a_batch_gives_what_each_gives_alone_and_lists_name_surfaces() {
     }
 }
 
-/// Returns the smallest budget that the error names, in MiB.
+/// Returns the smallest budget, in MiB, that the error states.
 fn smallest(study: &Study, surfaces: &[&str], arguments: &[&str]) -> u64 {
     let error = fail(study.fit(surfaces, arguments).args(["--memory", "1MiB"]).arg("-o").arg(study.path("none")));
     let (_, rest) = error.split_once("the smallest that works is ").expect("says the smallest that works");
@@ -200,7 +201,7 @@ fn codecs_and_scalar_types_give_the_same_fit_within_their_digits() {
         fit.arg("--surface").arg(study.path("s0.surf.gii")).args(["-q", "--verify", "--force", "--json"]);
         let report = succeed(fit.arg("-o").arg(study.path("other.npz")));
         close(&study.model("other.npz"), &study.model("raw.npz"), relative);
-        // Moments have the Gram matrix of the harmonics themselves, which a basis in f32 isn't.
+        // Moments give the Gram matrix of exact harmonics, so they aren't used for a basis in f32.
         let report: Value = serde_json::from_str(&report).unwrap();
         let from_moments = report["batches"][0]["memory"]["grams"].as_u64().unwrap() > 0;
         assert_eq!(from_moments, dtype == "f64", "{report}");
@@ -240,7 +241,7 @@ fn signals_are_fitted_like_coordinates() {
 #[test]
 fn weights_count_like_repeated_vertices() {
     let study = Study::new();
-    // A weight of zero takes a vertex out: moving it then changes nothing.
+    // A vertex of weight 0 is ignored: moving it changes nothing.
     let mut mesh = read_mesh(study.path("s0.surf.gii")).unwrap();
     mesh.vertices[17] = [1e3, -1e3, 1e3];
     write_mesh(study.path("moved.surf.gii"), &mesh, &WriteOptions { overwrite: false, double: true }).unwrap();
@@ -252,7 +253,7 @@ fn weights_count_like_repeated_vertices() {
     study.report(&["s0.surf.gii"], "a.npz", &arguments);
     study.report(&["moved.surf.gii"], "b.npz", &arguments);
     close(&study.model("b.npz"), &study.model("a.npz"), 1e-11);
-    // On an icosphere areas are nearly equal, so area weights change little but something.
+    // The areas of an icosphere's vertices are nearly equal, so area weights change the model a little.
     study.report(&["s0.surf.gii"], "area.npz", &["--max-degree", "12", "--weights", "area"]);
     study.report(&["s0.surf.gii"], "uniform.npz", &["--max-degree", "12"]);
     close(&study.model("area.npz"), &study.model("uniform.npz"), 0.05);
@@ -273,7 +274,7 @@ fn more_functions_than_vertices_give_the_solution_of_least_norm() {
     assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
     assert!(String::from_utf8_lossy(&run.stderr).contains("rank 642 of 784"), "the rank is reported");
     let model = Model::read(&output).unwrap();
-    // It goes through the vertices, and its coefficients are of the surface's own size.
+    // The model passes through the vertices, and its coefficients are of the order of the surface's size.
     let back = study.path("back.surf.gii");
     succeed(tool("reconstruct").arg("--model").arg(&output).arg("--double").arg("-o").arg(&back));
     let found = metrics::compare(&read_mesh(study.path("s0.surf.gii")).unwrap(), &read_mesh(&back).unwrap()).unwrap();
@@ -294,7 +295,7 @@ fn models_are_evaluated_to_any_degree_on_any_sphere() {
     let original = reconstruct("o.ply", &["--original"]);
     let sphere = study.path("sphere.surf.gii");
     assert_eq!(reconstruct("s.ply", &["--sphere", sphere.to_str().unwrap()]).vertices, original.vertices);
-    // An icosphere of 5 subdivisions begins with the vertices of the one of 3.
+    // The first vertices of an icosphere of 5 subdivisions are those of the icosphere of 3.
     let fine = reconstruct("i.ply", &["--icosphere", "5"]);
     assert_eq!(fine.vertices.len(), 10242);
     for (a, b) in fine.vertices.iter().zip(&original.vertices) {
@@ -321,7 +322,7 @@ fn outputs_are_kept_unless_force_is_given() {
     let again = |more: &[&str]| again_with("s1.surf.gii", more);
     let error = fail(&mut again(&[]));
     assert!(error.contains("the output exists") && error.contains("--force"), "{error}");
-    // The model of another surface isn't that of this one.
+    // With --skip-existing, an existing model of another surface is refused.
     assert!(fail(&mut again(&["--skip-existing"])).contains("s0.surf.gii, not of"));
     assert!(succeed(&mut again_with("s0.surf.gii", &["--skip-existing"])).contains("nothing to do"));
     assert_eq!(std::fs::read(study.path("m.npz")).unwrap(), before);
@@ -329,7 +330,7 @@ fn outputs_are_kept_unless_force_is_given() {
     assert_ne!(std::fs::read(study.path("m.npz")).unwrap(), before);
 }
 
-/// Checks the contents of a model as a NumPy user sees them.
+/// A model opens in NumPy with the documented contents.
 #[test]
 fn models_open_in_numpy() {
     let Some(python) = std::env::var_os("SPHARM_PYTHON") else {
@@ -351,7 +352,7 @@ fn models_open_in_numpy() {
     assert_eq!(printed.trim().parse::<f64>().unwrap(), expected);
 }
 
-/// Checks a report that scripts can rely on.
+/// Reports contain the fields on which scripts rely.
 #[test]
 fn reports_have_what_was_promised() {
     let study = Study::new();
@@ -370,7 +371,7 @@ fn reports_have_what_was_promised() {
     assert!(report["memory"]["peak_resident"].as_u64().unwrap() > 1 << 20);
 }
 
-/// Returns the sorted names of the files in a folder, for tests of leftovers.
+/// Returns the sorted names of the files in a folder, to detect leftovers.
 pub(crate) fn names(folder: &Path) -> Vec<String> {
     let mut names: Vec<String> = std::fs::read_dir(folder)
         .unwrap()

@@ -1,6 +1,6 @@
-// What a page of `spharm report` must reach, printed: `./run page` runs it with the program's path.
+// Measures pages of `spharm report`, and prints the required limits beside the results: `./run page` calls it.
 //
-// node bars.mjs PROGRAM [FOLDER of ../shared/data]: pages and screenshots are left in target/page.
+// node bars.mjs PROGRAM [FOLDER of ../shared/data]: writes pages and screenshots to target/page.
 
 import { execFileSync } from 'node:child_process';
 import { existsSync, mkdirSync, statSync, writeFileSync } from 'node:fs';

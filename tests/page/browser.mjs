@@ -1,4 +1,4 @@
-// A headless browser, in which whatever a page asks for or complains of is written down.
+// Opens pages in a headless browser and records all requests and errors.
 
 import { existsSync } from 'node:fs';
 
@@ -40,7 +40,7 @@ export async function open(browser, file, { width = 1280, height = 900, dark = f
   page.on('pageerror', (error) => heard.push(`error: ${error.message}`));
   const url = `file://${file}`;
   page.on('request', (request) => {
-    // Pictures in the page itself are asked of nobody.
+    // Data URLs, for pictures within the page, aren't requests.
     if (request.url() !== url && !request.url().startsWith('data:')) heard.push(`request: ${request.url().slice(0, 100)}`);
   });
   await page.goto(url);

@@ -1,4 +1,4 @@
-// What the bars compare the page with: PLY files of the program.
+// Reads the program's PLY files, with which the contents of pages are compared.
 
 import { readFileSync } from 'node:fs';
 
