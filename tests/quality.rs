@@ -1,4 +1,4 @@
-//! Groups with a known truth and the quality of their correspondence, through the program.
+//! Measures the quality of groups whose correspondence is known, through the program.
 
 use std::fs;
 use std::path::Path;
@@ -16,7 +16,7 @@ fn site() -> tempfile::TempDir {
     let meshes: Vec<String> = (1..=5).map(|number| format!("group/s0{number}.ply")).collect();
     let fit = ["--max-degree", "5", "-q", "--threads", "2", "-o", "models", "--surface"];
     succeed(tool("fit").args(fit).args(meshes).current_dir(site.path()));
-    // To the frames of their ellipsoids, which the group is upright in.
+    // Align the models to the frames of their ellipsoids, in which the group is upright.
     succeed(tool("shape").args(["align", "models", "--group", "-q", "-o", "aligned"]).current_dir(site.path()));
     site
 }
@@ -69,13 +69,13 @@ fn quality_is_measured_written_and_drawn() {
             assert_eq!(found[measure][part].as_array().map(Vec::len), Some(4), "{measure} {part}");
         }
     }
-    // In their ellipsoids' frames directions nearly are places: two parameters are two modes.
+    // In the ellipsoids' frames equal directions are nearly equal places, so two parameters give two modes.
     assert!(found["compactness"]["values"][1].as_f64().expect("a number") > 0.9, "{found}");
     let marks = &found["landmarks"];
     assert_eq!(marks["names"].as_array().map(Vec::len), Some(10));
     assert!(marks["mean"].as_f64().expect("a number") < 1.0, "{marks}");
     assert_eq!(&fs::read(site.join("q.png")).expect("a picture")[1..4], b"PNG");
-    // The same bits on another number of threads, but for the time.
+    // Another number of threads gives the same bits, except for the time.
     let again = ["aligned", "--landmarks", "group", "--bands", "5", "-o", "r.json", "--threads", "1"];
     succeed(&mut quality(site, &again));
     let other: Value = serde_json::from_str(&fs::read_to_string(site.join("r.json")).expect("a file")).expect("JSON");

@@ -1,4 +1,4 @@
-//! Values and weights whose squares leave the range of f64, and meshes with vertices of high valence.
+//! Tests values and weights whose squares leave the range of f64, and meshes with vertices of high valence.
 
 use std::path::PathBuf;
 use std::process::Command;
@@ -41,7 +41,7 @@ impl Scales {
         self.folder.path().join(name)
     }
 
-    /// Returns a fit of a file over the sphere, to `m.npz`.
+    /// Returns a fit of a file over the sphere, with output `m.npz`.
     fn fit(&self, file: &str, arguments: &[&str]) -> Command {
         let mut command = tool("fit");
         command.current_dir(self.folder.path()).args(["--sphere", "sphere.ply", "--surface", file, "-o", "m.npz"]);
@@ -114,7 +114,7 @@ fn each_channel_of_a_signal_has_a_range_of_its_own_and_perfect_is_only_what_is()
     assert!(last(&report)["rms_raw"].as_f64().is_some_and(|rms| rms > times(0.1, 990)), "{report}");
     let (zero, report) = scales.fitted("zero.csv", &[]);
     assert!(zero.iter().all(|a| *a == 0.0) && last(&report)["msd_raw"] == 0.0);
-    // Coefficients beyond the range are refused, not written.
+    // Coefficients beyond the range of f64 are refused, and no model is written.
     std::fs::remove_file(scales.path("m.npz")).expect("a model");
     signal("ends.csv", [1.0, 1.0]);
     std::fs::write(scales.path("ends.csv"), "1.7e308\n".repeat(162)).expect("a signal");
@@ -125,7 +125,7 @@ fn each_channel_of_a_signal_has_a_range_of_its_own_and_perfect_is_only_what_is()
 #[test]
 fn weights_count_by_what_they_are_to_each_other() {
     let scales = Scales::new();
-    // Of few bits, so that none is lost in subnormal numbers.
+    // The weights have so few significant bits that subnormal numbers represent them exactly.
     let weights = |name: &str, exponent: i32| {
         let text: String = (0..162).map(|i| format!("{:e}\n", times(f64::from(1 + i % 5), exponent))).collect();
         std::fs::write(scales.path(name), text).expect("weights");
@@ -250,13 +250,14 @@ fn degrees_far_above_what_vertices_determine_are_fitted_or_refused() {
     };
     let refused = fail(&mut fit("300", &["--objective", "vertices", "--smoothness", "auto"]));
     assert!(refused.contains("4 for 90601"), "{refused}");
-    // Samples of its large triangles are as dense on the sphere as those of small ones.
+    // A fit of the surface takes samples equally dense on large and small triangles of the sphere, so it converges
+    // fast.
     let report: Value = serde_json::from_str(&succeed(&mut fit("60", &[]))).expect("JSON");
     let iterations = report["batches"][0]["iterations"].as_u64().expect("a number");
     assert!(iterations < 60 && report["batches"][0]["stop"] == "converged", "{report}");
 }
 
-/// The methods of `fit` compared with least squares in 50 digits, on a few of the problems in `./run attack`.
+/// Compares the methods of `fit` with least squares in 50 digits, on a few of the problems of `./run attack`.
 #[test]
 fn every_method_holds_against_fifty_digits() {
     let Some(python) = std::env::var_os("SPHARM_PYTHON") else {

@@ -1,10 +1,11 @@
-"""Reads a basis file or a factor, written from store-format.md alone, to show that the document suffices.
+"""Reads a basis file or a factor. Written from store-format.md alone, to show that the document suffices.
 
     read_store.py SCHEME_FOLDER DEGREE OUT.npy
     read_store.py SCHEME_FOLDER FACTOR_NAME OUT.npy
 
-It makes the checks of "What a reader checks" but for two. BLAKE3 isn't in Python's standard library, so the hashes
-(of header, footer and chunks, and the root) are skipped. And it knows no directions to hold the number of rows against.
+Makes the checks of "What a reader checks" with two exceptions. The hashes (of header, footer and chunks, and the root)
+aren't checked, because BLAKE3 isn't in Python's standard library. The number of rows isn't compared with the
+directions, because the script doesn't have them.
 """
 
 import os
@@ -48,20 +49,20 @@ def load(path):
 
 
 def decode(stored, codec, raw_len, size):
-    """The bytes of a chunk as they are in memory."""
+    """Returns the decoded bytes of a chunk."""
     if codec == 0:
         return stored
     check(stored[:4] == b"\x28\xb5\x2f\xfd", "not a zstd frame")
     frame = zstandard.get_frame_parameters(stored)
     check(frame.content_size == raw_len and frame.dict_id == 0, "not a frame as described")
-    # The decoder's buffer has the content size that the frame declares; it writes no more.
+    # The decoder's buffer has the content size declared in the frame; the decoder writes at most this many bytes.
     shuffled = zstandard.ZstdDecompressor().decompress(stored, read_across_frames=False, allow_extra_data=False)
     check(len(shuffled) == raw_len, "length of the decoded chunk")
     return np.frombuffer(shuffled, "u1").reshape(size, -1).T.tobytes()
 
 
 def read(path):
-    """The header as a dict, and the values: a row for each direction, a column for each order from -l to l."""
+    """Returns the header as a dict, and the values: a row for each direction, a column for each order from -l to l."""
     data = load(path)
     check(data[:8] == b"\x89SPH\r\n\x1a\n", "not a basis file")
     version, header_len = struct.unpack_from("<2I", data, 8)
@@ -106,7 +107,7 @@ def read(path):
 
 
 def read_factor(path):
-    """The lower triangular factor, (columns, columns)."""
+    """Returns the lower triangular factor, (columns, columns)."""
     data = load(path)
     check(data[:8] == b"\x89SPF\r\n\x1a\n", "not a factor")
     version, header_len = struct.unpack_from("<2I", data, 8)

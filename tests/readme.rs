@@ -1,4 +1,4 @@
-//! The documentation's commands, run as printed, and its statements about the repository.
+//! Runs the documentation's commands as printed, and checks its statements about the repository.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -59,7 +59,7 @@ fn shape(text: &str) -> String {
             _ if of_number && !number => shape.push('#'),
             _ if of_number => {}
             ' ' if shape.ends_with([' ', '\n']) || shape.is_empty() => {}
-            // Rules under and between columns are as long as what is above them.
+            // A run of rule characters counts as one, because its length depends on the widths of columns.
             '-' | '─' if shape.ends_with(character) => {}
             _ => shape.push(character),
         }
@@ -100,7 +100,7 @@ fn numbers_and_widths_do_not_count_in_output() {
     assert_ne!(shape("a 1"), shape("b 1"));
 }
 
-/// Every option in a command of the documentation exists.
+/// Checks that every option in a command of the documentation exists.
 #[test]
 fn the_options_in_the_documentation_exist() {
     let mut checked = 0;
@@ -128,7 +128,7 @@ fn anchor(heading: &str) -> String {
     kept.map(|c| if c == ' ' { '-' } else { c }).collect()
 }
 
-/// Every link to a file of the repository, or to a heading in one, has a target.
+/// Checks that every link to a file of the repository, or to a heading in one, has a target.
 #[test]
 fn links_within_the_documentation_lead_somewhere() {
     let mut checked = 0;
@@ -153,7 +153,7 @@ fn links_within_the_documentation_lead_somewhere() {
     assert!(checked > 10, "{checked} links");
 }
 
-/// Every path of the repository that a page names in a code span exists.
+/// Checks that every path of the repository in a code span exists.
 #[test]
 fn paths_in_code_spans_exist() {
     let mut checked = 0;

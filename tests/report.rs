@@ -1,4 +1,4 @@
-//! Pages of models, through the program: their contents, hostile names and bad input.
+//! Makes pages of models through the program: checks contents, hostile names and bad input.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -65,7 +65,7 @@ fn info(html: &str) -> Value {
 /// Checks that a page contains only its own script, and a policy that allows no other.
 fn assert_closed(html: &str) {
     assert!(html.contains("content=\"default-src 'none'; script-src 'sha256-"), "no policy");
-    // Data, and one script.
+    // The page has blocks of data, but only one script.
     assert_eq!(html.matches("<script>").count(), 1);
     assert_eq!(html.matches("<script").count(), html.matches("</script>").count());
     assert_eq!(html.matches("<style>").count(), 1);
@@ -73,7 +73,7 @@ fn assert_closed(html: &str) {
     let body = &head[head.find("</style>").expect("a style sheet")..];
     for tag in body.split('<').skip(1) {
         let tag = tag.split('>').next().expect("its end");
-        // Values are in quotes, which nothing in them ends.
+        // Attribute values are in quotes, and no value contains a quote that would end it.
         let outside: String = tag.split('"').step_by(2).collect();
         assert!(tag.matches('"').count() % 2 == 0, "{tag}");
         for attribute in [" on", " href=", " style="] {
@@ -112,7 +112,7 @@ fn what_was_fitted_is_compared_with_where_it_is_as_it_was() {
     let output = finish(&mut site.command(&["report", "s.spharm.npz", "-o", "changed.html"]));
     assert!(output.status.success() && String::from_utf8_lossy(&output.stderr).contains("it has changed"));
     assert_eq!(info(&site.page("changed.html"))["items"][0]["reference"]["kind"], "model");
-    // A surface of other triangles, and an icosphere where there are too many vertices.
+    // A surface with other triangles; and more vertices than permitted, so that the page shows an icosphere instead.
     site.run(&["generate", "--subdivisions", "4", "--surface", "fine.ply"]);
     site.run(&["report", "s.spharm.npz", "--surface", "fine.ply", "--max-vertices", "200", "-o", "few.html"]);
     let item = &info(&site.page("few.html"))["items"][0];
@@ -217,7 +217,7 @@ fn what_makes_no_page_is_refused_before_anything_is_written() {
     assert_eq!(finish(&mut site.command(&["report", "-o", "page.html"])).status.code(), Some(2));
     assert!(!site.path("page.html").exists());
     site.run(&["report", "s.spharm.npz", "-o", "page.html"]);
-    // The report of another model's fit is of no use here, which is said.
+    // A report of another model's fit is ignored, with a note.
     let report = fs::read_to_string(site.path("fit.json")).expect("a report");
     fs::write(site.path("other.json"), report.replace("s.spharm.npz", "other.spharm.npz")).expect("a report");
     for (report, noted) in [("fit.json", false), ("other.json", true)] {
@@ -228,7 +228,7 @@ fn what_makes_no_page_is_refused_before_anything_is_written() {
     refuse(&["report", "s.spharm.npz", "-o", "page.html"], "--force");
 }
 
-/// Checks the size of the page of a large surface whose sphere is an icosphere in another order.
+/// Checks the size of a page for a large surface whose sphere is an icosphere with its vertices in another order.
 #[test]
 fn a_cortex_of_the_papers_size_takes_two_megabytes() {
     let (Some(surface), Some(sphere)) = (shared("cort40962.surf.gii"), shared("cort40962.sphere.surf.gii")) else {

@@ -1,4 +1,5 @@
-//! Preparing a surface before its fit is a setting, too; and dry runs on existing outputs.
+//! The preparation of a surface before its fit counts as a setting of existing models; and dry runs on existing
+//! outputs.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -16,7 +17,7 @@ use crate::volumes::write_volume;
 struct Site(tempfile::TempDir);
 
 impl Site {
-    /// Creates a ball and a ball with a crumb, as volumes; a sphere, and one with a hole, as meshes.
+    /// Creates two volumes, a ball and a ball with a separate crumb, and two meshes, a sphere and a sphere with a hole.
     fn new() -> Self {
         let site = Self(tempfile::tempdir().expect("a folder"));
         write_volume(&site.path("ball.nii"), |[x, y, z]| u8::from(x * x + y * y + z * z < 20.0));
@@ -50,7 +51,7 @@ impl Site {
         Model::read(self.path("out").join(name)).expect("a model")
     }
 
-    /// Writes a model as an earlier version did, without recording the preparation.
+    /// Rewrites a model as an earlier version wrote it, without a record of the preparation.
     fn forget(&self, name: &str) {
         let mut model = self.model(name);
         let provenance = &mut model.provenance;
@@ -84,7 +85,7 @@ fn another_size_of_the_voxels_is_another_setting() {
     let name = "ball.1.spharm.npz";
     assert_eq!(site.model(name).provenance.voxel_size, Some([3.0; 3]));
 
-    // The same of fit, which replaces it when asked to.
+    // `fit` refuses a model with another voxel size, and replaces it with --update.
     let error = fail(&mut site.fit("ball.nii", &[skip]));
     assert!(error.contains("voxel-size 3,3,3, not the file's"), "{error}");
     let scale = |model: Model| model.coefficients.values()[[1, 1]].abs();
@@ -93,7 +94,7 @@ fn another_size_of_the_voxels_is_another_setting() {
     assert!((scale(site.model(name)) * 3.0 / large - 1.0).abs() < 0.05);
     nothing_to_do(site.fit("ball.nii", &["--update", "--objective", "vertices"]));
 
-    // Of an earlier version.
+    // A model written by an earlier version, without a record of the voxel size.
     site.forget(name);
     succeed(&mut site.fit("ball.nii", &[skip, "--objective", "vertices"]));
     let error = text(&finish(site.fit("ball.nii", &[skip]).args(size)));
@@ -109,11 +110,11 @@ fn a_repair_that_changed_something_is_a_setting() {
         nothing_to_do(site.fit(surface, &["--fix", skip]));
         let error = fail(&mut site.fit(surface, &[skip]));
         assert!(error.contains("fitted with other settings: fix yes, not no"), "{error}");
-        // An earlier version recorded what was repaired, and not that it was asked for.
+        // An earlier version recorded the repairs, but not the option --fix.
         site.forget(model);
         nothing_to_do(site.fit(surface, &["--fix", skip]));
     }
-    // What had nothing to repair or to cut is the same with and without.
+    // If there is nothing to repair or cut, models with and without these options are equal.
     for (surface, model) in [("ball.nii", "ball.1.spharm.npz"), ("whole.ply", "whole.spharm.npz")] {
         succeed(&mut site.fit(surface, &[]));
         let before = fs::read(site.path("out").join(model)).expect("a model");

@@ -1,4 +1,4 @@
-//! Repeated fits: outputs that are kept, replaced or refused.
+//! Repeated fits: which outputs are kept, replaced or refused.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -19,7 +19,7 @@ fn record(contents: &str) -> FileRecord {
     FileRecord { path: contents.to_owned(), bytes: 1, blake3: contents.repeat(64), label: None }
 }
 
-/// Two jobs of a cluster whose models have the same name.
+/// Two cluster jobs write models of the same name; the model written first is kept.
 #[test]
 fn a_model_that_another_process_wrote_meanwhile_stays() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -27,7 +27,7 @@ fn a_model_that_another_process_wrote_meanwhile_stays() {
     let (surface, sphere) = cortex(&Cortex { subdivisions: 3, variant: 0 });
     let (sphere, params) = (Sphere::from_mesh(&sphere).expect("a sphere"), FitParams::lsq(4));
     let found = fit(&sphere, &surface, &params).expect("a fit");
-    // The first has written its table, and not yet its model.
+    // The first job has written its table, but not yet its model.
     std::fs::write(files.csv(), "l,m").expect("a table");
     let [first, second] = ["a", "b"].map(record);
     let beside: [PathBuf; 1] = [files.csv()];
@@ -58,7 +58,7 @@ fn a_model_that_another_process_wrote_meanwhile_stays() {
     assert_eq!(std::fs::read(files.csv()).expect("a table"), table);
 }
 
-/// Returns a `fit` of a surface on its own sphere.
+/// Returns a `fit` of a surface that is first mapped to its own sphere.
 fn map(surface: &Path, out: &Path, arguments: &[&str]) -> Command {
     let mut fit = tool("fit");
     fit.arg("--surface").arg(surface).arg("-o").arg(out).args(arguments);
@@ -77,11 +77,11 @@ fn a_left_over_sphere_serves_its_own_input_and_degree_alone() {
     succeed(&mut rerun(1, "4", &[]));
     std::fs::remove_file(subjects.path(model)).expect("it is there");
     let first = read_mesh(subjects.path(sphere)).expect("a sphere");
-    // Of the same triangles, but another subject's.
+    // An existing sphere with the same triangles, but of another subject, is refused.
     let error = fail(&mut rerun(2, "4", &["--skip-existing"]));
     assert!(error.contains("lh.pial.sphere.surf.gii") && error.contains("sub-02"), "{error}");
     assert_eq!(read_mesh(subjects.path(sphere)).expect("a sphere"), first);
-    // Its own, for another degree.
+    // An existing sphere of the same surface, but mapped for another degree, is mapped again.
     assert!(errors(&mut rerun(1, "8", &["--skip-existing"])).contains("mapped by"));
     let again = std::fs::read(subjects.path(model)).expect("a model");
     succeed(&mut rerun(1, "8", &["--force"]));
@@ -122,7 +122,7 @@ fn weights_and_the_settings_of_the_iteration_are_compared() {
     };
     weights("w.csv", |row| 1 + row % 2);
     succeed(&mut fit("w.csv", &[]));
-    // The same file by another path.
+    // The same weights file, given by another path.
     assert!(succeed(&mut fit("out/../w.csv", &[])).contains("nothing to do"));
     for (arguments, difference) in [
         (["--max-iterations", "7"], "max-iterations 3000, not 7"),

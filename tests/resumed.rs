@@ -1,4 +1,4 @@
-//! Group alignments that were killed resume where they stopped.
+//! Group alignments that were killed resume from their state file.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -12,7 +12,7 @@ use spharm_surface::{Kind, Sphere};
 
 use crate::common::{fail, finish, succeed, text, tool};
 
-/// Size of a file before its records, and of each record, in bytes: crates/shape/src/procrustes/journal.rs.
+/// Sizes of the state file's header and of each record, in bytes; see crates/shape/src/procrustes/journal.rs.
 const HEADER: u64 = 64;
 const RECORD: u64 = 196;
 
@@ -48,7 +48,7 @@ impl Site {
         command
     }
 
-    /// Returns the bits of all models of a folder, and of their mean.
+    /// Returns the bits of all coefficients of a folder's models and of their mean.
     fn bits(&self, output: &str) -> Vec<u64> {
         let list = std::fs::read_dir(self.path(output)).expect("a folder");
         let mut files: Vec<PathBuf> = list.map(|entry| entry.expect("an entry").path()).collect();
@@ -82,7 +82,7 @@ fn a_group_that_is_killed_goes_on_and_ends_in_the_same_bits() {
         last = records(&state);
         assert!(!site.path("killed").exists() && !site.path("killed.mean.npz").exists(), "no output is there yet");
     }
-    // Other settings, other models: what was found isn't of them.
+    // A state of other settings or other models is refused and kept.
     let refused = fail(site.align("killed", &resumed).arg("--scale"));
     assert!(refused.contains("align.state: expected the state of an alignment of these models"), "{refused}");
     assert_eq!(records(&state), last);
@@ -93,7 +93,7 @@ fn a_group_that_is_killed_goes_on_and_ends_in_the_same_bits() {
     assert!(told.contains(&format!("resuming after {last} alignments of an earlier run")), "{told}");
     assert!(site.bits("killed") == site.bits("undisturbed"));
     assert!(!state.exists(), "it isn't needed any more");
-    // A run that was ended while it wrote: what it has written is its own, and stays.
+    // If the earlier run ended while writing its outputs, the outputs that it had written are kept.
     std::fs::write(&state, &kept).expect("written");
     std::fs::remove_file(site.path("killed/070.spharm.npz")).expect("a model");
     std::fs::remove_file(site.path("killed.mean.npz")).expect("a model");
@@ -102,7 +102,7 @@ fn a_group_that_is_killed_goes_on_and_ends_in_the_same_bits() {
     let before = modified();
     succeed(&mut site.align("killed", &resumed));
     assert!(site.bits("killed") == site.bits("undisturbed") && modified() == before);
-    // Anything else isn't.
+    // An output that differs from the result isn't the earlier run's, and is refused.
     std::fs::write(&state, &kept).expect("written");
     std::fs::copy(site.path("models/004.spharm.npz"), site.path("killed/004.spharm.npz")).expect("copied");
     let refused = fail(&mut site.align("killed", &resumed));

@@ -1,4 +1,4 @@
-//! `shape`: outputs of its subcommands, and bad models.
+//! Tests `shape`: outputs of its subcommands, and bad models.
 
 use std::f64::consts::PI;
 use std::path::PathBuf;
@@ -87,7 +87,7 @@ fn an_ellipsoid_is_measured_and_its_maps_are_written() {
     assert_eq!(report["tool"], "shape measure");
     let table = std::fs::read_to_string(site.path("t.csv")).expect("a table");
     assert!(table.starts_with("model,degree,area,volume,") && table.lines().count() == 2, "{table}");
-    // The end of the longest axis, a vertex of no icosphere, through a table of one direction.
+    // The end of the longest axis isn't a vertex of an icosphere, so it is given as a direction in a table.
     std::fs::write(site.path("tip.csv"), format!("{},0\n0,0\n", PI / 2.0)).expect("a table");
     let more = ["--sphere", "tip.csv", "--maps", "tip", "--format", "csv"];
     succeed(&mut site.shape("measure", &["ellipsoid"], &more));
@@ -97,7 +97,8 @@ fn an_ellipsoid_is_measured_and_its_maps_are_written() {
         .skip(1)
         .map(|line| line.split(',').map(|cell| cell.parse().expect("a number")).collect())
         .collect();
-    // Curvatures a / b^2 and a / c^2 at the end of axis a, c / a^2 and c / b^2 at that of c, the pole.
+    // The Gaussian curvature at the end of axis a is (a / b^2) (a / c^2), and at the end of axis c, the pole, (c / a^2)
+    // (c / b^2).
     for (row, gaussian, normal) in [(&cells[0], 9.0 / 4.0, [1.0, 0.0, 0.0]), (&cells[1], 1.0 / 36.0, [0.0, 0.0, 1.0])] {
         assert!((row[11] - gaussian).abs() < 1e-12, "{row:?}");
         assert!((0..3).all(|k| (row[6 + k] - normal[k]).abs() < 1e-12), "{row:?}");
@@ -134,7 +135,7 @@ fn smoothing_is_recorded_and_is_not_taken_for_a_fit() {
     let s = report["s"].as_f64().expect("a number");
     assert!((s / (20f64.to_radians().powi(2) / (16.0 * std::f64::consts::LN_2)) - 1.0).abs() < 1e-12, "{report}");
     assert!(site.path("both/bumpy.spharm.npz").is_file() && site.path("both/ellipsoid.spharm.npz").is_file());
-    // Again: what was done is listed, first to last.
+    // A second transform is appended to the list of transforms.
     let mut again = tool("shape");
     succeed(again.args(["smooth", "--s", "0.02", "-q", "-o"]).arg(site.path("two.npz")).arg(site.path("one.npz")));
     let steps = site.read("two.npz").provenance.other["transform"].as_array().map(Vec::len);
@@ -144,8 +145,8 @@ fn smoothing_is_recorded_and_is_not_taken_for_a_fit() {
     assert_eq!(finish(&mut site.shape("smooth", &["bumpy"], &["-o", "bad.npz"])).status.code(), Some(2));
 }
 
-/// A model that is turned by a quarter about the axis of its sphere, mirrored and moved is found, and has the same
-/// descriptors.
+/// A model that is rotated by a quarter turn about the axis of its sphere, mirrored and moved is found, and has the
+/// same descriptors.
 #[test]
 fn models_are_described_and_found_in_any_pose() {
     let site = Site::new();
@@ -178,7 +179,7 @@ fn models_are_described_and_found_in_any_pose() {
     assert_eq!(matches.len(), 2);
     let below = |name: &str, most: f64| matches.iter().all(|found| found[name].as_f64().is_some_and(|d| d < most));
     assert!(below("bound", 1e-13) && below("distance", 1e-8), "{report}");
-    // Without the mirror image what is left is what the two differ by.
+    // Without --mirror, the distance of the mirrored model remains.
     let more = ["--among", "models", "--top", "2", "--json"];
     let report = json(&succeed(&mut site.shape("match", &["turned"], &more)));
     let distance = |rank: usize| report["queries"][0]["matches"][rank]["distance"].as_f64().expect("a distance");
@@ -188,7 +189,7 @@ fn models_are_described_and_found_in_any_pose() {
     assert!(printed.starts_with("model,size,power_1,power_2\n"), "{printed}");
 }
 
-/// With half of the group mirrored, no member stands out, but the group does.
+/// If half of a group is mirrored, no member is an outlier, but the group is reported.
 #[test]
 fn the_members_of_a_groups_smaller_side_are_named_by_their_files() {
     let site = Site::new();
@@ -227,7 +228,7 @@ fn levels_have_the_distances_that_parseval_says() {
         let squares = mesh.vertices.iter().zip(&whole.vertices).zip(&areas);
         let mean = squares.map(|((a, b), w)| w * (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>()).sum::<f64>();
         let found = (mean / (4.0 * PI)).sqrt();
-        // The icosphere's areas are no exact quadrature.
+        // The areas of the icosphere's vertices aren't an exact quadrature.
         assert!((found - tails[degree]).abs() <= 0.01 * tails[degree], "{degree}: {found} {}", tails[degree]);
         assert_eq!(report["meshes"][number]["distance"].as_f64(), Some(tails[degree]));
     }
@@ -272,7 +273,7 @@ fn what_is_no_surface_is_refused_by_name_and_nothing_is_left_behind() {
         }
     }
     assert!(!site.path("out.ply").exists() && !site.path("out.csv").exists());
-    // Signals are smoothed and described.
+    // Signals can be smoothed and described.
     succeed(&mut site.shape("smooth", &["signal"], &["--s", "0.1", "-o", "s.npz"]));
     let error = fail(&mut site.shape("describe", &["bumpy", "signal"], &[]));
     assert!(error.contains("signal.spharm.npz") && error.contains("channels"), "{error}");
@@ -300,7 +301,7 @@ fn short_help_stays_short_and_long_help_has_examples() {
     }
 }
 
-/// Uses the library through the facade.
+/// Uses the crate `spharm-shape` through `spharm`.
 #[test]
 fn the_facade_has_the_crate() {
     let directions = Directions::fibonacci(10).expect("directions");

@@ -11,7 +11,8 @@ use spharm_surface::io::read_signal;
 
 use crate::common::{error_line, fail, finish, succeed, text, tool};
 
-/// Models of balls whose radius is `radius(subject, year)`, in `year1` and `year2`; the table `t.csv` of the subjects.
+/// Creates models of balls of radius `radius(subject, year)` in `year1` and `year2`, and the table `t.csv` of the
+/// subjects.
 fn site(radius: impl Fn(usize, usize) -> f64) -> tempfile::TempDir {
     let site = tempfile::tempdir().expect("a folder");
     for year in [1, 2] {
@@ -21,7 +22,7 @@ fn site(radius: impl Fn(usize, usize) -> f64) -> tempfile::TempDir {
             let size = radius(subject, year) * (4.0 * std::f64::consts::PI / 3.0).sqrt();
             let mut values = Array2::zeros((9, 3));
             (values[[3, 0]], values[[1, 1]], values[[2, 2]]) = (size, 0.9 * size, 0.8 * size);
-            // Shapes differ, so that positions vary in all directions.
+            // Shapes differ between subjects, so that positions vary in all directions.
             values.iter_mut().skip(12).enumerate().for_each(|(k, value)| {
                 *value += 0.02 * (((subject * 31 + year * 17 + k * k * 7) % 23) as f64 - 11.0);
             });
@@ -76,7 +77,7 @@ fn a_mean_change_is_found_whatever_columns_are_beside_it() {
     let paired = report(site, &["--a", "year2", "--b", "year1", "--paired"], "paired");
     assert_eq!(paired["meaning"], "mean of a - b");
     assert!(map("paired") == map("plain"));
-    // Changes that differ between groups are no mean: subjects are exchanged.
+    // A test of a slope exchanges subjects instead of flipping signs.
     let slope = of(&["--effect", "age", "--signal", "position"], "slope");
     assert_eq!((&slope["resampling"], &slope["statistic"]["name"]), (&"permutations".into(), &"T2".into()));
 }
@@ -159,7 +160,7 @@ fn unequal_groups_are_warned_of_and_tested_by_welch() {
     assert!(!welch["warnings"].to_string().contains("Welch"), "{welch}");
     let least = |report: &Value| report["summary"]["p"]["least"].as_f64().expect("a number");
     assert!(least(&welch) > least(&pooled));
-    // Three subjects have no covariance of positions.
+    // The positions of three subjects don't determine a covariance.
     let positions = [&groups[..], &["--welch", "--signal", "position", "-o", "few"]].concat();
     let error = error_line(&finish(&mut test(site, &positions)));
     assert!(error.contains("expected 4 subjects or more"), "{error}");
@@ -171,7 +172,7 @@ fn a_mask_leaves_vertices_out_of_all_that_is_corrected() {
     let site = site.path();
     let test = ["--table", "t.csv", "--models", "year2", "--minus", "year1", "--mean"];
     let of = |more: &[&str], name: &str| report(site, &[&test[..], more].concat(), name);
-    // 42 vertices, of which every third is tested.
+    // Every third of the 42 vertices is tested.
     let mask: String = (0..42).map(|v| format!("{}\n", u8::from(v % 3 == 0))).collect();
     fs::write(site.join("mask.csv"), mask).expect("a mask");
     let (whole, part) = (of(&[], "whole"), of(&["--mask", "mask.csv"], "part"));
@@ -184,7 +185,7 @@ fn a_mask_leaves_vertices_out_of_all_that_is_corrected() {
         for (v, (whole, part)) in map("whole", name).into_iter().zip(map("part", name)).enumerate() {
             match (v % 3, name) {
                 (1 | 2, _) => assert_eq!(part, left_out, "{name} {v}"),
-                // Of fewer vertices the largest statistic is smaller.
+                // The largest statistic over fewer vertices is smaller.
                 (_, "p-fwe") => assert!(part <= whole, "{v}: {part} {whole}"),
                 (_, "q") => assert!(part <= 1.0, "{v}"),
                 _ => assert_eq!(part, whole, "{name} {v}"),

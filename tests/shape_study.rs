@@ -20,7 +20,7 @@ fn report(path: &Path) -> Value {
     serde_json::from_str(&fs::read_to_string(path).expect("a report")).expect("JSON")
 }
 
-/// Returns the files of a folder whose names start like this, sorted.
+/// Returns the sorted paths of a folder's files whose names start with `start`.
 fn files(folder: &Path, start: &str) -> Vec<String> {
     let mut names: Vec<PathBuf> =
         fs::read_dir(folder).expect("a folder").map(|entry| entry.expect("an entry").path()).collect();
@@ -57,7 +57,7 @@ fn a_study_finds_the_bump_of_its_second_group() {
     };
     let (shares, cumulative) = (list("shares"), list("compactness"));
     assert!((shares[0] + shares[1] - cumulative[1]).abs() < 1e-12 && shares[1] < 0.9 * cumulative[1], "{modes}");
-    // The spread is of n, the variance of n - 1 members.
+    // The spread divides by the number of members, the variance by one less.
     let variance = modes["total_variance"].as_f64().expect("a number");
     assert!((variance * 11.0 / 12.0 / spread("spread_after").powi(2) - 1.0).abs() < 1e-6);
     succeed(&mut run(site.path(), &["shape", "sample", "g.shape-model.npz", "-o", "middle.spharm.npz"]));
@@ -75,7 +75,7 @@ fn a_study_finds_the_bump_of_its_second_group() {
     let test = groups(&a, &b, &["-o", "test", "--report", "test.json", "--icosphere", "4"]);
     succeed(&mut run(site.path(), &test.iter().map(String::as_str).collect::<Vec<_>>()));
     let found = report(&at("test.json"));
-    // C(12, 6) relabellings, of which 2 give the same |t|.
+    // Of the C(12, 6) relabellings, 2 give the same |t|.
     assert_eq!((&found["relabellings"], &found["exact"]), (&Value::from(924), &Value::from(true)));
     assert!((found["smallest_p_possible"].as_f64().expect("a number") - 2.0 / 924.0).abs() < 1e-12);
     assert!(found["summary"]["p_fwe"]["least"].as_f64().expect("a number") < 0.01, "{}", found["summary"]);
@@ -83,16 +83,16 @@ fn a_study_finds_the_bump_of_its_second_group() {
     let (effect, p) = (map("effect"), map("p-fwe"));
     let mean = read_mesh(at("test/mean.surf.gii")).expect("a mesh");
     assert_eq!((mean.vertices.len(), effect.len(), p.len()), (2562, 2562, 2562));
-    // The effect is a - b: inwards where b has its bump, which is where it is largest, and significant there.
+    // The effect is a - b: it points inwards at the bump of group b, where it is largest and significant.
     let peak = (0..2562).max_by(|i, j| effect[*i].abs().total_cmp(&effect[*j].abs())).expect("vertices");
     assert!(effect[peak] < -0.4 && p[peak] < 0.05, "{} {}", effect[peak], p[peak]);
 
-    // The same by the study's own table, and the models' names in a folder.
+    // The study's own table, with the models named by their ids in a folder, gives the same results.
     let named = ["shape", "test", "--table", "meshes/study.csv", "--models", "aligned", "--effect", "group"];
     succeed(run(site.path(), &named).args(["--icosphere", "4", "-o", "named"]));
     let file = |folder: &str| fs::read(at(folder).join("test.csv")).expect("a table");
     assert!(file("named") == file("test"));
-    // Models that weren't aligned are noticed, aligned ones aren't.
+    // A warning is given for models that weren't aligned, and none for aligned models.
     for (folder, noticed) in [("models", true), ("aligned", false)] {
         let test = ["shape", "test", "--table", "meshes/study.csv", "--effect", "group", "--models", folder];
         let commands = [
@@ -110,7 +110,7 @@ fn a_study_finds_the_bump_of_its_second_group() {
         }
     }
 
-    // The same by a table, in the other order, with positions.
+    // A table with the levels in the other order, with positions as the signal.
     let rows: String =
         a.iter().map(|path| format!("{path},first\n")).chain(b.iter().map(|path| format!("{path},second\n"))).collect();
     fs::write(at("study.csv"), format!("model,group\n{rows}")).expect("a table");
@@ -151,7 +151,7 @@ fn a_model_returns_to_its_rotated_copy() {
     let read = |name: &str| Model::read(site.path().join(name)).expect("a model");
     let (model, back) = (read("a.spharm.npz"), read("back.spharm.npz"));
     assert!(rmsd(&model.coefficients, &back.coefficients).expect("one degree") < 1e-9);
-    // Vertices are where they were on the surface: the sphere has turned with the parameters.
+    // Vertices keep their positions on the surface, because the sphere rotates with the parameters.
     let degree = model.coefficients.max_degree();
     let mesh =
         |model: &Model| model.reconstruct(model.own_sphere().expect("a sphere"), degree).expect("a mesh").vertices;
@@ -209,7 +209,7 @@ fn studies_that_are_none_are_refused() {
         assert!(said.contains(words), "{arguments:?}: {said}");
         assert!(!site.path().join("out").exists(), "{arguments:?}");
     }
-    // Two against two: 6 relabellings, none of which can be significant.
+    // With two subjects against two there are 6 relabellings, so no p value can be significant.
     let models = ["a01", "a02", "b01", "b02"].map(|name| format!("models/{name}.spharm.npz"));
     let [a, b, c, d] = &models;
     let few = ["shape", "test", "--a", a, b, "--b", c, d, "-o", "few", "--icosphere", "1"];

@@ -1,4 +1,4 @@
-//! A study from its file to its page: stages, reruns, interruptions, bad files.
+//! Runs a study from its file to its page: stages, reruns, interruptions, bad files.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -23,7 +23,7 @@ levels = ["b", "a"]
 permutations = 20
 "#;
 
-/// A folder with the meshes of six subjects and a study of them.
+/// Creates a folder with the meshes of six subjects and a study file for them.
 fn site() -> tempfile::TempDir {
     let site = tempfile::tempdir().expect("a folder");
     let mut generate = tool("generate");
@@ -61,7 +61,7 @@ fn made(site: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
         .collect()
 }
 
-/// Returns the outcome of each stage from the table at the end.
+/// Returns the outcome of each stage, from the table that is printed at the end.
 fn stages(stdout: &str) -> BTreeMap<String, String> {
     let table = stdout.rsplit_once("stage ").expect("a table of stages").1;
     let row = |line: &str| {
@@ -99,7 +99,7 @@ fn a_study_is_made_once_and_after_a_change_only_what_depends_on_it() {
         changed.iter().filter(|(_, state)| *state == "done").map(|(stage, _)| stage.as_str()).collect();
     assert_eq!(done, ["fit", "modes", "report"]);
 
-    // A subject's surface changes, and another leaves.
+    // One subject's surface changes, and another subject is removed from the table.
     let table = site.path().join("meshes/study.csv");
     let without = fs::read_to_string(&table).expect("a table").replace("a03,a03.ply,a\n", "");
     fs::write(&table, without).expect("a table");
@@ -135,7 +135,7 @@ fn a_study_that_is_killed_is_continued_to_the_same_bytes() {
         files.keys().filter(|path| !path.starts_with(".study")).cloned().collect::<Vec<_>>()
     };
     assert_eq!(names(&found), names(&expected));
-    // They have times.
+    // These files contain times, so their bytes differ.
     let timed = |name: &PathBuf| name.ends_with("group.json") || name.starts_with("quality");
     for name in names(&expected).into_iter().filter(|name| !timed(name)) {
         assert!(found[&name] == expected[&name], "{}", name.display());

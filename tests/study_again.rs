@@ -1,4 +1,4 @@
-//! Studies that are run again, from another folder, twice at once, or as a dry run; and their tables.
+//! Studies that are run again, from another folder, concurrently, or as a dry run; and tables of studies.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -22,7 +22,7 @@ effect = "group"
 permutations = 0
 "#;
 
-/// A folder with the meshes of six subjects and a study of them.
+/// Creates a folder with the meshes of six subjects and a study file for them.
 fn site() -> tempfile::TempDir {
     let site = tempfile::tempdir().expect("a folder");
     let mut generate = tool("generate");
@@ -42,7 +42,7 @@ fn study(site: &Path, arguments: &[&str]) -> Command {
     command
 }
 
-/// Returns files with their times, which change if a file is made again.
+/// Returns files with their modification times, which change if a file is made again.
 fn times(folder: &Path, files: &mut BTreeMap<PathBuf, std::time::SystemTime>) {
     for entry in fs::read_dir(folder).expect("a folder") {
         let path = entry.expect("an entry").path();
@@ -72,7 +72,7 @@ fn a_study_is_the_same_from_another_folder() {
         assert_eq!(said.matches("up to date").count(), 10, "{said}");
     }
     assert_eq!(made(), before);
-    // A test that is gone is removed from there, too.
+    // From another folder, too, the outputs of a removed test are deleted.
     write(site.path(), "study.toml", &STUDY[..STUDY.find("[[test]]").expect("a test")]);
     succeed(&mut study(Path::new("/"), &[&whole]));
     assert!(!site.path().join("out/figures/bump.png").exists() && !site.path().join("out/tests/bump").exists());
@@ -107,7 +107,7 @@ fn a_dry_run_of_a_study_looks_at_its_subjects() {
     assert!(good.status.success() && text(&good).contains("6 models, of which 0 exist"), "{}", text(&good));
     let high = dry(&STUDY.replace("max_degree = 3", "max_degree = 5000"));
     assert!(error_line(&high).contains("degree 5000 is above 2000"), "{}", text(&high));
-    // By patterns, whose manifest isn't written yet.
+    // With patterns the manifest isn't written yet, so the dry run makes it in memory.
     let patterns = "table = \"meshes/ids.tsv\"\nsurface = \"meshes/{id}.ply\"";
     let table = fs::read_to_string(site.path().join("meshes/study.csv")).expect("a table");
     let ids = table.lines().map(|line| line.split(',').step_by(2).collect::<Vec<_>>().join("\t") + "\n");
@@ -121,7 +121,7 @@ fn a_dry_run_of_a_study_looks_at_its_subjects() {
         assert!(text(&missing).contains("b02.ply: no such file"), "{}", text(&missing));
     }
     assert!(!site.path().join("out").exists(), "nothing is made");
-    // All of them are gone.
+    // All surfaces are missing.
     fs::rename(site.path().join("meshes"), site.path().join("elsewhere")).expect("it is there");
     fs::create_dir(site.path().join("meshes")).expect("a folder");
     write(site.path(), "meshes/study.csv", &table);
@@ -185,7 +185,7 @@ fn a_cell_that_is_no_number_among_numbers_is_refused() {
         assert!(error.contains(expected), "{error}");
     }
     assert!(!site.path().join("out").exists());
-    // Levels are said to be levels, where they are printed, written and shown.
+    // The printed table, the written results and the page show that a covariate has levels.
     write(site.path(), "meshes/study.csv", &with(&|k| ["north", "south"][k % 2].to_owned()));
     let said = succeed(&mut study(site.path(), &["study.toml"]));
     assert!(said.contains("age (2 levels)"), "{said}");

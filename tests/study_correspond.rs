@@ -1,5 +1,5 @@
-//! Studies whose subjects are brought into correspondence: results, quality and landmarks, and when this is the
-//! default.
+//! Studies that bring subjects into correspondence: results, quality and landmarks, and the conditions under which this
+//! method is the default.
 
 use std::fs;
 use std::path::PathBuf;
@@ -66,7 +66,7 @@ fn a_study_of_bare_meshes_finds_the_bump_and_shows_its_quality() {
     let sphere = |model: &Model| model.sphere.as_ref().map(|sphere| sphere.directions.clone());
     assert!(sphere(&a).is_some() && sphere(&a) == sphere(&b) && sphere(&a) == sphere(&mean), "over one sphere");
 
-    // The effect is a - b: inwards where b has its bump.
+    // The effect is a - b: it points inwards at the bump of group b.
     let map = |name: &str| read_signal(site.path(&format!("out/tests/bump/{name}.shape.gii"))).expect("a map").values;
     let (effect, p) = (map("effect"), map("p-fwe"));
     let peak = (0..effect.len()).max_by(|i, j| effect[*i].abs().total_cmp(&effect[*j].abs())).expect("vertices");
@@ -75,7 +75,7 @@ fn a_study_of_bare_meshes_finds_the_bump_and_shows_its_quality() {
     let [corresponding, plain] = ["correspond", "plain"].map(|name| site.json(&format!("out/quality/{name}.json")));
     for measure in ["generalisation", "specificity"] {
         let [ours, other] = [&corresponding, &plain].map(|found| numbers(&found[measure]["values"]));
-        // Of smooth bodies with smooth maps the plain alignment is good, too.
+        // For smooth bodies with smooth maps, the plain alignment is good as well.
         assert!(ours[0] < 1.1 * other[0] && ours[2] < other[2], "{measure}: {ours:?} {other:?}");
     }
     let page = site.text("out/report.html");
@@ -84,13 +84,13 @@ fn a_study_of_bare_meshes_finds_the_bump_and_shows_its_quality() {
     {
         assert!(page.contains(said), "{said}");
     }
-    // The page doesn't say that places differ.
+    // The page has no warning that equal directions aren't equal places.
     let head = page.split_once("class=\"warnings\"").and_then(|(_, rest)| rest.split_once("</section>"));
     assert!(!head.is_some_and(|(head, _)| head.contains("equal places")));
     assert_eq!(&fs::read(site.path("out/quality/correspond.png")).expect("a picture")[1..4], b"PNG");
 }
 
-/// Ellipsoids with known ends, of the requested degree.
+/// Creates a study of ellipsoids with landmarks at known ends; `subjects` is its section of subjects.
 fn ellipsoids(subjects: &str) -> Site {
     let rest = "\n[fit]\nmax_degree = 4\n[modes]\ncount = 2\n[quality]\nplain = false\n";
     let site = Site::new(&format!("output = \"out\"\n[subjects]\n{subjects}{rest}"));
@@ -106,7 +106,7 @@ fn landmarks_of_the_table_or_by_a_pattern_are_carried_and_shown() {
     let marks = &report["landmarks"];
     assert_eq!(marks["names"].as_array().map(Vec::len), Some(10), "{marks}");
     assert!(!site.path("out/plain").exists() && !site.path("out/quality/plain.json").exists());
-    // Measured on the models, and where each is carried to on the surfaces.
+    // Landmark errors measured on the models are close to those of landmarks carried on the surfaces.
     let mean = |found: &Value| found["mean"].as_f64().expect("a number");
     let measured = &site.json("out/quality/correspond.json")["landmarks"];
     assert!((mean(measured) / mean(marks) - 1.0).abs() < 0.3, "{measured} {marks}");
@@ -114,7 +114,7 @@ fn landmarks_of_the_table_or_by_a_pattern_are_carried_and_shown() {
     for said in ["<h2>Landmarks</h2>", "landmarks apart, mean", "<bdi>x1</bdi>"] {
         assert!(page.contains(said), "{said}");
     }
-    // The same by a pattern, of a table without paths of them.
+    // Landmarks can also be named by a pattern, with a table that has no paths of landmarks.
     let table: String = site
         .text("in/truth.csv")
         .lines()
@@ -127,7 +127,7 @@ fn landmarks_of_the_table_or_by_a_pattern_are_carried_and_shown() {
     assert!(succeed(&mut site.study(&[])).contains("up to date"), "the same surfaces and landmarks");
     assert_eq!(&site.json("out/.study/reports/correspond.json")["landmarks"], marks);
 
-    // Guided by them, they stay together.
+    // Guiding landmarks have smaller errors.
     site.write("study.toml", &study.replace("[modes]", "[align]\nguide = true\n[modes]"));
     succeed(&mut site.study(&[]));
     let guided = &site.json("out/.study/reports/correspond.json")["landmarks"];
@@ -194,10 +194,10 @@ fn subjects_that_leave_or_change_make_the_group_anew_and_nothing_else_does() {
         row.contains("up to date")
     };
     assert!(!state(&[]) && state(&[]));
-    // Another column is no reason.
+    // A change in another column of the table doesn't make the group again.
     site.write("in/study.csv", &site.text("in/truth.csv").replace(",a,", ",axis,"));
     assert!(state(&[]));
-    // Another method removes the group, and this one makes it again.
+    // Another method removes the group, and returning to this method makes it again.
     let study = site.text("study.toml");
     site.write("study.toml", &study.replace("[modes]", "[align]\nmethod = \"joint\"\n[modes]"));
     succeed(&mut site.study(&[]));
@@ -215,7 +215,7 @@ fn subjects_that_leave_or_change_make_the_group_anew_and_nothing_else_does() {
     fs::copy(site.path("in/s02.ply"), site.path("in/s03.ply")).expect("a copy");
     fs::copy(site.path("in/s02.json"), site.path("in/s03.json")).expect("a copy");
     assert!(!state(&[]));
-    // What is said of the correspondence, such as poses of bodies that are symmetric, is at the head of the page.
+    // Warnings of the correspondence, such as doubtful poses of symmetric bodies, are at the head of the page.
     let page = site.text("out/report.html");
     let head = page.split_once("class=\"warnings\"").and_then(|(_, rest)| rest.split_once("</section>"));
     let said = site.json("out/.study/warnings/correspond.json");
@@ -256,7 +256,7 @@ fn spheres_that_are_shared_are_kept() {
     method("--method fixed");
     site.write("study.toml", &(study.clone() + "[align]\nmethod = \"joint\"\n"));
     method("--method joint");
-    // What a group's folder can't hold.
+    // An id that is the name of another file of the group's folder is refused.
     site.write("study.toml", &study);
     site.write("s.csv", &table.replace("s3,s3.ply,sphere.ply", "mean,s3.ply,"));
     let error = fail(&mut site.study(&[]));

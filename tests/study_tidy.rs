@@ -1,4 +1,4 @@
-//! Errors found before a study is run, and leftovers of its earlier runs.
+//! Errors that are found before a study runs, and removal of files from its earlier runs.
 
 use std::fs;
 use std::path::Path;
@@ -20,7 +20,7 @@ effect = "group"
 permutations = 0
 "#;
 
-/// A folder with the meshes of six subjects and a study of them.
+/// Creates a folder with the meshes of six subjects and a study file for them.
 fn site() -> tempfile::TempDir {
     let site = tempfile::tempdir().expect("a folder");
     let mut generate = tool("generate");
@@ -125,7 +125,8 @@ fn damaged_models_are_made_again_and_nothing_is_left_of_what_has_gone() {
     let measures = fs::read_to_string(at("measures.csv")).expect("a table");
     assert!(measures.lines().nth(1).is_some_and(|line| line.starts_with("a01,")), "{measures}");
 
-    // Damaged; left by a killed process; of somebody else; a subject leaves, another breaks; the test goes.
+    // A damaged model; leftovers of a killed process; files of another program; a removed subject; a broken surface; a
+    // removed test.
     fs::write(at("models/a03.spharm.npz"), &good[..100]).expect("a file");
     for name in ["models/.spharm.abcdef.tmp", ".study/.spharm.abcdef.tmp", "models/notes.txt", "tests/bump/notes.txt"] {
         fs::write(at(name), "x").expect("a file");
@@ -175,7 +176,7 @@ fn a_row_whose_model_was_deleted_is_not_done() {
     assert_eq!(rest, "id,surface,group\nb01,meshes/b01.ply,b\n".replace("meshes/", &rest_folder(&rest)));
 }
 
-/// Returns the folder of the paths in the rest's table, which are absolute if that table is in another folder.
+/// Returns the folder of the paths in a table of remaining rows; they are absolute if the table is in another folder.
 fn rest_folder(rest: &str) -> String {
     let path = rest.lines().nth(1).and_then(|line| line.split(',').nth(1)).unwrap_or_default();
     path.trim_end_matches("b01.ply").to_owned()

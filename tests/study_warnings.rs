@@ -24,7 +24,7 @@ effect = "group"
 permutations = 20
 "#;
 
-/// A folder with the meshes of ten subjects and a study of them.
+/// Creates a folder with the meshes of ten subjects and a study file for them.
 fn site(method: &str) -> tempfile::TempDir {
     let site = tempfile::tempdir().expect("a folder");
     succeed(tool("generate").args(["--study", "meshes", "--subjects", "10", "-q"]).current_dir(site.path()));
@@ -44,7 +44,7 @@ fn run(site: &Path) -> Output {
     output
 }
 
-/// Returns the warnings after the table of stages, on the terminal, and those of the page.
+/// Returns the warnings printed on the terminal after the table of stages, and the warnings of the page.
 fn warnings(site: &Path, output: &Output) -> (Vec<String>, Vec<String>) {
     let stderr = String::from_utf8_lossy(&output.stderr);
     let ends = stderr.lines().filter_map(|line| line.strip_prefix("warning: ")).map(str::to_owned).collect();
@@ -79,7 +79,7 @@ fn a_wrong_unit_and_a_file_under_two_ids_are_named_at_the_end_and_on_the_page() 
     for warning in &page {
         assert!(terminal.contains(warning), "{warning}: {terminal:?}");
     }
-    // Nothing has changed: the same page, and the same warnings again.
+    // Without changes, a second run gives the same page and the same warnings.
     let before = fs::read(site.path().join("out/report.html")).expect("a page");
     let (_, again) = warnings(site.path(), &run(site.path()));
     assert_eq!(again, page);
@@ -91,7 +91,7 @@ fn models_that_are_equal_are_named_where_their_files_are_not() {
     let site = site("joint");
     let meshes = site.path().join("meshes");
     let mesh = read_mesh(meshes.join("a01.ply")).expect("a mesh");
-    // Another format, the same numbers.
+    // Two subjects get the same mesh in other formats.
     write_mesh(meshes.join("a04.obj"), &mesh, &WriteOptions::default()).expect("it is written");
     write_mesh(meshes.join("b02.off"), &mesh, &WriteOptions::default()).expect("it is written");
     let table = fs::read_to_string(meshes.join("study.csv")).expect("a table");

@@ -1,4 +1,4 @@
-//! Fits of surfaces instead of their vertices.
+//! Tests fits of surfaces, as opposed to fits of their vertices.
 
 use ndarray::{Array2, s};
 use serde_json::Value;
@@ -55,7 +55,7 @@ fn by_midpoints(surface: &Mesh, sphere: &Sphere, max_degree: usize) -> Array2<f6
     let inner = |a: &dyn Fn(usize) -> f64, b: &dyn Fn(usize) -> f64| {
         (0..weights.len()).map(|i| weights[i] * a(i) * b(i)).sum::<f64>()
     };
-    // Augmented rows, by elimination without pivots: the matrix is nearly the identity.
+    // Solves by elimination on the augmented matrix, without pivoting, because the matrix is nearly the identity.
     let mut rows = Array2::zeros((columns, columns + 3));
     for k in 0..columns {
         for other in 0..columns {
@@ -86,14 +86,14 @@ fn a_fit_minimises_the_integral_over_the_sphere() {
     let expected = by_midpoints(&surface, &sphere, 6);
     let largest = expected.iter().fold(0.0f64, |most, x| most.max(x.abs()));
     let off = (found.coefficients.values() - &expected).iter().fold(0.0f64, |most, x| most.max(x.abs()));
-    // What is left is the midpoint rule's error, of second order in a 24th of an edge.
+    // The remaining difference is the midpoint rule's error, of second order in a 24th of an edge.
     assert!(off < 2e-4 * largest, "{off:e} of {largest:e}");
-    // The vertices' least squares is another one.
+    // The least squares at the vertices is a different model.
     let vertices = fit(&sphere, &surface, &FitParams { objective: Objective::Vertices, ..FitParams::lsq(6) }).unwrap();
     assert!((vertices.coefficients.values() - &expected).iter().any(|x| x.abs() > 1e-2 * largest));
 }
 
-/// At a degree that the vertices don't determine, a fit of the surface stays near it everywhere.
+/// If the vertices don't determine the model of a degree, a fit of the surface still stays near the surface everywhere.
 #[test]
 fn more_functions_than_vertices_are_no_difficulty() {
     let (surface, sphere) = cortex(&Cortex { subdivisions: 2, variant: 0 });
@@ -160,7 +160,7 @@ fn noisy(sphere: &Sphere, clean: &Mesh, sigma: f64, seed: u64) -> Mesh {
 /// Standard errors equal the spread of coefficients over surfaces that differ only in their noise.
 #[test]
 fn standard_errors_of_surfaces_are_the_spread_of_repeated_fits() {
-    // Far above the surface's distance from its triangles, 0.1.
+    // The noise is far larger than the surface's distance from its triangles, 0.1.
     const SIGMA: f64 = 1.0;
     const REPEATS: u64 = 60;
     let (surface, sphere) = cortex(&Cortex { subdivisions: 3, variant: 0 });
@@ -178,8 +178,8 @@ fn standard_errors_of_surfaces_are_the_spread_of_repeated_fits() {
     let spread = (squares - sum.map(|x| x * x) / count) / (count - 1.0);
     let with = FitParams { standard_errors: true, ..params };
     let errors = fit(&sphere, &noisy(&sphere, &clean, SIGMA, 99), &with).unwrap().standard_errors.unwrap();
-    // By blocks of degrees: a mean of some hundred variances of 59 degrees of freedom is within 2 %, and one of as many
-    // estimates from 256 fits as well; sigma is within 2 %.
+    // Compared by blocks of degrees. The mean of some hundred variances of 59 degrees of freedom has an error of 2 %,
+    // and so has the mean of as many estimates from 256 fits; sigma has an error of 2 %.
     for rows in [0..9, 9..36, 36..81] {
         let mean = |all: &Array2<f64>| all.slice(s![rows.clone(), ..]).mean().unwrap();
         let ratio = (mean(&errors.map(|x| x * x)) / mean(&spread)).sqrt();
@@ -222,7 +222,7 @@ fn vertices_of_surfaces_are_held_out() {
     assert!((0.8..1.5).contains(&ratio), "{ratio}");
 }
 
-/// Surfaces and signals in one call are fitted as if each were fitted alone.
+/// Surfaces and signals in one call are fitted as if each were fitted in a separate call.
 #[test]
 fn surfaces_and_signals_go_together() {
     let (surface, sphere) = cortex(&Cortex { subdivisions: 2, variant: 0 });
@@ -244,7 +244,7 @@ fn surfaces_and_signals_go_together() {
     }
 }
 
-/// Weights of the vertices also apply to the surface, linearly interpolated on each triangle, and don't change the
+/// Weights of the vertices are interpolated linearly on each triangle for a fit of the surface, and don't change the
 /// meaning of a penalty.
 #[test]
 fn weights_say_what_counts() {
@@ -291,12 +291,12 @@ fn a_model_says_what_was_fitted_and_another_target_is_another_model() {
     assert!(quick["surfaces"][0]["surface_distance"].is_null());
 }
 
-/// On an icosphere of a sphere, all distances are zero.
+/// A fit of an icosphere over itself reproduces the sphere, so distances are those of flat triangles from the sphere.
 #[test]
 fn a_sphere_is_its_own_model() {
     let mesh = icosphere(5);
     let sphere = Sphere::from_mesh(&mesh).unwrap();
     let distance = fit(&sphere, &mesh, &FitParams::lsq(20)).unwrap().report.surface_distance.unwrap();
-    // The triangles' sagitta: half of the square of their circumradius, an edge of 0.039 over sqrt 3.
+    // Sagitta of the triangles: half the square of their circumradius, which is an edge of 0.039 divided by sqrt 3.
     assert!(distance.hausdorff_raw < 2.6e-4, "{distance:?}");
 }

@@ -1,4 +1,4 @@
-//! A single test target for everything that uses the binaries or several crates, so that OpenBLAS is linked once.
+//! The single test target for all tests that use the program or several crates, so that OpenBLAS is linked only once.
 
 mod accuracy;
 mod bad_input;

@@ -1,4 +1,4 @@
-//! The verbs of the program, and the problems of a first-time user with them.
+//! Tests the verbs of the program, and problems that first-time users found in them.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -129,7 +129,7 @@ fn folders_are_made_alike_and_outputs_checked_first() {
     let written: Value = serde_json::from_slice(&std::fs::read(report).expect("a report")).expect("JSON");
     assert!(written["msd"].as_f64().is_some_and(|msd| msd > 0.0));
     assert!(site.path("ply/e.ply").is_file());
-    // A file where a folder would have to be, and a folder in place of a file.
+    // A file in place of an output's folder, and a folder in place of an output file, are refused.
     for output in ["m.npz/x.ply", "new"] {
         let error = fail(&mut site.compare("missing.ply", &["-o", site.path(output).to_str().unwrap()]));
         assert!(error.contains(output.split('/').next().unwrap()) && !error.contains(".spharm."), "{error}");
@@ -155,7 +155,7 @@ fn many_models_are_reconstructed_in_one_call() {
     assert_eq!(names(&site.path("of-list")), ["a.ply", "b.ply"]);
     let bytes = |name: &str| std::fs::read(site.path(name)).expect("a surface");
     assert_eq!(bytes("out/a.surf.gii"), bytes("of-folder/a.surf.gii"));
-    // None is replaced, and that is said before any is written.
+    // An existing output is refused before any output is written.
     std::fs::remove_file(site.path("out/a.surf.gii")).unwrap();
     let error = fail(&mut site.reconstruct(&models, &["--icosphere", "2"], "out"));
     assert!(error.contains("b.surf.gii") && error.contains("--force"), "{error}");
@@ -220,12 +220,12 @@ fn many_surfaces_are_parametrised_in_one_call() {
     assert_eq!(names(&site.path("spheres")), ["a.sphere.surf.gii", "b.sphere.surf.gii"]);
     let error = fail(&mut parametrize(&[], "both.ply"));
     assert!(error.contains("both.ply") && error.contains("folder"), "{error}");
-    // The surface on another sampling goes beside the sphere, under a name that is made from the sphere's.
+    // The resampled surface is written beside the sphere, to a name derived from the sphere's.
     let mut one = tool("parametrize");
     one.arg("--input").arg(site.path("a.ply")).args(["--method", "conformal", "--resample-to", "icosphere:2", "-q"]);
     succeed(one.arg("-o").arg(site.path("new/x.sphere.ply")));
     assert_eq!(names(&site.path("new")), ["x.ply", "x.sphere.ply"]);
-    // And never over the input.
+    // The derived name must not be that of the input.
     let mut over = tool("parametrize");
     over.arg("--surface").arg(site.path("new/x.ply")).args(["--resample-to", "icosphere:2", "--force"]);
     let error = fail(over.arg("-o").arg(site.path("new/x.sphere.ply")));

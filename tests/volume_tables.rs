@@ -1,4 +1,4 @@
-//! `volumes`: many labels, one table, and nothing lost to a bad one.
+//! Tests `volumes`: many labels, one table, and no lost results if a label is bad.
 
 use std::path::PathBuf;
 use std::process::Command;
@@ -11,7 +11,7 @@ use crate::volumes::write_volume;
 struct Site(tempfile::TempDir);
 
 impl Site {
-    /// Creates two volumes with balls, a plate at the border, and a label in two pieces; and a malformed volume.
+    /// Creates two volumes with balls, a plate at the border and a label in two pieces; and a malformed volume.
     fn new() -> Self {
         let site = Self(tempfile::tempdir().expect("a folder"));
         std::fs::create_dir(site.path("in")).expect("a folder");
@@ -73,7 +73,7 @@ fn every_label_is_a_model_and_a_row() {
     let none = row("c", "n/a");
     assert!(none["state"] == "failed" && none["error"].contains("c.nii") && none["voxels"] == "n/a");
 
-    // Again: nothing is replaced unless asked for, and what is there is kept.
+    // A second run replaces nothing without a flag; --skip-existing keeps existing models.
     assert!(error_line(&finish(&mut site.run(&["in"]))).contains("the file exists; --skip-existing resumes it"));
     let before = std::fs::read(site.path("out/a.17.spharm.npz")).expect("a model");
     finish(&mut site.run(&["in/a.nii", "in/b.nii", "--fix", "--skip-existing"]));
@@ -83,7 +83,8 @@ fn every_label_is_a_model_and_a_row() {
     assert_eq!(repairs[..2], ["none", "none"]);
     assert!(repairs[2].starts_with("1 piece dropped (") && repairs[2].contains(" voxels)"), "{repairs:?}");
     assert_eq!(std::fs::read(site.path("out/a.17.spharm.npz")).expect("a model"), before);
-    // Fewer labels leave the rows of the others; another degree leaves all of them.
+    // A run for fewer labels keeps the rows of the other labels; a run to another degree is refused and changes
+    // nothing.
     let rows = site.table();
     succeed(&mut site.run(&["in/b.nii", "--label", "17", "--skip-existing"]));
     assert_eq!(site.table().len(), rows.len());
@@ -118,7 +119,7 @@ fn a_table_without_a_model_is_no_obstacle_and_a_label_is_one_row() {
     succeed(&mut site.run(&["in/torus.nii", "--label", "4", "4", "--cut-handles"]));
     let [row] = &site.table()[..] else { panic!("one row: {:?}", site.table()) };
     assert_eq!((row["state"].as_str(), row["repair"].as_str()), ("fitted", "1 handle cut"));
-    // By the model alone.
+    // The repair is read from the model's record.
     succeed(&mut site.run(&["in/torus.nii", "--cut-handles", "--skip-existing"]));
     assert_eq!((site.table()[0]["state"].as_str(), site.table()[0]["repair"].as_str()), ("kept", "1 handle cut"));
     succeed(&mut site.run(&["in/torus.nii", "--fix", "--force"]));
@@ -126,7 +127,7 @@ fn a_table_without_a_model_is_no_obstacle_and_a_label_is_one_row() {
     assert!(repair.contains("to open 1 handle"), "{repair}");
 }
 
-/// An array has no information about its voxels.
+/// An array file has no voxel size, so --voxel-size is needed.
 #[test]
 fn voxel_sizes_are_given_where_files_have_none() {
     let site = Site::new();
@@ -147,7 +148,7 @@ fn voxel_sizes_are_given_where_files_have_none() {
     let volume: f64 = row["volume"].parse().expect("a number");
     assert!((volume / 216.0 - 1.0).abs() < 0.1, "{volume}");
     assert_eq!(finish(&mut site.run(&["cube.npy", "--voxel-size", "0.5,1"])).status.code(), Some(2));
-    // `fit` takes them as well.
+    // `fit` accepts array files with --voxel-size as well.
     let mut fit = tool("fit");
     fit.current_dir(site.0.path()).args(["--surface", "cube.npy", "--voxel-size", "0.5,1,2", "--max-degree", "4"]);
     succeed(fit.args(["-o", "fit"]));

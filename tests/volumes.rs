@@ -1,4 +1,4 @@
-//! From label volumes and meshes to spheres that a fit accepts.
+//! Makes spheres from label volumes and meshes, and checks that `fit` accepts them.
 
 use std::path::Path;
 
@@ -54,7 +54,7 @@ fn run(input: &Path, arguments: &[&str]) -> (Value, Mesh, Mesh) {
 fn a_volume_becomes_a_surface_and_its_sphere() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("label.nii");
-    // A ball with a tunnel through it, and another label beside.
+    // A ball with a tunnel through it, and a second label beside it.
     write_volume(&path, |at| if at[2] < -7.0 { 9 } else { u8::from(ball(at) && !(at[0] == 0.5 && at[1] == 0.5)) });
     let refused = |arguments: &[&str]| {
         let sphere = folder.path().join("refused.obj");
@@ -75,17 +75,17 @@ fn a_volume_becomes_a_surface_and_its_sphere() {
     assert_eq!((report["method"].as_str(), report["quality"]["flipped"].as_u64()), (Some("equal-area"), Some(0)));
     let repair = &report["volume"]["repair"];
     assert!(repair["way"] == "filled" && repair["voxels_changed"].as_u64().unwrap() <= 3, "{repair}");
-    // The same surface by a method for meshes.
+    // Maps the surface of label 9 by a method for meshes.
     let (report, ..) = run(&path, &["--label", "9", "--method", "cald"]);
     assert_eq!((report["method"].as_str(), report["volume"]["label"].as_i64()), (Some("cald"), Some(9)));
 }
 
-/// Rows 14 and 21 of the problems of first-time users: one command from labels to models.
+/// Rows 14 and 21 of the problems of first-time users: one command makes models of all labels of a volume.
 #[test]
 fn each_label_of_a_volume_is_a_surface_to_fit() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
-    // A ball, a plate below it and a plate of two pieces above.
+    // A ball, a plate below it, and a plate of two pieces above it.
     write_volume(&path("cells.nii"), |at| match at {
         _ if ball(at) => 1,
         [_, _, z] if z < -6.0 => 5,
@@ -121,7 +121,7 @@ fn each_label_of_a_volume_is_a_surface_to_fit() {
     assert!(warned.contains("cells.nii label 7: the volume was repaired: 1 piece dropped"), "{warned}");
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(report["surfaces"][0]["parametrization"]["repair"]["pieces_dropped"], 1);
-    // The model of one label isn't that of another.
+    // The model of another label is refused.
     std::fs::copy(path("out/cells.1.spharm.npz"), path("out/cells.5.spharm.npz")).unwrap();
     let error = fail(&mut fit(&["--label", "5", "--skip-existing"]));
     assert!(error.contains("label 1, not of") && error.contains("label 5"), "{error}");
@@ -142,7 +142,7 @@ fn a_volume_is_read_once_for_its_labels_and_their_surfaces() {
     reader.read(&path, Some(1), &Silent).unwrap();
 }
 
-/// Row 15 of the problems of first-time users: maps over a surface in a volume's format.
+/// Row 15 of the problems of first-time users: values on a surface in a volume's file format are fitted on its sphere.
 #[test]
 fn a_map_over_a_surface_is_fitted_on_its_sphere() {
     let folder = tempfile::tempdir().unwrap();
@@ -178,7 +178,7 @@ fn a_mesh_is_put_on_a_shared_sampling() {
         tool("fit").arg("--surface").arg(&path).args(["--max-degree", "4", "--label", "3", "-o"]).arg(folder.path()),
     );
     assert!(fit.contains("for volumes"), "{fit}");
-    // A sphere's file; and what doesn't go together.
+    // A sphere file as the sampling; and conflicting arguments.
     let shared = folder.path().join("shared.ply");
     write_mesh(&shared, &icosphere(2), &WriteOptions::default()).unwrap();
     assert_eq!(run(&path, &["--resample-to", shared.to_str().unwrap()]).1.vertices.len(), 162);

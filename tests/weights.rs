@@ -1,4 +1,4 @@
-//! Weights of 0: values there are never read, by any method, and don't affect the model.
+//! Vertices of weight 0: no method reads their values, and they don't affect the model.
 
 use spharm::generate::icosphere;
 use spharm::{Error, FitParams, FitWarning, Mesh, Objective, Signal, Smoothness, Sphere, Weights, fit};
@@ -57,7 +57,7 @@ fn values_of_weight_zero_are_never_read() {
         ("errors", FitParams { standard_errors: true, ..vertices.clone() }),
     ] {
         let right = fit(&sphere, &surface, &params).unwrap();
-        // The ellipsoid is of degree 1; its triangles lie a little inside it.
+        // The ellipsoid has degree 1; the model is a little smaller, because triangles lie inside the ellipsoid.
         let mut off = right.coefficients.values().to_owned();
         let unit = (4.0 * std::f64::consts::PI / 3.0_f64).sqrt();
         for (row, k) in [(3, 0), (1, 1), (2, 2)] {
@@ -78,7 +78,7 @@ fn values_of_weight_zero_are_never_read() {
             }
         }
     }
-    // Of weight 1 they are refused, and named.
+    // With weight 1 the values are refused, and the error names the vertex.
     let params = FitParams { weights: Weights::Uniform, ..lsq };
     let error = fit(&sphere, &spoilt(&surface, &sphere, f64::NAN), &params).unwrap_err();
     assert!(error.to_string().contains("the surface") && error.to_string().contains("NaN at vertex"), "{error}");
@@ -114,7 +114,7 @@ fn weights_fade_to_zero_without_a_jump() {
 #[test]
 fn weights_that_leave_no_triangle_are_refused() {
     let (surface, sphere) = ellipsoid();
-    // One vertex in three neighbours keeps its weight, so that none of the triangles has three.
+    // Only the twelve corners of the icosahedron have a weight. No triangle has three of them, so no triangle is left.
     let values = (0..2562).map(|vertex| f64::from(vertex < 12)).collect();
     let params = FitParams { weights: Weights::Values { name: "few".to_owned(), values }, ..FitParams::lsq(2) };
     let error = fit(&sphere, &surface, &params).unwrap_err();
@@ -141,7 +141,7 @@ fn standard_errors_by_areas_are_warned_of() {
     }
 }
 
-/// Tests `--mask`, `--weights` with zeros, and both with a method over a store.
+/// Tests `--mask`, `--weights` with zeros, and both options with a method over a store.
 #[test]
 fn the_program_reads_no_masked_vertex_of_a_surface() {
     let study = Study::new();

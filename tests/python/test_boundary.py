@@ -1,4 +1,4 @@
-"""Whatever comes over the boundary, it is a result or one of the exceptions that are documented; and inputs stay as they are."""
+"""Any argument gives a result or one of the documented exceptions, and arguments are never modified."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def test_shapes_are_named() -> None:
 
 
 def test_unaligned_arrays_are_copied() -> None:
-    """As other processes' buffers are, such as those of Dask's workers."""
+    """Buffers from other processes, such as Dask's workers, may be unaligned."""
 
     def unaligned(array: Any) -> Any:
         buffer = bytearray(array.nbytes + 1)

@@ -1,4 +1,4 @@
-"""Fits of cohorts from tables, with outcomes as they come."""
+"""Fits of cohorts from tables, whose outcomes are returned as they finish."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def run(*arguments: str) -> None:
-    """Runs the program, in a process of its own: it handles signals."""
+    """Runs the program in a separate process, because it handles signals."""
     subprocess.run([sys.executable, "-m", "spharm_rs", *arguments], check=True, timeout=300)
 
 
@@ -31,7 +31,7 @@ def rows(folder: Path) -> list[dict[str, object]]:
 
 
 class Frame:
-    """What is used of a pandas.DataFrame, which has NaN for cells without a value."""
+    """The part of pandas.DataFrame's interface that is used; cells without a value are NaN."""
 
     columns = ("id", "surface", "label")
 
@@ -115,7 +115,7 @@ def test_leaving_it_stops_the_fits(folder: Path) -> None:
     many = [{"id": f"m{number}", "surface": folder / f"s{number % 3}.ply"} for number in range(60)]
     with sp.fit_cohort(many, folder, 5) as fits:
         next(fits)
-    # Those under way end; the others don't begin.
+    # Fits that are running end, and the remaining rows aren't started.
     assert len(list(folder.glob("m*.spharm.npz"))) < 60
 
 

@@ -1,4 +1,4 @@
-"""Coefficients of other packages: their own formulas, and the way back."""
+"""Converts coefficients to other packages' conventions and back, and evaluates them by these packages' formulas."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_complex_coefficients_are_scipys() -> None:
     rows = [(degree, order) for degree in range(9) for order in range(-degree, degree + 1)]
     values = sum(sph_harm_y(*row, theta, phi)[:, np.newaxis] * c[i] for i, row in enumerate(rows))
     assert np.allclose(values, basis(DIRECTIONS, 8) @ a, atol=1e-12)
-    # Of a series that isn't real, the real part is taken.
+    # For a complex function, the coefficients are those of its real part.
     assert np.allclose(convert.from_complex(c + 1j * convert.to_complex(coefficients(8)[::-1])), a)
 
 

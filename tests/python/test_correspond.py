@@ -1,4 +1,5 @@
-"""Groups made to correspond: known places, new members, names of what is wrong, and one template on one surface."""
+"""Groups made to correspond: known places, added members, names in errors, and one template registered to one
+surface."""
 
 from __future__ import annotations
 
@@ -19,7 +20,7 @@ import spharm_rs as sp
 
 
 def apart(a: sp.Surface, b: sp.Surface) -> float:
-    """Root mean square distance of two surfaces."""
+    """Returns the root mean square distance of two surfaces."""
     found = sp.compare(a, b, surface_distance=True, samples=2000).surface
     assert found is not None
     return float(found["rms"])
@@ -27,7 +28,8 @@ def apart(a: sp.Surface, b: sp.Surface) -> float:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Five boxes with a bump that grows, each meshed anew and in a random pose, with landmarks of the same places."""
+    """Returns a folder with five boxes with a growing bump, each with its own mesh and a random pose, and with
+    landmarks of the same places."""
     made = tmp_path_factory.mktemp("group") / "bumps"
     command = ["generate", "--group", "growing-bump", "--members", "5", "--subdivisions", "4", "--output-dir", str(made)]
     subprocess.run([sys.executable, "-m", "spharm_rs", *command], check=True, stdout=subprocess.DEVNULL)
@@ -56,7 +58,7 @@ def test_places_are_carried_to_where_truth_says(group: sp.shape.Group, marks: li
             carried = group.carry(own, source, target)
             assert carried.names == own.names
             errors.append(np.linalg.norm(carried.points - other.points, axis=1).mean())
-    # Of 30 mm, with a facet of 642 directions some 2 mm wide.
+    # The boxes are 30 mm long; a triangle between the 642 directions is some 2 mm wide.
     assert max(errors) < 0.6 and np.mean(errors) < 0.3
     points = group.carry(marks[0].points, 0, 0)
     assert np.linalg.norm(points - marks[0].points, axis=1).max() < 0.5
@@ -77,7 +79,7 @@ def test_a_group_has_its_parts(group: sp.shape.Group, folder: Path) -> None:
     assert np.allclose(np.mean([model.coefficients for model in group.models], axis=0), group.mean.coefficients, atol=1e-9)
     for index, (model, transform, path) in enumerate(zip(group.models, group.transforms, paths(folder))):
         assert np.linalg.norm(model.evaluate(group.directions) - group.places[index], axis=1).max() < 1
-        # The places are on the surface, in the group's frame; and back in its own.
+        # Places lie on the transformed surface, and the inverse transform restores the surface.
         surface = sp.read_surface(path)
         back = transform.inverse().apply(transform.apply(surface))
         assert np.allclose(back.vertices, surface.vertices, atol=1e-9)
@@ -117,7 +119,7 @@ def test_what_is_wrong_with_a_subject_is_said_by_its_name(group: sp.shape.Group,
 
 
 def moved(surface: sp.Surface, mirror: bool = False, scale: float = 1.0) -> sp.Surface:
-    """A surface turned and shifted, facing outwards."""
+    """Returns a surface that is rotated, translated and optionally mirrored, facing outwards."""
     turn = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]]) * scale
     vertices = np.asarray(surface.vertices) * [-1 if mirror else 1, 1, 1]
     faces = np.asarray(surface.faces)
@@ -201,7 +203,7 @@ def test_landmarks_that_guide_stay_together(folder: Path, marks: list[sp.Landmar
 
 
 def test_signals_say_what_surfaces_do_not() -> None:
-    """A patch, which the shape doesn't show, at another place of each member."""
+    """The signal is a patch at another place of each member, which the shape doesn't show."""
     ball, rng = sp.icosphere(3), np.random.default_rng(1)
     unit = ball.vertices
     shape = 1 + 0.25 * np.exp(8 * (unit @ [0.7, 0.5, 0.51] - 1)) + 0.15 * np.exp(8 * (unit @ [-0.67, 0.67, -0.33] - 1))
@@ -241,7 +243,7 @@ def test_a_group_is_saved_read_and_pickled(
         assert other.landmark_errors.mean == pytest.approx(group.landmark_errors.mean, rel=1e-9)
         new = other.add(paths(folder)[2])
         assert np.array_equal(new.places, group.add(paths(folder)[2]).places)
-    # Names that files can't have.
+    # Names that are invalid as file names.
     odd = sp.shape.correspond([sp.read_surface(path) for path in paths(folder)[:2]], 4, subdivisions=2, rounds=1, refine=False)
     odd.names = ("a/b", "mean")
     assert pickle.loads(pickle.dumps(odd)).names == ("a/b", "mean")
@@ -306,7 +308,7 @@ def test_a_template_on_a_surface() -> None:
     found = sp.shape.register(egg, other)
     assert found.surface.vertices.shape == egg.vertices.shape and np.array_equal(found.surface.faces, egg.faces)
     assert found.reached.all() and found.cover["turned"] == 0 and found.cover["unreached"] == 0
-    # In the surface's own frame, and the transform brings it to the template's.
+    # The result is in the surface's own frame; the transform maps it to the template's frame.
     assert apart(other, found.surface) < 0.2
     assert np.linalg.norm(found.transform.apply(found.surface).vertices - egg.vertices, axis=1).max() < 3
     half = np.asarray(egg.vertices)[:, 2] > 0

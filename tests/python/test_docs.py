@@ -1,4 +1,4 @@
-"""The documentation: its snippets and commands run, and its references are complete."""
+"""The documentation's snippets and commands run, and its reference is complete."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ EXAMPLES = sorted((ROOT / "examples" / "python").glob("[0-9]_*.py"))
 
 
 def blocks(path: Path, language: str) -> list[str]:
-    """Fenced blocks of a page; of an example the code blocks of its text, which don't run while the site is built."""
+    """Returns the fenced blocks of a page, or the code blocks in an example's text, which don't run while the site is
+    built."""
     text = path.read_text(encoding="utf-8")
     if path.suffix == ".md":
         return re.findall(rf"^```{language}\n(.*?)^```", text, re.M | re.S)
@@ -36,13 +37,13 @@ def of(language: str) -> pytest.MarkDecorator:
 
 
 def write_nifti(path: Path, labels: np.ndarray) -> None:
-    """Labels in voxels of 1 mm."""
+    """Writes a NIfTI file of labels with voxels of 1 mm."""
     nibabel.save(nibabel.Nifti1Image(labels.astype(np.int32), np.eye(4)), path)
 
 
 @pytest.fixture
 def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder, the current one, with the files that pages take for granted."""
+    """Changes to a new folder with the files that the pages assume to exist."""
     surface, sphere = sp.example_surface(4)
     for folder in (tmp_path, tmp_path / "subjects" / "sub-01" / "surf", tmp_path / "sub-01" / "surf"):
         folder.mkdir(parents=True, exist_ok=True)
@@ -80,7 +81,7 @@ def test_the_commands_of_a_page_run(page: Path, study: Path) -> None:
     environment = {**os.environ, "PATH": f"{program.parent}:{os.environ['PATH']}", "ID": "sub-01"}
     environment.pop("SPHARM_STORE", None)
     for block in blocks(page, "sh"):
-        # The study's surfaces are small.
+        # Reduce degrees, because the study's surfaces are small.
         commands = re.sub(r"(--max-degree|--factor) ([2-9]\d|\d{3,})\b", r"\1 20", block)
         done = subprocess.run(["bash", "-euo", "pipefail", "-c", commands], env=environment, capture_output=True, text=True)
         assert done.returncode == 0, f"{commands}\n{done.stderr}"
@@ -111,7 +112,7 @@ def test_every_option_that_a_page_names_exists() -> None:
         return text + "".join(helps(*verb, name) for name in verbs_of(text))
 
     known = set(re.findall(r"--[a-z][a-z-]*", helps()))
-    # Of cargo, pip and Apple's tools.
+    # Options of cargo, pip and Apple's tools.
     others = {"--locked", "--path", "--git", "--features", "--no-default-features", "--open", "--install",
               "--config-settings", "--no-verify"}  # fmt: skip
     for page in [*DOCS.glob("algorithms/*.md"), DOCS / "index.md", DOCS / "install.md", DOCS / "conventions.md"]:

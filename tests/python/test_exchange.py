@@ -1,4 +1,4 @@
-"""Files that the program exports, read and evaluated by other people's code; `./run peers` has all of them."""
+"""Files exported by the program are read and evaluated by other packages; `./run peers` tests all packages."""
 
 from __future__ import annotations
 

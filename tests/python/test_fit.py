@@ -1,4 +1,4 @@
-"""Fits: settings, signals, many at once, models and their files."""
+"""Fits: settings, signals, several surfaces at once, models and their files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Surfaces with handles: cut, fitted, and given back; the program's models are the same."""
+"""Surfaces with handles are cut, fitted and restored; the program gives the same models."""
 
 from __future__ import annotations
 
@@ -58,10 +58,10 @@ def test_a_model_gives_the_handles_back(given: sp.Surface, tmp_path: Path) -> No
     one = sp.fit(given, max_degree=16, cut_handles=True)
     assert is_given(one.surface(), given, 0.1)
     assert one.provenance["handles"]["loops"] == one.report["parametrization"]["handles"]["loops"]
-    # As it was cut, and on another sampling.
+    # The cut surface at its own vertices, and the model on another sampling.
     assert one.sphere is not None and characteristic(one.surface(one.sphere)) == 2
     assert characteristic(one.surface(3)) == 2
-    # Through a file, another process, and a model that is made of its coefficients.
+    # The handles are also restored from a file, in another process, and by a model made from the coefficients.
     one.save(tmp_path / "torus.spharm.npz")
     assert is_given(sp.Model.load(tmp_path / "torus.spharm.npz").surface(), given, 0.1)
     assert is_given(sp.Model(one.coefficients, sphere=one).surface(), given, 0.1)

@@ -1,4 +1,4 @@
-"""Moments of samples, and their sums by Dask."""
+"""Moments of samples, and their addition by Dask."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_parts_add_up_travel_and_are_kept(tmp_path: Path) -> None:
     assert sp.Moments.merge([parts[0], parts[2]], partial=True).samples == 5000 - 1667
     with pytest.raises(ValueError, match="both have samples of shard 0/3"):
         sp.Moments.merge([parts[0], parts[0]])
-    # The program reads them.
+    # The program reads files of moments written by the package.
     for i, part in enumerate(parts):
         part.save(tmp_path / f"{i}.moments", overwrite=True)
     command = [sys.executable, "-m", "spharm_rs", "moments", "merge", *map(str, sorted(tmp_path.glob("?.moments")))]
@@ -123,7 +123,7 @@ def test_dask_is_asked_for_only_where_it_is_needed() -> None:
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[Any]:
-    """A client of two worker processes."""
+    """Yields a client with two worker processes."""
     distributed = pytest.importorskip("distributed", reason="Dask isn't installed")
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
@@ -152,7 +152,7 @@ def test_dask_workers_give_the_model_of_one_process(cluster: Any) -> None:
     moments = sp.dask.moments(chunks, max_degree=12).compute()
     assert np.abs(moments.fit(tolerance=1e-13).coefficients - expected).max() < 1e-12
     assert sp.dask.fit(chunks, max_degree=4, smoothness=1e-3).max_degree == 4
-    # One column without weights, and an error of a chunk comes out.
+    # One column without weights; and an error in a chunk is raised by the fit.
     flat = sp.dask.fit(at, values[:, 0], 3)
     assert np.abs(flat.coefficients - sp.Moments(DIRECTIONS, VALUES[:, :1], max_degree=3).fit().coefficients).max() < 1e-12
     with pytest.raises(ValueError, match="sample 0: value"):

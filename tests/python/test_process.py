@@ -1,4 +1,4 @@
-"""Signals, callbacks, threads and forks."""
+"""Signals, callbacks, threads and forked processes."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ import pytest
 
 import spharm_rs as sp
 
-#: Seconds between a signal and the exception.
+#: Maximum time from a signal to the exception, in seconds.
 SOON = 0.25
 
 
 def interrupted(work: Callable[[], Any], after: float) -> float | None:
-    """Seconds from SIGINT to KeyboardInterrupt; none where the work was done before."""
+    """Returns the seconds from SIGINT to KeyboardInterrupt; None if the work was done before."""
     timer = threading.Timer(after, lambda: os.kill(os.getpid(), signal.SIGINT))
     start = time.perf_counter()
     timer.start()
@@ -57,7 +57,8 @@ def test_an_interrupt_is_raised_soon(work: str, tmp_path: Path) -> None:
     call = _works(tmp_path)[work]
     late = interrupted(call, 0.5)
     assert late is not None, f"{work} was done within half a second"
-    # Other processes may hold this one up, so this says that it doesn't run to its end; `bench_python.py` has the times.
+    # Other processes may slow this test down, so the limit is loose: it only shows that the work doesn't run to its
+    # end. `bench_python.py` measures the times.
     assert late < 4 * SOON
 
 
@@ -96,7 +97,7 @@ def test_the_interpreter_is_free_during_a_fit() -> None:
     sp.Transform(sphere.vertices, 200).synthesis(np.ones((201**2, 3)))
     stop.set()
     thread.join()
-    # Ticks of a millisecond went on all the time.
+    # The thread's ticks of a millisecond continued throughout.
     assert len(gaps) > 10 and np.median(gaps) < 0.05
 
 

@@ -1,4 +1,4 @@
-"""The package and the program give the same numbers, and the package carries the program."""
+"""The package and the program give the same numbers, and the package contains the program."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Quality of a group, against NumPy; landmarks and their files."""
+"""Quality of a group compared with NumPy; landmarks and their files."""
 
 import json
 from pathlib import Path
@@ -54,7 +54,7 @@ def test_bands_surfaces_and_landmarks(tmp_path: Path) -> None:
     for curve in (found.compactness, found.generalisation, found.specificity, found.surface_generalisation):
         assert (curve.low <= curve.values).all() and (curve.values <= curve.high).all() and curve.values.shape == (2,)
     assert (found.surface_generalisation.values <= found.generalisation.values).all()
-    # By names, in another order and with one that others haven't.
+    # Landmarks are matched by name: in another order, and with a name that other files lack.
     paths = []
     for index, points in enumerate(landmarks):
         names, order = ["x", "y", "z"], [[0, 1, 2], [2, 0, 1]][index % 2]

@@ -1,4 +1,4 @@
-"""The README's Python runs as it stands."""
+"""The README's Python code runs as printed."""
 
 from __future__ import annotations
 
@@ -18,6 +18,6 @@ def test_the_readmes_python_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.chdir(tmp_path)
     sp.example_surface(4)[0].save("folded.ply")
     for block in blocks:
-        # A smaller model of a smaller surface.
+        # Use a lower degree, to save time.
         exec(compile(block.replace("max_degree=60", "max_degree=20"), "README.md", "exec"), {})
     assert {path.name for path in tmp_path.iterdir()} == {"folded.ply", "python.spharm.npz", "folded20.ply"}

@@ -1,4 +1,4 @@
-"""Shape analysis: the same figures as the program's, and what bad models get."""
+"""Shape analysis: figures equal to the program's, and errors for bad models."""
 
 from __future__ import annotations
 

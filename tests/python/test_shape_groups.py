@@ -1,4 +1,4 @@
-"""Rotation, alignment, modes and tests: against NumPy and SciPy, and the program's figures."""
+"""Rotation, alignment, modes and tests, compared with NumPy, SciPy and the program."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SOME: dict[str, Any] = {"parameters": [30, 45, 60], "object": [10, 80, -20], "tr
 
 
 def lump(seed: int, amount: float = 0.05) -> sp.Model:
-    """An ellipsoid with lumps of degree 5, no image of itself."""
+    """Returns an ellipsoid with lumps of degree 5; no rotation or reflection maps it to itself."""
     lumps = np.random.default_rng(7).normal(size=(36, 3)) / (1 + np.arange(36)[:, None])
     values = lumps + amount * np.random.default_rng(seed).normal(size=(36, 3))
     values[[3, 1, 2], [0, 1, 2]] += 9, 6, 4
@@ -67,7 +67,7 @@ def test_the_pose_that_a_surface_comes_in_does_not_count() -> None:
     assert np.isclose(plain.rmsd_after, rmsd(plain.model, target), rtol=1e-9) and not plain.mirrored
     assert rmsd(plain.model, posed.model) < 1e-9 and np.isclose(posed.rmsd_after, plain.rmsd_after, rtol=1e-9)
     assert posed.rmsd_before > 1 > posed.rmsd_after and posed.rmsd_after <= rmsd(model, target) + 1e-12
-    # A target in another pose: the result moves with it.
+    # If the target is in another pose, the result moves with it.
     moved = sp.shape.align(model, sp.shape.rotate(target, **SOME)).model
     assert rmsd(moved, sp.shape.rotate(plain.model, **SOME)) < 1e-8
     again = posed.transform.apply(sp.shape.rotate(model, **SOME))
@@ -222,7 +222,7 @@ def test_two_groups_are_tested_as_by_scipy(values: Any) -> None:
     pooled = np.sqrt((a.var(0, ddof=1) + b.var(0, ddof=1)) / 2)
     assert np.allclose(found.size, (a.mean(0) - b.mean(0)) / pooled)
 
-    # All 924 relabellings, one by one.
+    # The statistics of all 924 relabellings, computed one by one.
     each = np.array([
         np.abs(stats.ttest_ind(values[list(first)], np.delete(values, first, axis=0)).statistic)
         for first in itertools.combinations(range(12), 6)
@@ -251,7 +251,7 @@ def test_slopes_covariates_and_designs_are_least_squares(values: Any) -> None:
     assert adjusted.columns == ["a", "b", "age", "site y", "site z"]
 
     class Table:
-        """What data frames have."""
+        """The part of a data frame's interface that is used."""
 
         columns = ("age", "site")
 
@@ -346,7 +346,7 @@ def test_models_are_tested_as_by_the_program(group: list[sp.Model], tmp_path: Pa
     program, report = np.genfromtxt(tmp_path / "out" / "test.csv", delimiter=",", names=True), json.loads(done.stdout)
     assert report["relabellings"] == found.relabellings == 70 and report["meaning"] == found.meaning
     for name in ("statistic", "p", "q", "p_fwe", "p_permutation", "effect", "margin", "size"):
-        # Hyphens of the header are left out.
+        # genfromtxt drops the hyphens in the header's names.
         assert np.allclose(program[name.replace("_", "")], getattr(found, name), rtol=1e-6, atol=1e-9), name
     assert found.mean is not None and rmsd(found.mean, sp.shape.mean(group)) < 1e-14
 
@@ -392,7 +392,7 @@ def test_morphs_are_the_programs(tmp_path: Path) -> None:
     assert np.allclose(path.models[2].coefficients, halves, atol=1e-12)
     some = sp.shape.morph(first, last, [0.5])
     assert np.array_equal(some.models[0].coefficients, path.models[2].coefficients)
-    # From where the first one lies.
+    # With keep_pose, the path begins at the first model's position.
     kept = sp.shape.morph(first, last, 3, keep_pose=True)
     place = [model.coefficients[0] for model in kept.models]
     assert np.allclose(place[0], first.coefficients[0], atol=1e-9) and np.allclose(place[2], last.coefficients[0], atol=1e-9)

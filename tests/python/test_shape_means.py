@@ -1,4 +1,4 @@
-"""Tests of means and of groups of unequal variance: against NumPy and SciPy."""
+"""Tests of means and of groups of unequal variance, compared with NumPy and SciPy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Surfaces come from whatever holds them, and go to files and back."""
+"""Surfaces are made from all supported objects, and written to files and read back."""
 
 from __future__ import annotations
 

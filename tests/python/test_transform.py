@@ -1,4 +1,4 @@
-"""Transforms, and the least squares over them, compared with SciPy."""
+"""Transforms and least squares by transforms, compared with SciPy."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ DIRECTIONS = np.random.default_rng(0).normal(size=(500, 3))
 
 
 def basis(directions: np.ndarray, degree: int) -> np.ndarray:
-    """Canonical real harmonics, by SciPy."""
+    """Returns canonical real harmonics, computed by SciPy."""
     theta = np.arctan2(np.hypot(directions[:, 0], directions[:, 1]), directions[:, 2])
     phi = np.arctan2(directions[:, 1], directions[:, 0])
     columns = []

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Makes the inputs of tests/data/hostile that can be written down: what lies about its size, names other files, nests, loops, or
-swells. Each is a file and one byte more, which chooses its name or what is mended; see `fuzz/src/readers/mod.rs`. Inputs that the fuzzer
-found, and `sound.*`, are kept beside them as they are.
+"""Makes those inputs of tests/data/hostile that a script can describe: files that claim wrong sizes, name other files,
+nest, loop, or expand. Each input is a file and one more byte, which selects the file's name or the repair; see
+`fuzz/src/readers/mod.rs`. Inputs found by the fuzzer, and `sound.*`, are stored beside them unchanged.
 """
 
 import base64
@@ -100,7 +100,7 @@ def volumes():
 
 
 def arrays():
-    """The models of npy headers that lie, as archives and as members of them."""
+    """Makes models with false npy headers, as archives and as members of archives."""
     twice = "{'descr': '<f8', 'fortran_order': False, 'shape': (4, 3), 'shape': (1099511627776, 3), }"
     lies = {
         "shape-twice": npy(twice, bytes(96)),

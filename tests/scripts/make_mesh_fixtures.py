@@ -1,10 +1,10 @@
-"""Mesh and signal files as other programs write them, for crates/surface's tests.
+"""Writes mesh and signal files as other programs do, for the tests of crates/surface.
 
     make_mesh_fixtures.py OUT           write the files and expected.json to OUT (tests/data/meshes)
     make_mesh_fixtures.py --check DIR   read what `cargo run --example write_all` wrote to DIR
 
-Everything is written by the formats' own Python libraries where they can, and by hand as exporters do where they
-cannot; expected.json holds what those libraries (never this project) read from the files.
+Files are written by the formats' own Python libraries if these can, otherwise by this script as exporters do.
+expected.json holds the contents as read by those libraries (never by this project).
 
 Made with Python 3.11 and nibabel==5.4.2 meshio==5.3.5 trimesh==5.2.0 vtk==9.7.2 numpy==2.4.6.
 """
@@ -27,7 +27,7 @@ EXPECTED = {}
 
 
 def icosahedron():
-    """A closed surface no two of whose coordinates agree, so that a swapped axis or row shows."""
+    """Returns a closed surface whose coordinates are all different, so that a swapped axis or row is noticed."""
     mesh = trimesh.creation.icosahedron()
     faces = np.array(mesh.faces, dtype=np.int32)
     vertices = np.array(mesh.vertices) * [61.7, 43.1, 29.3] + [-31.25, 17.5, 8.125]
@@ -36,7 +36,7 @@ def icosahedron():
 
 
 def box():
-    """Six quadrangles."""
+    """Returns a box of six quadrangles."""
     vertices = np.array([[x, y, z] for z in (0.5, 4.0) for y in (-1.25, 2.0) for x in (-3.0, 7.5)])
     vertices += 0.01 * np.arange(24.0).reshape(8, 3)
     quads = np.array([[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [1, 3, 7, 5], [3, 2, 6, 7], [2, 0, 4, 6]])
@@ -90,12 +90,12 @@ def write_gifti(out):
         ("column_major.surf.gii", "GZipBase64Binary", "F", np.float32),
         ("double.surf.gii", "GZipBase64Binary", "C", np.float64),
     ]:
-        # nibabel's own writer refuses float64, which the standard lacks and Workbench reads.
+        # nibabel's own writer refuses float64, which isn't in the standard; Workbench reads it.
         mode = {"mode": "force"} if dtype == np.float64 else {}
         image = gifti_surface(vertices, faces, encoding, order, dtype)
         (out / name).write_bytes(image.to_bytes(**mode))
 
-    # Big-endian: nibabel reads it but labels what it writes little-endian, so the bytes are swapped by hand.
+    # nibabel reads big-endian files but labels every file that it writes little-endian, so the script swaps the bytes.
     swapped = gifti_surface(vertices, faces, "Base64Binary")
     text = swapped.to_bytes().decode()
     for array in swapped.darrays:
@@ -105,7 +105,7 @@ def write_gifti(out):
     text = text.replace("LittleEndian", "BigEndian")
     (out / "big_endian.surf.gii").write_bytes(text.encode())
 
-    # The whole file gzipped, with a broken-up Data element, CDATA and the white space that other writers leave.
+    # The entire file gzipped, with a Data element in several pieces, CDATA, and the white space of other writers.
     text = gifti_surface(vertices, faces, "Base64Binary").to_bytes().decode()
     for array in gifti_surface(vertices, faces, "Base64Binary").darrays:
         little = data_text(array.data)
@@ -137,7 +137,7 @@ def write_gifti(out):
     save(GiftiImage(darrays=frames), "series.func.gii")
     save(GiftiImage(darrays=[GiftiDataArray(series[:, 0], intent="NIFTI_INTENT_SHAPE")]), "one.shape.gii")
     counts = (np.arange(24) * 9 % 251).reshape(12, 2).astype(np.uint8)
-    # Not ASCII: nibabel writes and reads text row by row whatever order it declares.
+    # Not as text: nibabel writes and reads text row by row, whatever order it declares.
     array = GiftiDataArray(counts, intent="NIFTI_INTENT_NONE", ordering="F", encoding="Base64Binary", datatype="uint8")
     save(GiftiImage(darrays=[array]), "counts.func.gii")
     for name in ["series.func.gii", "one.shape.gii", "counts.func.gii"]:
@@ -191,7 +191,8 @@ def write_obj(out):
     vertices, quads = box()
     lines = ["# by hand, as exporters write", "mtllib none.mtl", "o box"]
     lines += [f"v {x!r} {y!r} {z!r}" for x, y, z in vertices.tolist()]
-    # As many of these as vertices, else meshio refuses; indices that differ from the vertices', as they do in practice.
+    # As many texture coordinates and normals as vertices, because meshio requires it; with other indices than the
+    # vertices.
     lines += [f"vt 0 {i / 8}" for i in range(8)] + [f"vn 0 0 {i}" for i in range(8)] + ["s off", "usemtl none"]
     full = lines + ["f " + " ".join(f"{i + 1}/{k + 1}/{8 - k}" for k, i in enumerate(q)) for q in quads]
     (out / "quads.obj").write_text("\r\n".join(full) + "\r\n")
@@ -275,7 +276,7 @@ def write_stl(out):
     mesh = meshio.Mesh(vertices.astype(np.float32), [("triangle", faces)])
     meshio.write(out / "binary.stl", mesh, binary=True)
     meshio.write(out / "text.stl", mesh, binary=False)
-    # Many programs start binary files with this word.
+    # Many programs write binary files that begin with the word `solid`.
     raw = (out / "binary.stl").read_bytes()
     (out / "solid_binary.stl").write_bytes(b"solid" + raw[5:])
     for name in ["binary.stl", "text.stl"]:
@@ -309,7 +310,7 @@ def write_tables(out):
     expect_signal("plain.tsv", np.loadtxt(out / "plain.tsv", delimiter="\t"))
 
 
-# Checking what the project wrote
+# Checks files written by the project
 
 
 def check(directory):

@@ -1,5 +1,5 @@
-"""Reads a compressed model: read_sphz.py FILE.sphz OUT.npy [--prefix]. Written from docs/sphz-format.md alone, in Python and
-NumPy, to show that the page is enough; slow, and as short as it can be."""
+"""Reads a compressed model: read_sphz.py FILE.sphz OUT.npy [--prefix]. Written from docs/sphz-format.md alone, in
+Python and NumPy, to show that the page suffices. Short rather than fast."""
 
 import json
 import sys
@@ -155,7 +155,7 @@ def bound(k):
 
 
 class Numbers:
-    """The whole numbers of a stream."""
+    """Decodes the whole numbers of a stream."""
 
     def __init__(self, head, data):
         self.c, self.decoder, self.stretch = head["c"], Decoder(data), stretches()

@@ -1,4 +1,4 @@
-//! No bit of a file can change, and no byte be cut off, without being found out.
+//! Every changed bit and every truncation of a basis file is detected.
 
 use std::fs::File;
 use std::os::unix::fs::FileExt;
@@ -14,7 +14,7 @@ fn open_and_verify(path: &Path) -> Result<(), StoreError> {
     DegreeFile::open(path)?.verify(&Silent)
 }
 
-/// One file with a raw and compressed chunks of each kind, as small as they come.
+/// Makes files with an uncompressed chunk and compressed chunks of each kind, as small as possible.
 fn small_files(store: &Path, codec: Codec, scalar: Scalar) -> Vec<std::path::PathBuf> {
     let params = BuildParams { max_degree: 1, scalar, codec, chunk_rows: 8, ..BuildParams::default() };
     let key = build_here(store, 18, &params);
@@ -50,7 +50,7 @@ fn every_flipped_bit_is_found() {
     }
 }
 
-/// A reader that doesn't verify gives the right values of a chunk or an error, no third thing.
+/// Checks that a reader without verification returns either the correct values of a chunk or an error.
 fn assert_reader_is_right(path: &Path, original: &[u8]) {
     let Ok(damaged) = DegreeFile::open(path) else { return };
     let chunks = damaged.header().chunk_count();
@@ -67,7 +67,8 @@ fn assert_reader_is_right(path: &Path, original: &[u8]) {
             }
         }
     }
-    // Table and footer are sound, or it wouldn't have opened: one chunk has changed, or padding, which nobody uses.
+    // The file could be opened, so table and footer are unchanged: the change is in one chunk, or in padding, which
+    // isn't used.
     let at = changed.iter().zip(original).position(|(a, b)| a != b).expect("a changed byte");
     let before: u64 = (0..chunks).map(|chunk| (damaged.stored_len(chunk) as u64).next_multiple_of(64)).sum();
     assert!((4096..4096 + before).contains(&(at as u64)));
@@ -89,7 +90,7 @@ fn every_truncation_and_every_tail_is_found() {
         for len in (0..bytes.len() as u64).rev() {
             file.set_len(len).expect("a truncation");
             assert_helpful(&open_and_verify(path).expect_err("a truncated file"), path);
-            // The same length again, but zeros where the end was.
+            // Restores the file's length, with zeros in place of the lost bytes.
             if len % 64 == 0 {
                 file.set_len(bytes.len() as u64).expect("an extension");
                 assert_helpful(&open_and_verify(path).expect_err("a file with a hole"), path);

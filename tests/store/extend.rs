@@ -1,4 +1,4 @@
-//! A store grows by files; what is there stays, and serves every fit that it has the degrees for.
+//! A store is extended by adding files. Existing files don't change, and serve every fit whose degrees exist.
 
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
@@ -10,7 +10,7 @@ use crate::common::{fail, succeed, tool};
 
 const N: usize = 400;
 
-/// What would show that somebody has written to a file: inode, size, time of the last change.
+/// Returns what changes if a file is written to: inode, size, time of the last change.
 fn stamps(folder: &Path, degrees: std::ops::RangeInclusive<usize>) -> Vec<(u64, u64, i64, i64)> {
     let stamp = |degree: usize| {
         let metadata = std::fs::metadata(folder.join(format!("A_{degree}"))).expect("a file");
@@ -31,7 +31,7 @@ fn an_extension_adds_files_and_touches_none() {
     build("6", &["--chunk-rows", "128"]);
     let scheme = store.join(super::only_scheme(&store).to_string());
     let before = stamps(&scheme, 0..=6);
-    // The scheme keeps its chunks; codecs may be mixed.
+    // New files have the scheme's chunk size, whatever is requested; codecs may be mixed.
     build("10", &["--codec", "zstd"]);
     assert_eq!(stamps(&scheme, 0..=6), before);
     let all = stamps(&scheme, 0..=10);
@@ -46,7 +46,7 @@ fn an_extension_adds_files_and_touches_none() {
     assert_eq!(verified(&store).len(), 11);
 }
 
-/// A chunk size that is there counts against the memory, not the one that was asked for.
+/// An extension plans its memory with the existing chunk size instead of the requested one.
 #[test]
 fn an_extension_plans_with_the_chunks_that_are_there() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -84,7 +84,8 @@ fn a_fit_takes_any_degree_that_is_there_and_says_how_to_get_more() {
             assert!(line.contains("degrees 0 to 6"), "{line}");
             let command = line.split("extend it with: ").nth(1).unwrap_or_else(|| panic!("{line}"));
             assert_eq!(command.contains("--dtype"), dtype.is_some(), "{line}");
-            // To the letter, but for the sphere, which the store doesn't know.
+            // The suggested command works as printed, once SPHERE is replaced; the store doesn't know the sphere's
+            // path.
             let mut words = command.split(' ');
             assert_eq!(words.next(), Some("spharm"));
             let mut extend = tool(words.next().expect("a verb"));
@@ -96,7 +97,7 @@ fn a_fit_takes_any_degree_that_is_there_and_says_how_to_get_more() {
                 std::fs::remove_file(store.join(key.to_string()).join(format!("A_{above}"))).expect("a removal");
             }
         }
-        // A hole in the middle is no other.
+        // A missing degree in the middle limits the fits to the degrees below.
         std::fs::remove_file(store.join(key.to_string()).join("A_3")).expect("a removal");
         succeed(&mut fit(2));
         let line = fail(&mut fit(5));

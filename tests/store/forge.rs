@@ -1,8 +1,8 @@
-//! Makes files that lie: any bytes changed, and every hash made to fit again.
+//! Forges files with false contents: any bytes are changed, and then all hashes are computed again.
 
 use std::path::Path;
 
-/// A basis file in its parts; offsets as in `store-format.md`.
+/// The parts of a basis file; offsets are those of `store-format.md`.
 #[derive(Clone)]
 pub(super) struct Forged {
     pub(super) header: Vec<u8>,
@@ -25,7 +25,7 @@ impl Forged {
         }
     }
 
-    /// Replaces the chunks by one, as an entry describes it.
+    /// Replaces all chunks by a single one, and describes it in the table.
     pub(super) fn one_chunk(&mut self, stored: &[u8], codec: u32) {
         self.body = stored.to_vec();
         self.body.resize(stored.len().next_multiple_of(64), 0);
@@ -37,7 +37,7 @@ impl Forged {
         self.measure();
     }
 
-    /// Puts the true offsets and lengths into the footer.
+    /// Writes the actual offsets and lengths into the footer.
     pub(super) fn measure(&mut self) {
         let table_at = 4096 + self.body.len();
         put64(&mut self.footer, 8, table_at as u64);
@@ -45,12 +45,12 @@ impl Forged {
         put64(&mut self.footer, 24, (table_at + self.table.len() + 128) as u64);
     }
 
-    /// Makes all hashes fit what they are of, and writes the file.
+    /// Computes all hashes again, and writes the basis file.
     pub(super) fn write(&mut self, path: &Path) {
         self.write_as("spharm-rs 2026-11 basis file root v1", path);
     }
 
-    /// The same for a file of another kind, whose root has a context of its own.
+    /// Computes all hashes again, with the context of another kind of file for the root hash, and writes the file.
     pub(super) fn write_as(&mut self, root_context: &str, path: &Path) {
         let hash = blake3::hash(&self.header[..4064]);
         self.header[4064..].copy_from_slice(hash.as_bytes());

@@ -1,4 +1,5 @@
-//! A disk that fills up at any moment: a clear error, nothing half-written, and a rerun with room completes.
+//! If the disk fills up at any moment of a build, the error is clear, no file is half-written, and a rerun with more
+//! space completes.
 
 use std::path::Path;
 use std::process::Command;
@@ -32,12 +33,13 @@ fn a_build_on_a_disk_of_any_size_fails_cleanly_and_completes_later() {
         build_here(&reference, N, &BuildParams { max_degree: MAX_DEGREE, codec, ..BuildParams::default() });
         let expected = verified(&reference);
         let steps = expected.values().map(|bytes| bytes.len() as u64).sum::<u64>() / STEP;
-        // All sizes in the soak, else every tenth, from another start for each codec.
+        // In the soak test all disk sizes; otherwise every tenth size, from a different start for each codec.
         let stride = (steps as usize / times(steps as usize)).max(1);
         for step in (1..=steps).skip(3 * name.len() % stride.max(1)).step_by(stride.max(1)) {
             namespace::mount(&disk, step * STEP);
             let store = disk.join("store");
-            // Refused up front where the plan is known not to fit, with nothing made; compression may yet make it fit.
+            // A plan that needs more than the free space is refused before anything is written. --yes builds anyway,
+            // since compression may make the files fit.
             let line = fail(&mut builder(&store, &sphere, name));
             assert!(line.contains(&store.display().to_string()) && line.contains("with more room"), "{line}");
             assert!(!store.exists());
@@ -61,7 +63,7 @@ fn a_build_on_a_disk_of_any_size_fails_cleanly_and_completes_later() {
     }
 }
 
-/// What a killed build left takes up the room that the next one needs: it goes first.
+/// Leftovers of a killed build take up space that the next build needs, so the next build removes them first.
 #[test]
 fn leftovers_make_room_for_the_build_that_needs_it() {
     if !namespace::entered("store::full_disk::leftovers_make_room_for_the_build_that_needs_it") {

@@ -1,4 +1,4 @@
-//! A committed store of format version 1, read forever.
+//! A committed store of format version 1, which must stay readable.
 
 use std::path::PathBuf;
 
@@ -11,7 +11,7 @@ use crate::common::root;
 
 const MAX_DEGREE: usize = 4;
 const ROWS: usize = 18;
-/// The keys of the golden sphere; the folders' names.
+/// Keys of the golden sphere, which are the folders' names.
 const KEYS: [(Scalar, Codec, &str); 2] = [
     (Scalar::F64, Codec::Raw, "48706de2f3a23acf2cb176a0643736d11eb525b2070ce93aa4f5c51203b73c20"),
     (Scalar::F32, Codec::Zstd, "b966bb6f3b26c41a496f8b585584cf36ae11503dbe66097244a4e05100398282"),
@@ -21,7 +21,8 @@ fn golden() -> PathBuf {
     root().join("tests/data/golden-v1")
 }
 
-/// Vertices in whole numbers: normalising is exact arithmetic, rounded, so keys don't depend on a library's sine.
+/// Returns the golden sphere. Its vertices are whole numbers, so normalising them uses only exactly rounded arithmetic,
+/// and keys don't depend on a library's sine.
 fn sphere() -> Directions {
     let mesh = read_mesh(golden().join("sphere.obj")).expect("the golden sphere");
     Directions::from_vertices(&mesh.vertices).expect("directions")
@@ -56,7 +57,7 @@ fn keys_are_what_they_were() {
     }
 }
 
-/// "Key" of `store-format.md`, followed to the letter.
+/// Computes the key step by step from the section "Key" of `store-format.md`.
 #[test]
 fn the_key_is_the_hash_that_the_format_describes() {
     let directions = sphere();
@@ -93,7 +94,8 @@ fn assert_values(file: &DegreeFile, directions: &Directions, degree: usize, scal
     let header = file.header();
     let window = file.window(0..header.chunk_count()).expect("a window");
     let mut scratch = Vec::new();
-    // Textbook and sweep are each a few roundings off at these degrees; values are of the order of 1.
+    // Both the textbook formula and the recurrence have errors of a few roundings at these degrees; values are of order
+    // 1.
     let tolerance = match scalar {
         Scalar::F64 => 1e-15,
         Scalar::F32 => f64::from(f32::EPSILON) / 2.0,
@@ -128,7 +130,7 @@ fn u64_at(bytes: &[u8], at: usize) -> u64 {
     u64::from_le_bytes(bytes[at..at + 8].try_into().expect("eight bytes"))
 }
 
-/// Offsets by hand out of `store-format.md`, no constant of the store's code.
+/// Checks offsets taken by hand from `store-format.md`, without constants of the store's code.
 #[test]
 fn header_table_and_footer_lie_where_the_format_says() {
     for (scalar, codec, key) in KEYS {
@@ -184,7 +186,7 @@ fn header_table_and_footer_lie_where_the_format_says() {
     }
 }
 
-/// The golden files of one codec hold both kinds of chunks, so that both are read forever.
+/// The golden files of one codec have both kinds of chunks, so that readers are tested on both.
 #[test]
 fn the_golden_store_has_compressed_and_uncompressed_chunks() {
     let folder = golden().join("store").join(KEYS[1].2);
@@ -197,7 +199,7 @@ fn the_golden_store_has_compressed_and_uncompressed_chunks() {
     assert!(codecs.contains(&0) && codecs.contains(&1), "{codecs:?}");
 }
 
-/// The last bits may differ between processors; keys, layout and values to rounding may not.
+/// Keys, layout and rounded values are the same as in the golden store; last bits may differ between processors.
 #[test]
 fn a_build_today_makes_the_same_store() {
     let folder = tempfile::tempdir().expect("a folder");

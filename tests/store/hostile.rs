@@ -1,4 +1,5 @@
-//! Files whose hashes fit and whose contents lie: a typed error, no panic, no allocation that a number asked for.
+//! Files with false contents but correct hashes give a typed error: no panic, and no allocation by a number in the
+//! file.
 
 use std::path::PathBuf;
 use std::process::Command;
@@ -43,7 +44,7 @@ impl Victim {
     }
 }
 
-/// A lie about 18 rows in chunks of 8, and what the error calls it.
+/// A false entry in a file of 18 rows in chunks of 8, and the words of the error for it.
 type Lie = (&'static str, fn(&mut Forged));
 
 const LIES: &[Lie] = &[
@@ -78,7 +79,7 @@ const LIES: &[Lie] = &[
     ("rows a chunk", |f| put64(&mut f.header, 72, !7)),
     ("number of chunks", |f| put64(&mut f.header, 72, 16)),
     ("number of chunks", |f| put64(&mut f.header, 72, 1 << 20)),
-    // 2^20 rows of degree 2,000 are 33 GB.
+    // 2^20 rows of degree 2,000 would be 33 GB.
     ("chunk size", |f| {
         put64(&mut f.header, 72, 1 << 20);
         put32(&mut f.header, 56, 2000);
@@ -93,7 +94,7 @@ const LIES: &[Lie] = &[
         put64(&mut f.header, 80, 1 << 22);
         put64(&mut f.header, 72, 16);
     }),
-    // Both agree on more chunks than there are bytes for.
+    // Header and footer agree on more chunks than the file has bytes for.
     ("entries of the table", |f| {
         put64(&mut f.header, 48, 8 << 22);
         put64(&mut f.header, 80, 1 << 22);
@@ -117,7 +118,7 @@ const LIES: &[Lie] = &[
     ("length of the file", |f| put64(&mut f.footer, 24, u64::MAX)),
     ("reserved bytes of the footer", |f| f.footer[64] = 1),
     ("reserved bytes of the footer", |f| f.footer[95] = 1),
-    // Chunks before the file's start, overlapping, with a gap, out of order, past the end, and where sums overflow.
+    // Chunks before the file's start, overlapping, with a gap, out of order, past the end, and with sums that overflow.
     ("offset of a chunk", |f| put64(&mut f.table, 0, 0)),
     ("offset of a chunk", |f| put64(&mut f.table, 0, 4160)),
     ("offset of a chunk", |f| put64(&mut f.table, 64, 4096)),
@@ -135,9 +136,9 @@ const LIES: &[Lie] = &[
     ("decoded length of a chunk", |f| put64(&mut f.table, 16, u64::MAX)),
     ("codec of a chunk", |f| put32(&mut f.table, 28, 2)),
     ("codec of a chunk", |f| put32(&mut f.table, 28, u32::MAX)),
-    // A chunk said to be compressed where the header says that none is.
+    // A chunk marked as compressed in a file whose header states that no chunk is.
     ("codec of a chunk", |f| put32(&mut f.table, 28, 1)),
-    // Compressed to nothing, and to no less than before.
+    // Compressed chunks of no bytes, and of as many bytes as uncompressed.
     ("stored length of a chunk", |f| {
         put32(&mut f.header, 68, 1);
         put32(&mut f.table, 28, 1);
@@ -174,11 +175,11 @@ fn a_lie_is_refused_by_name() {
     DegreeFile::open(&victim.path).expect("the forger's tools change nothing by themselves");
 }
 
-/// The same through the tools, which must neither die nor wait nor take the memory that the lies speak of.
+/// The tools refuse the same files without crashing, waiting, or allocating the memory that the files claim.
 #[test]
 fn the_tools_refuse_a_lie_in_little_memory() {
     let victim = Victim::new(18, 8, Codec::Raw);
-    // Every one of them takes a process; each kind once will do.
+    // Each case runs a process, so only the first case for each error is tested.
     let mut seen = Vec::new();
     for (what, lie) in LIES {
         if seen.contains(what) {
@@ -195,14 +196,14 @@ fn the_tools_refuse_a_lie_in_little_memory() {
     let mut verify = tool("store");
     verify.arg("verify").arg(victim.store());
     assert_helpful_line(&fail(&mut in_little_memory(&verify)), &victim.path);
-    // A build replaces what is damaged.
+    // A build replaces the damaged file.
     let mut rebuild = tool("basis-build");
     rebuild.args(["--max-degree", "2", "--sphere"]).arg(write_sphere(victim.folder.path(), 18));
     assert!(finish(rebuild.arg("--store").arg(victim.store())).status.success());
     assert!(finish(&mut victim.fit()).status.success());
 }
 
-/// The command with an address space of 2 GiB, most of which OpenBLAS and the stacks reserve.
+/// Returns the command with an address space of 2 GiB, most of which is reserved by OpenBLAS and the stacks.
 fn in_little_memory(command: &Command) -> Command {
     let mut limited = Command::new("sh");
     limited.args(["-c", "ulimit -v 2097152 && exec \"$@\"", "sh"]).arg(command.get_program()).args(command.get_args());
@@ -212,7 +213,7 @@ fn in_little_memory(command: &Command) -> Command {
 
 #[test]
 fn a_frame_that_lies_is_refused_when_it_is_read() {
-    // One chunk of 4,096 rows: 98,304 bytes of A_1.
+    // One chunk of 4,096 rows has 98,304 bytes in A_1.
     let victim = Victim::new(4096, 4096, Codec::Zstd);
     let compress = |len: usize, level: i32| zstd::bulk::compress(&vec![0; len], level).expect("a frame");
     let right = compress(98_304, 1);
@@ -257,7 +258,7 @@ fn a_frame_that_lies_is_refused_when_it_is_read() {
     DegreeFile::open(&victim.path).expect("a file").verify(&Silent).expect("a right frame");
 }
 
-/// A checksum and a hash that don't fit, with a root that does.
+/// A wrong checksum or hash of a chunk, under a correct root hash, is found when the chunk is read.
 #[test]
 fn a_chunk_that_differs_from_the_table_is_refused_when_it_is_read() {
     let victim = Victim::new(18, 8, Codec::Raw);
@@ -276,7 +277,7 @@ fn a_chunk_that_differs_from_the_table_is_refused_when_it_is_read() {
     assert_helpful_line(&fail(victim.fit().arg("--verify")), &victim.path);
 }
 
-/// Sound files in the wrong place.
+/// Valid files in the wrong folder or under the wrong name are refused.
 #[test]
 fn a_file_of_another_scheme_or_degree_is_refused() {
     let victim = Victim::new(18, 8, Codec::Raw);
@@ -299,7 +300,7 @@ fn a_file_of_another_scheme_or_degree_is_refused() {
         assert_helpful(&Scheme::open(&store, victim.key, 18, 2).expect_err(what), &victim.path);
         assert_helpful_line(&fail(&mut victim.fit()), &victim.path);
     }
-    // Single precision under the key of double precision: its own header says so, and no hash can.
+    // A file in f32 under the key of f64: only its header shows the scalar type, because all hashes are correct.
     let mut forged = victim.original.clone();
     put32(&mut forged.header, 64, 2);
     forged.table.clear();
@@ -320,7 +321,7 @@ fn a_file_of_another_scheme_or_degree_is_refused() {
     forged.write(&victim.path);
     DegreeFile::open(&victim.path).expect("a file that is sound by itself");
     assert_helpful(&Scheme::open(&store, victim.key, 18, 2).expect_err("another scalar"), &victim.path);
-    // A build takes it for damaged.
+    // A build treats the file as damaged and replaces it.
     let report = build(&store, &directions(18), &params, &Silent).expect("a build");
     let [StoreWarning::Replaced(error)] = &report.warnings[..] else { panic!("{:?}", report.warnings) };
     assert_helpful(error, &victim.path);
@@ -340,7 +341,7 @@ fn a_degree_beyond_all_bounds_is_refused() {
     }
 }
 
-/// What no reader would take isn't written.
+/// A build refuses to write chunks that no reader would accept.
 #[test]
 fn chunks_that_the_format_has_no_room_for_are_refused() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -357,7 +358,8 @@ fn chunks_that_the_format_has_no_room_for_are_refused() {
     refuse(10, &BuildParams { chunk_rows: (1 << 20) + 8, ..params });
 }
 
-/// A file that claims 2^22 chunks and has them, as a hole: the table it takes is what the bound allows, no more.
+/// A file that claims 2^22 chunks, and has them as a hole: no more memory is allocated than the bound for tables
+/// allows.
 #[test]
 fn a_file_of_holes_is_refused() {
     let victim = Victim::new(18, 8, Codec::Raw);
@@ -369,7 +371,7 @@ fn a_file_of_holes_is_refused() {
     put64(&mut forged.footer, 16, chunks);
     put64(&mut forged.footer, 24, 4096 + 192 * chunks + 64 * chunks + 128);
     forged.write(&victim.path);
-    // Footer to the end of the hole.
+    // The footer moves to the end of the hole.
     let file = std::fs::File::options().write(true).open(&victim.path).expect("a file");
     file.set_len(4096).expect("a truncation");
     file.set_len(4096 + 256 * chunks).expect("a hole");

@@ -1,4 +1,5 @@
-//! A file truncated or overwritten while it is read: an error that names it, never a signal or a wrong number.
+//! If a file is truncated or overwritten while it is read, an error names the file; there is no signal and no wrong
+//! number.
 
 use std::fs::File;
 use std::os::unix::fs::FileExt;
@@ -16,7 +17,7 @@ fn assert_changed(error: &StoreError, path: &Path) {
     super::assert_helpful(error, path);
 }
 
-/// A file of several pages a chunk, with a window on all of it.
+/// Makes a file whose chunks span several pages; returns its folder and its path.
 fn big_file(codec: Codec, scalar: Scalar) -> (tempfile::TempDir, PathBuf) {
     let folder = tempfile::tempdir().expect("a folder");
     let params = BuildParams { max_degree: 2, codec, scalar, chunk_rows: 2048, ..BuildParams::default() };
@@ -34,7 +35,7 @@ fn a_truncated_file_is_an_error_of_its_window() {
             let chunks = file.header().chunk_count();
             let window = file.window(0..chunks).expect("a window");
             let mut scratch = Vec::new();
-            // The first chunk has been read and found right, the others have not.
+            // The first chunk has been read and verified, the other chunks have not.
             let sum: f64 = window.values(0, &mut scratch).expect("values").iter().sum();
             assert!(sum.is_finite());
             window.check().expect("an unchanged file");
@@ -59,10 +60,10 @@ fn an_overwritten_file_is_an_error_of_its_window() {
     let mut scratch = Vec::new();
     window.values(0, &mut scratch).expect("values");
     window.check().expect("an unchanged file");
-    // One clock tick, which is what modification times are made of.
+    // Wait for one clock tick, the resolution of modification times.
     std::thread::sleep(Duration::from_millis(20));
     File::options().write(true).open(&path).expect("a file").write_all_at(&[1; 8], 5000).expect("a write");
-    // The checksum is only looked at once, so it is the check that has to notice.
+    // The checksum is verified only once, so `check` must notice the change.
     window.values(0, &mut scratch).expect("values");
     assert_changed(&window.check().expect_err("an overwritten file"), &path);
 }
@@ -79,7 +80,7 @@ fn a_file_that_is_removed_stays_readable_for_those_who_have_it() {
     window.check().expect("an unchanged file");
 }
 
-/// What happens to a file in the middle of a fit.
+/// A change of a file in the middle of a fit.
 type Harm = fn(&Path);
 
 fn truncate(path: &Path) {
@@ -107,7 +108,7 @@ fn a_fit_ends_with_one_clear_line() {
         let key = build_here(&store, N, &params);
         let path = store.join(key.to_string()).join("A_17");
         let sound = std::fs::read(&path).expect("a file");
-        // Blocks mapped whole, and chunk by chunk.
+        // With the larger budget blocks are mapped as a whole; with the smallest budget, chunk by chunk.
         for memory in ["256MiB", &least_memory(&store, &sphere, &signal)] {
             for harm in [truncate as Harm, empty, overwrite] {
                 let mut fit = tool("fit");
@@ -126,7 +127,7 @@ fn a_fit_ends_with_one_clear_line() {
     }
 }
 
-/// The smallest budget of a fit, which its refusal of a smaller one names.
+/// Returns the smallest budget of a fit, as stated by the error for a smaller one.
 fn least_memory(store: &Path, sphere: &Path, signal: &Path) -> String {
     let mut fit = tool("fit");
     fit.arg("--store").arg(store).arg("--sphere").arg(sphere).arg("--surface").arg(signal);
@@ -136,7 +137,8 @@ fn least_memory(store: &Path, sphere: &Path, signal: &Path) -> String {
     format!("{}MiB", after.split(' ').next().expect("a number"))
 }
 
-/// Until the process has the file mapped, where the system tells, and so is in the middle of a pass.
+/// Waits until the process has mapped the file, and so is within a pass; waits for a fixed time if that can't be
+/// determined.
 fn wait_until_it_reads(child: &mut Child, path: &Path) {
     let maps = PathBuf::from(format!("/proc/{}/maps", child.id()));
     let name = path.to_str().expect("UTF-8");

@@ -1,5 +1,5 @@
-//! The bytes of a store depend on the scheme, the scalar type and the codec alone: not on threads, memory, or how often
-//! a build was interrupted.
+//! The bytes of a store depend only on the scheme, the scalar type and the codec: not on threads, memory, or the number
+//! of interruptions of a build.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -14,7 +14,7 @@ use crate::common::times;
 const N: usize = 700;
 const MAX_DEGREE: usize = 24;
 
-/// Stops a build from the step on at which the condition holds.
+/// Monitor that stops a build at the first step at which the condition holds.
 struct StopWhen<F> {
     condition: F,
     stopped: AtomicBool,
@@ -38,7 +38,7 @@ impl<F: Fn() -> bool + Sync> Monitor for StopWhen<F> {
     }
 }
 
-/// The least memory that a build works in, which its refusal names.
+/// Returns the smallest memory budget of a build, as stated by its refusal of a smaller one.
 fn least_memory(store: &Path, params: &BuildParams) -> usize {
     let params = BuildParams { memory: 1, ..params.clone() };
     match build(store, &directions(N), &params, &Silent) {
@@ -63,7 +63,7 @@ fn threads_memory_and_interruptions_do_not_show_in_the_bytes() {
         let mut random = Random(4);
         for round in 0..times(40) {
             let store = folder.path().join(format!("store{round}"));
-            // Several runs on the way, each with other settings, to another degree, and stopped at another chunk.
+            // Several runs, each with other settings, to another degree, and stopped at another chunk.
             for _ in 0..3 {
                 let stop_after = random.below(200) as usize;
                 let params = BuildParams {
@@ -79,7 +79,7 @@ fn threads_memory_and_interruptions_do_not_show_in_the_bytes() {
                     Err(error) => panic!("{error}"),
                 }
                 assert_eq!(leftovers(&store), [""; 0]);
-                // A degree goes missing in the middle.
+                // A file of a degree in the middle is deleted.
                 let lost = store.join(key.to_string()).join(format!("A_{}", random.below(MAX_DEGREE as u64)));
                 let _ = std::fs::remove_file(lost);
             }
@@ -93,11 +93,11 @@ fn threads_memory_and_interruptions_do_not_show_in_the_bytes() {
     }
 }
 
-/// Of many degrees, the groups that were finished before an interruption stay.
+/// After an interruption, the groups of degrees that were finished are kept.
 #[test]
 fn an_interrupted_build_keeps_what_is_finished() {
     const ROWS: usize = 8;
-    // 256 files at most are written at a time, so these are several groups.
+    // At most 256 files are written at a time, so this degree gives several groups.
     const HIGH: usize = 1100;
     let folder = tempfile::tempdir().expect("a folder");
     let params = BuildParams { max_degree: HIGH, codec: Codec::Raw, ..BuildParams::default() };

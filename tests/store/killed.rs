@@ -1,4 +1,4 @@
-//! Builds killed at any moment: what is there is whole, and a rerun makes the same store with nothing left over.
+//! A build killed at any moment leaves only complete files; a rerun makes the same store without leftovers.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -18,7 +18,7 @@ struct Site {
     folder: tempfile::TempDir,
     sphere: PathBuf,
     expected: BTreeMap<usize, Vec<u8>>,
-    /// What an undisturbed build takes.
+    /// Duration of an undisturbed build.
     duration: Duration,
 }
 
@@ -50,7 +50,7 @@ impl Site {
         self.builder(store).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the tool starts")
     }
 
-    /// Every file with a final name is whole.
+    /// Checks that every file with a final name is complete; returns the number of these files.
     fn assert_nothing_half_written(&self, store: &Path) -> usize {
         if !catalog::schemes(store).is_ok_and(|keys| !keys.is_empty()) {
             return 0;
@@ -76,7 +76,7 @@ fn a_killed_build_leaves_nothing_half_written_and_a_rerun_completes_it() {
     for round in 1..=times(200) {
         let store = site.store(round);
         let mut child = site.start(&store);
-        // A moment anywhere in the build; its second half, when files are published, more often than the first.
+        // A random moment in the build; the second half, in which files are published, is chosen more often.
         let part = random.below(1 << 20) as f64 / (1u64 << 20) as f64;
         let part = if round % 2 == 0 { part } else { 0.5 + 0.5 * part };
         std::thread::sleep(site.duration.mul_f64(part));
@@ -99,7 +99,7 @@ fn a_build_that_is_asked_to_stop_stops_cleanly_and_a_rerun_completes_it() {
     for (round, signal) in (1..=times(60)).zip([Signal::TERM, Signal::INT, Signal::HUP].into_iter().cycle()) {
         let store = site.store(round);
         let mut child = site.start(&store);
-        // Folders are there only after it has learnt to listen to signals, files when it computes.
+        // The build creates folders only after it has installed its signal handlers, and files once it computes.
         let computes =
             |store: &Path| catalog::schemes(store).is_ok_and(|k| !k.is_empty()) && !leftovers(store).is_empty();
         while !computes(&store) && child.try_wait().expect("it can be waited for").is_none() {
@@ -108,7 +108,7 @@ fn a_build_that_is_asked_to_stop_stops_cleanly_and_a_rerun_completes_it() {
         if round % 2 == 0 {
             std::thread::sleep(site.duration.mul_f64(random.below(1000) as f64 / 1000.0));
         }
-        // It may have ended already, and is then waited for below.
+        // The process may have ended already; it is waited for below.
         let _ = kill_process(Pid::from_child(&child), signal);
         let output = wait(child);
         match output.status.code() {
@@ -120,7 +120,7 @@ fn a_build_that_is_asked_to_stop_stops_cleanly_and_a_rerun_completes_it() {
                     assert_eq!(leftovers(&store), [""; 0], "it has cleared up after itself");
                 }
             }
-            // Too late to stop it.
+            // The build had finished before the signal.
             code => assert_eq!(code, Some(0), "{}", text(&output)),
         }
         site.assert_nothing_half_written(&store);
@@ -131,7 +131,7 @@ fn a_build_that_is_asked_to_stop_stops_cleanly_and_a_rerun_completes_it() {
     assert!(stopped > 0, "the moments are in the build");
 }
 
-/// While it waits for another builder, too.
+/// A build can also be stopped while it waits for another builder's lock.
 #[test]
 fn a_build_that_waits_for_another_stops_when_it_is_asked_to() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -154,7 +154,7 @@ fn a_build_that_waits_for_another_stops_when_it_is_asked_to() {
     assert_eq!(verified(&store).len(), 3);
 }
 
-/// As under `nohup`: who logs out sends SIGHUP, and the build goes on.
+/// Under `nohup`, SIGHUP is ignored from the start: the build continues after a logout.
 #[test]
 fn a_signal_that_is_ignored_from_the_start_stays_ignored() {
     let folder = tempfile::tempdir().expect("a folder");

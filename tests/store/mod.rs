@@ -1,4 +1,4 @@
-//! What the basis store guarantees, a file for each guarantee. `store-format.md` is the authority on bytes.
+//! Guarantees of the basis store, one file for each guarantee. `store-format.md` defines the bytes.
 
 mod bits;
 mod extend;
@@ -24,7 +24,7 @@ use spharm_harmonics::Directions;
 use spharm_monitor::Silent;
 use spharm_store::{BuildParams, SchemeKey, StoreError, build, catalog};
 
-/// Angles of n points that are spread over the sphere on a spiral; the first two are the poles.
+/// Returns the angles of n points spread over the sphere on a spiral; the first two are the poles.
 fn spiral(n: usize) -> Vec<[f64; 2]> {
     let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());
     let rest = (2..n)
@@ -36,7 +36,7 @@ fn directions(n: usize) -> Directions {
     Directions::from_angles(&spiral(n)).expect("directions")
 }
 
-/// The same sampling scheme as a file for the tools.
+/// Writes the same sampling scheme to a file for the tools.
 fn write_sphere(folder: &Path, n: usize) -> PathBuf {
     let mut text = "theta,phi\n".to_owned();
     spiral(n).iter().for_each(|[theta, phi]| writeln!(text, "{theta:?},{phi:?}").expect("a string"));
@@ -45,7 +45,7 @@ fn write_sphere(folder: &Path, n: usize) -> PathBuf {
     path
 }
 
-/// Something to fit: a smooth function on the spiral.
+/// Writes a signal to fit: a smooth function on the spiral.
 fn write_signal(folder: &Path, n: usize) -> PathBuf {
     let mut text = String::new();
     spiral(n)
@@ -56,19 +56,19 @@ fn write_signal(folder: &Path, n: usize) -> PathBuf {
     path
 }
 
-/// Builds in this process, undisturbed.
+/// Builds a store in this process, without interruption.
 fn build_here(store: &Path, n: usize, params: &BuildParams) -> SchemeKey {
     build(store, &directions(n), params, &Silent).expect("a build").key
 }
 
-/// The only scheme of a store.
+/// Returns the key of a store's only scheme.
 fn only_scheme(store: &Path) -> SchemeKey {
     let keys = catalog::schemes(store).expect("a store");
     assert_eq!(keys.len(), 1, "{keys:?}");
     keys[0]
 }
 
-/// Every basis file of the store's only scheme, by name, opened and verified.
+/// Returns the bytes of all basis files of the store's only scheme, by degree, after verifying them.
 fn verified(store: &Path) -> BTreeMap<usize, Vec<u8>> {
     let key = only_scheme(store);
     let files = catalog::degrees(store, key).expect("a folder").into_iter();
@@ -81,7 +81,7 @@ fn verified(store: &Path) -> BTreeMap<usize, Vec<u8>> {
         .collect()
 }
 
-/// What is in the folder of the store's only scheme apart from basis files and the lock.
+/// Returns the names of the files in the folder of the store's only scheme, except basis files and the lock.
 fn leftovers(store: &Path) -> Vec<String> {
     let folder = store.join(only_scheme(store).to_string());
     let names = std::fs::read_dir(folder).expect("a folder").map(|item| item.expect("an item").file_name());
@@ -89,7 +89,7 @@ fn leftovers(store: &Path) -> Vec<String> {
     names.map(name).filter(|name| !name.starts_with("A_") && name != ".lock").collect()
 }
 
-/// An error that names the file and says what to do about it.
+/// Checks that an error names the file and the remedy.
 fn assert_helpful(error: &StoreError, path: &Path) {
     assert_helpful_line(&error.to_string(), path);
 }
@@ -100,7 +100,7 @@ fn assert_helpful_line(line: &str, path: &Path) {
     assert!(remedies.iter().any(|remedy| line.contains(remedy)), "says what to do: {line}");
 }
 
-/// Numbers that look random and are the same every time (splitmix64).
+/// Generator of reproducible pseudo-random numbers (splitmix64).
 pub(crate) struct Random(pub(crate) u64);
 
 impl Random {

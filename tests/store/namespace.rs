@@ -1,13 +1,13 @@
-//! Tests that need file systems of their own run themselves again in a mount namespace, where they may mount what they
-//! like and nothing is left behind.
+//! Runs tests that mount file systems again in their own mount namespace, where they may mount any file system, and
+//! whose mounts vanish when they end.
 
 use std::path::Path;
 use std::process::Command;
 
 const INSIDE: &str = "SPHARM_TEST_NAMESPACE";
 
-/// Whether this process may mount. If not, runs the test of this name in one that may, and returns false; says so when
-/// the system has none to offer.
+/// Returns whether this process may mount. If not, runs the test of this name in a process that may, and returns false;
+/// prints a note if the system doesn't permit that.
 pub(crate) fn entered(test: &str) -> bool {
     if std::env::var_os(INSIDE).is_some() {
         return true;
@@ -35,12 +35,12 @@ pub(crate) fn entered(test: &str) -> bool {
     false
 }
 
-/// A file system in memory of a given size, on a folder.
+/// Mounts a file system in memory, of a given size, on a folder.
 pub(crate) fn mount(folder: &Path, bytes: u64) {
     run(Command::new("mount").args(["-t", "tmpfs", "-o", &format!("size={bytes}"), "tmpfs"]).arg(folder));
 }
 
-/// Changes how a mounted one may be used: `"size=.."`, `"ro"`, `"rw"`.
+/// Changes the options of a mounted file system: `"size=.."`, `"ro"`, `"rw"`.
 pub(crate) fn remount(folder: &Path, options: &str) {
     run(Command::new("mount").args(["-o", &format!("remount,{options}")]).arg(folder));
 }

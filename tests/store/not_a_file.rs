@@ -1,4 +1,5 @@
-//! Something other than a regular file where a basis file should be: an error, never a wait.
+//! If something other than a regular file is in place of a basis file, there is an error, and the program never waits
+//! for it.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -15,7 +16,7 @@ pub(super) fn fifo(path: &Path) {
 }
 
 fn socket(path: &Path) {
-    // A socket's path may be 108 bytes at most; a link to its folder keeps below that.
+    // A socket's path has at most 108 bytes; a link to its folder makes it short enough.
     let short = tempfile::tempdir().expect("a folder");
     let link = short.path().join("l");
     std::os::unix::fs::symlink(path.parent().expect("a folder"), &link).expect("a link");
@@ -84,7 +85,7 @@ fn each_kind_of_thing_is_named_and_nothing_waits() {
         assert_helpful_line(&line, &path);
         assert!(line.contains(what), "{what}: {line}");
         assert_helpful_line(&fail(tool("store").arg("verify").arg(&store)), &path);
-        // A build replaces damaged files, and leaves alone what somebody put there on purpose.
+        // A build replaces damaged regular files, and refuses anything else in their place.
         let mut build = tool("basis-build");
         build.args(["--max-degree", "2", "--store"]).arg(&store).arg("--sphere").arg(&sphere);
         if a_file {
@@ -111,7 +112,7 @@ fn the_lock_and_the_folders_may_be_anything() {
         build.arg("--store").arg(&store).arg("--sphere").arg(&sphere).args(["--max-degree", &degree.to_string()]);
         build
     };
-    // The lock only spares double work: a build goes on without.
+    // The lock only avoids duplicate work, so a build continues without it.
     for (at, (_, replace)) in THINGS.iter().enumerate() {
         match lock.symlink_metadata() {
             Ok(metadata) if metadata.is_dir() => std::fs::remove_dir_all(&lock).expect("a removal"),
@@ -123,7 +124,7 @@ fn the_lock_and_the_folders_may_be_anything() {
         assert!(output.status.success(), "{}", crate::common::text(&output));
     }
     assert_eq!(super::verified(&store).len(), THINGS.len() + 2);
-    // A file for a scheme's folder, and for the store.
+    // A file in place of a scheme's folder, and in place of the store.
     let file = folder.path().join("file");
     std::fs::create_dir(&file).expect("a folder");
     std::fs::write(file.join(key.to_string()), "").expect("a file");

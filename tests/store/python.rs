@@ -1,4 +1,4 @@
-//! Somebody else's reader, `tests/read_store.py`, written from `store-format.md` alone, finds the same bits as ours.
+//! An independent reader, `tests/read_store.py`, written from `store-format.md` alone, reads the same bits as ours.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -8,7 +8,7 @@ use spharm_store::{DegreeFile, Scalar, Scheme, SchemeKey, catalog};
 use super::only_scheme;
 use crate::common::{finish, root, succeed, text, tool};
 
-/// Python with NumPy and zstandard, or `None` with a message where there is none.
+/// Returns Python with NumPy and zstandard, or `None` with a message if it isn't available.
 fn python() -> Option<PathBuf> {
     let python = std::env::var_os("SPHARM_PYTHON").map(PathBuf::from);
     if python.is_none() {
@@ -21,13 +21,14 @@ fn reader(python: &Path, file: &Path, out: &Path) -> Command {
     let name = file.file_name().and_then(|name| name.to_str()).expect("a basis file or a factor");
     let degree = name.strip_prefix("A_").unwrap_or(name);
     let mut command = Command::new(python);
-    // Without -B, importing it would leave a folder in the sources.
+    // Without -B, Python would write a cache folder into the sources.
     command.arg("-B").arg(root().join("tests/read_store.py"));
     command.arg(file.parent().expect("a folder")).arg(degree).arg(out);
     command
 }
 
-/// The bytes of an .npy file behind its header, which has to be that of such an array in rows.
+/// Returns the bytes of an .npy file after its header; the header must describe a row-major array of this type and
+/// shape.
 fn npy(path: &Path, scalar: Scalar, rows: usize, columns: usize) -> Vec<u8> {
     let bytes = std::fs::read(path).expect("the array");
     assert_eq!(bytes[..8], *b"\x93NUMPY\x01\x00");
@@ -41,7 +42,7 @@ fn npy(path: &Path, scalar: Scalar, rows: usize, columns: usize) -> Vec<u8> {
     bytes[start..].to_vec()
 }
 
-/// What our reader finds, as the bytes of an array in rows.
+/// Returns the values that our reader reads, as the bytes of a row-major array.
 fn ours(file: &DegreeFile, scalar: Scalar) -> Vec<u8> {
     let header = file.header();
     let window = file.window(0..header.chunk_count()).expect("a window");
@@ -65,7 +66,7 @@ fn ours(file: &DegreeFile, scalar: Scalar) -> Vec<u8> {
     bytes
 }
 
-/// Whether a chunk of more than one column is compressed, which shows by its length.
+/// Returns whether a chunk of more than one column is compressed, as its length shows.
 fn has_compressed(scheme: &Scheme, scalar: Scalar) -> bool {
     let size = if scalar == Scalar::F64 { 8 } else { 4 };
     scheme.files()[1..].iter().any(|file| {
@@ -74,7 +75,7 @@ fn has_compressed(scheme: &Scheme, scalar: Scalar) -> bool {
     })
 }
 
-/// Every degree of a scheme, read by both; gives what ours is.
+/// Checks that both readers read the same bits in every degree of a scheme.
 fn assert_same_bits(
     python: &Path,
     store: &Path,
@@ -127,7 +128,7 @@ fn so_it_does_in_the_golden_store() {
     }
 }
 
-/// Factors too, those of the golden store.
+/// The independent reader also reads the factors of the golden store.
 #[test]
 fn so_it_does_in_factors() {
     let Some(python) = python() else { return };
@@ -164,7 +165,7 @@ fn it_refuses_what_is_damaged() {
         let copy = folder.path().join(name);
         std::fs::create_dir(copy.parent().expect("a folder")).expect("a folder");
         let footer = bytes.len() - 128;
-        // The version, a reserved byte, the first chunk, the table's last codec, the file's length.
+        // Changes the version, a reserved byte, the first chunk, the table's last codec, and the file's length.
         for (at, what) in [
             (8, "version 0, not 1"),
             (100, "header_len or reserved bytes"),

@@ -1,4 +1,4 @@
-//! Many builders at once on one key leave one store.
+//! Many concurrent builders of one key leave one correct store.
 
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
@@ -21,7 +21,7 @@ fn builder(store: &Path, sphere: &Path) -> Command {
     command
 }
 
-/// Races them and gives how many degrees all of them together say they have built.
+/// Runs all builders at once, and returns the total number of degrees that they report as built.
 fn race(store: &Path, sphere: &Path) -> u64 {
     let children: Vec<Child> =
         (0..BUILDERS).map(|_| builder(store, sphere).spawn().expect("the tool starts")).collect();
@@ -52,8 +52,8 @@ fn sixteen_builders_leave_one_store() {
     assert_eq!(leftovers(&store), [""; 0]);
 }
 
-/// Where locks don't work (a link in the lock's place stands for that) the work is done many times over, and the first
-/// to publish a degree wins.
+/// Without working locks (simulated by a link in place of the lock file) the builders repeat each other's work, and the
+/// first one to publish a degree succeeds.
 #[test]
 fn sixteen_builders_without_a_lock_leave_one_store() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -70,13 +70,13 @@ fn sixteen_builders_without_a_lock_leave_one_store() {
     }
 }
 
-/// Somebody who clears leftovers away all the time doesn't disturb those who build, not even in the moment between the
-/// creation of a file and its lock.
+/// A process that continually removes leftovers doesn't disturb builders, even between the creation of a file and its
+/// locking.
 #[test]
 fn clearing_away_spares_what_is_being_written() {
     const ROWS: usize = 8;
     const FILES: usize = 200;
-    // Many files are what counts here, not the disk.
+    // Use memory: the test needs many files rather than a disk.
     let memory = Path::new("/dev/shm");
     let folder = if memory.is_dir() { tempfile::tempdir_in(memory) } else { tempfile::tempdir() }.expect("a folder");
     let store = folder.path();
@@ -89,7 +89,7 @@ fn clearing_away_spares_what_is_being_written() {
         for _ in 0..2 {
             scope.spawn(|| {
                 while !done.load(Ordering::Relaxed) {
-                    // Whatever comes between listing and removing, no error and no harm.
+                    // Changes between listing and removing must cause neither an error nor harm.
                     catalog::remove_leftovers(store, key).expect("a folder");
                 }
             });

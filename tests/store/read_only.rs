@@ -1,4 +1,4 @@
-//! A store that can't be written to serves fits, and a finished build has nothing to complain of.
+//! A store on a read-only disk serves fits, and repeating a finished build on it succeeds without warnings.
 
 use std::process::Command;
 
@@ -19,7 +19,7 @@ fn a_read_only_store_serves_fits_and_says_why_it_does_not_grow() {
     std::fs::create_dir(&store).expect("a folder");
     namespace::mount(&store, 16 << 20);
     let key = build_here(&store, N, &BuildParams { max_degree: 6, ..BuildParams::default() });
-    // Left by a builder that was killed before the disk became read-only; nobody can remove it now, and needn't.
+    // The leftover of a killed builder can't be removed on a read-only disk, and does no harm.
     std::fs::write(store.join(key.to_string()).join(".A_7.abandoned.tmp"), "").expect("a file");
     let before = verified(&store);
     namespace::remount(&store, "ro");

@@ -1,4 +1,4 @@
-//! No bit of a factor can change, and no byte be cut off, without being found out.
+//! Every changed bit and every truncation of a factor is detected.
 
 use std::fs::File;
 use std::os::unix::fs::FileExt;

@@ -1,4 +1,4 @@
-//! Committed factors of version 1, read forever.
+//! Committed factors of format version 1, which must stay readable.
 
 use std::path::PathBuf;
 
@@ -11,7 +11,7 @@ use spharm_surface::io::read_mesh;
 use super::{ROOT_CONTEXT, Textbook, lower};
 use crate::common::root;
 
-/// The folder of the golden sphere's scheme.
+/// Key of the golden sphere's scheme, which is the folder's name.
 const KEY: &str = "48706de2f3a23acf2cb176a0643736d11eb525b2070ce93aa4f5c51203b73c20";
 const ROWS: usize = 18;
 
@@ -28,7 +28,7 @@ fn weights() -> Vec<f64> {
     (0..ROWS).map(|i| 0.5 + i as f64 / 8.0).collect()
 }
 
-/// The golden factors: the name, what it is of, how many tiles.
+/// Returns the golden factors: name, scalar type, matrix and number of tiles.
 fn golden<'a>(directions: &'a Directions, weights: &'a [f64]) -> [(&'static str, Scalar, Textbook<'a>, usize); 2] {
     let plain = Textbook { directions, max_degree: 2, weights: None, smoothness: 0.0 };
     let other = Textbook { directions, max_degree: 4, weights: Some(weights), smoothness: 0.25 };
@@ -64,7 +64,7 @@ fn factors_are_read_forever() {
     assert_eq!(factors(&store(), KEY.parse().expect("a key")).expect("a folder").len(), 2);
 }
 
-/// Values may differ in their last bits between processors; layout, name and values to rounding may not.
+/// Names, layout and rounded values are the same as in the golden files; last bits may differ between processors.
 #[test]
 fn a_build_today_makes_the_same_factors() {
     let (directions, weights) = (sphere(), weights());
@@ -93,7 +93,7 @@ fn f64_at(bytes: &[u8], at: usize) -> f64 {
     f64::from_bits(u64_at(bytes, at))
 }
 
-/// Offsets by hand out of `store-format.md`, no constant of the store's code.
+/// Checks offsets taken by hand from `store-format.md`, without constants of the store's code.
 #[test]
 fn header_table_and_footer_lie_where_the_format_says() {
     let (directions, weights) = (sphere(), weights());
@@ -164,7 +164,7 @@ fn header_table_and_footer_lie_where_the_format_says() {
     }
 }
 
-/// Wrote what is committed. It leaves what is there as it is.
+/// Made the committed factors. Keeps existing files.
 #[test]
 #[ignore = "makes the golden files where there are none"]
 fn make_golden_factors() {

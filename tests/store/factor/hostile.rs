@@ -1,4 +1,5 @@
-//! Factors whose hashes fit and whose contents lie: a typed error, no panic, no allocation that a number asked for.
+//! Factors with false contents but correct hashes give a typed error: no panic, and no allocation by a number in the
+//! file.
 
 use spharm_monitor::Silent;
 use spharm_store::factor::open_factor;
@@ -9,7 +10,7 @@ use super::super::{assert_helpful, assert_helpful_line, directions, not_a_file::
 use super::{ROOT_CONTEXT, Textbook};
 use crate::common::{fail, succeed, tool};
 
-/// A lie about 9 columns in tiles of 8, and what the error calls it.
+/// A false entry in a factor of 9 columns in tiles of 8, and the words of the error for it.
 type Lie = (&'static str, fn(&mut Forged));
 
 const NAN: u64 = f64::NAN.to_bits();
@@ -33,7 +34,7 @@ const LIES: &[Lie] = &[
     ("size of the tiles", |f| put32(&mut f.header, 72, 12)),
     ("size of the tiles", |f| put32(&mut f.header, 72, 1032)),
     ("size of the tiles", |f| put32(&mut f.header, 72, !7)),
-    // Degree 2,000 in tiles of 8 would be 10^11 of them.
+    // Degree 2,000 in tiles of 8 would have 10^11 tiles.
     ("size of the tiles", |f| {
         put32(&mut f.header, 56, 2000);
         put64(&mut f.header, 64, 2001 * 2001);
@@ -48,7 +49,7 @@ const LIES: &[Lie] = &[
         put32(&mut f.header, 76, 1);
         put64(&mut f.header, 80, 1);
     }),
-    // Both agree on more tiles than there are bytes for: 2,895 columns of tiles of 8.
+    // Header and footer agree on more tiles than the file has bytes for: 2,888 columns of tiles of 8.
     ("place of the table", |f| {
         put32(&mut f.header, 56, 151);
         put64(&mut f.header, 64, 152 * 152);
@@ -106,10 +107,10 @@ fn a_lie_is_refused_by_name() {
         assert!(error.to_string().contains(what), "{at}: expected {what:?}: {error}");
         assert_helpful(&open_factor(folder.path(), &of.spec(Scalar::F64), None).expect_err(what), &path);
     }
-    // A basis file's root under a factor's header is another.
+    // A root hash in the context of basis files isn't valid for a factor.
     original.clone().write(&path);
     assert!(FactorFile::open(&path).expect_err("another root").to_string().contains("root hash"));
-    // A checksum and a hash that don't fit, with a root that does.
+    // A wrong checksum or hash of a tile, under a correct root hash.
     for (at, what) in [(24, "CRC"), (32, "BLAKE3")] {
         let mut forged = original.clone();
         forged.table[at] ^= 1;

@@ -1,4 +1,4 @@
-//! What factors guarantee, a file for each guarantee.
+//! Guarantees of stored factors, one file for each guarantee.
 
 mod bits;
 mod golden;
@@ -17,10 +17,10 @@ use spharm_solver::gram::{GramMatrix, smoothness_penalty};
 use spharm_store::factor::TileValues;
 use spharm_store::{FactorFile, FactorSpec, Scalar, SchemeKey, WeightsHash};
 
-/// What the root of a factor is derived with.
+/// Context with which the root hash of a factor is derived.
 const ROOT_CONTEXT: &str = "spharm-rs 2026-11 factor file root v1";
 
-/// G of textbook harmonics, weights and penalty, entry by entry.
+/// The Gram matrix G of harmonics by textbook formulas, with weights and penalty, computed entry by entry.
 struct Textbook<'a> {
     directions: &'a Directions,
     max_degree: usize,
@@ -50,7 +50,7 @@ impl Textbook<'_> {
         }
     }
 
-    /// Builds it under the key of a basis of f64, in tiles of 8.
+    /// Builds the factor under the key of a basis of f64, in tiles of 8.
     fn build(&self, store: &Path, scalar: Scalar) -> FactorFile {
         let params = FactorParams { scalar, tile: 8, threads: 1, ..FactorParams::default() };
         build_factor(store, &self.spec(Scalar::F64), self, &params, &Silent).expect("a factor").file
@@ -80,7 +80,7 @@ impl GramMatrix for Textbook<'_> {
     }
 }
 
-/// C of a file, (K, K) in rows.
+/// Returns the factor C in a file, (K, K), row by row.
 pub(super) fn lower(file: &FactorFile) -> Vec<f64> {
     let grid = file.header().grid;
     let mut c = vec![0.0; grid.size() * grid.size()];

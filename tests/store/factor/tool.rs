@@ -1,4 +1,4 @@
-//! `basis-build --factor` and `store` on factors.
+//! Tests `basis-build --factor`, and `store` on factors.
 
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -18,7 +18,7 @@ fn builder(store: &Path, sphere: &Path, degree: usize) -> Command {
     command
 }
 
-/// Names of the factors there, each verified.
+/// Returns the names of a store's factors, after verifying each factor.
 fn sound_factors(store: &Path) -> Vec<String> {
     let found = factors(store, only_scheme(store)).expect("a folder");
     let verified = found.into_iter().map(|(name, file)| {
@@ -39,7 +39,7 @@ fn a_factor_is_built_once_listed_shown_and_verified() {
     let before = modified(&path);
     assert!(succeed(&mut builder(&store, &sphere, 10)).contains("already existed"));
     assert_eq!(modified(&path), before);
-    // Beside it, another of f32 with a penalty, and a basis.
+    // Adds a second factor, of f32 with a penalty, and a basis.
     let mut both = tool("basis-build");
     both.arg("--store").arg(&store).arg("--sphere").arg(&sphere).args(["--max-degree", "3", "--factor", "10"]);
     succeed(both.args(["--factor-dtype", "f32", "--smoothness", "1e-5"]));
@@ -68,7 +68,7 @@ fn what_cannot_be_is_said_before_any_work() {
     let line = fail(builder(&store, &sphere, 400).args(["--memory", "8GiB"]));
     assert!(line.contains("the factor needs") && line.contains("GB"), "{line}");
     assert!(!store.exists());
-    // More functions than directions.
+    // A factor of more functions than directions is refused.
     let line = fail(&mut builder(&store, &sphere, 25));
     assert!(line.contains("not numerically positive definite") && line.contains("of degree 2"), "{line}");
     assert!(line.contains("--smoothness"), "{line}");
@@ -80,13 +80,13 @@ fn what_cannot_be_is_said_before_any_work() {
     }
 }
 
-/// At any moment: no half file, what is left is cleared away, and a rerun makes the factor.
+/// A build killed at any moment leaves no half-written factor; a rerun removes leftovers and makes the factor.
 #[test]
 fn a_killed_build_leaves_nothing_half_written() {
     let folder = tempfile::tempdir().expect("a folder");
     let sphere = write_sphere(folder.path(), 2000);
     let store = |round: usize| folder.path().join(format!("store{round}"));
-    // Out of core, so that tiles are written all along.
+    // With the smallest budget the factor is computed out of core, so tiles are written throughout the build.
     let line = fail(builder(&store(0), &sphere, 30).args(["--memory", "1MiB"]));
     let least = line.split("the smallest that works is ").nth(1).and_then(|rest| rest.split(' ').next());
     let least = least.expect("a size").to_owned();

@@ -1,5 +1,5 @@
-//! Checks the model in all its variants, and that each break of the protocol is noticed. The last line is a JSON
-//! object.
+//! Checks the model of publishing a store's files in all variants, and that each break of the protocol violates a
+//! property. The last line of the output is a JSON object.
 
 mod model;
 
@@ -8,12 +8,12 @@ use std::process::ExitCode;
 use model::{Broken, Locks, Protocol};
 use stateright::{Checker, Expectation, HasDiscoveries, Model};
 
-/// States, and what is wrong.
+/// Checks a protocol; returns the number of its states, and the violated properties.
 fn check(protocol: Protocol) -> (usize, Vec<String>) {
     let checker = protocol.checker().threads(std::thread::available_parallelism().map_or(1, usize::from));
     let found = match protocol.broken {
         None => checker,
-        // One example is enough.
+        // For a broken protocol, one counterexample is enough.
         Some(_) => checker.finish_when(HasDiscoveries::AnyFailures),
     };
     let found = found.spawn_bfs().join();

@@ -1,47 +1,48 @@
-//! The steps of `store-format.md`, "Writing", for one file: two builders, a `gc` that never ends, a reader, and at any
-//! moment a kill or a power cut.
+//! Model of the steps of `store-format.md`, "Writing", for one file: two builders, a `gc` that never ends, a reader,
+//! and a kill or a power cut at any moment.
 //!
-//! A power cut is harsher than a journal: each name that wasn't brought to disk may be there or not, on its own, and so
+//! A power cut does more harm than a journalling file system allows: each name that wasn't synced to disk may be lost
+//! or not, independently of the others, and so may the contents of each file.
 //! may the contents of each file.
 
 use stateright::{Model, Property};
 
-/// Contents of a file: a part, then all of it.
+/// States of a file's contents: a part, then all of it.
 const PART: u8 = 1;
 const WHOLE: u8 = 2;
-/// Files that are ever created; who would need one more stops there.
+/// Maximum number of files that are created; a process that needs another file stops.
 const MOST_FILES: usize = 4;
 const BUILDERS: usize = 2;
-/// The number of the process that clears away; builders come before.
+/// Number of the process that removes leftovers; builders have the numbers below.
 const GC: usize = BUILDERS;
 
-/// What `flock` does.
+/// Behaviour of `flock`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Locks {
-    /// It excludes others.
+    /// It gives an exclusive lock.
     Honest,
     /// It fails.
     None,
-    /// It succeeds and excludes nobody.
+    /// It reports success but excludes no other process.
     Lying,
 }
 
-/// A change of the protocol that some property must notice.
+/// A change of the protocol that violates a property.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Broken {
-    /// The name is given before the footer is written.
+    /// The file gets its final name before its footer is written.
     NamedBeforeItIsWhole,
-    /// The name is given before the file is brought to disk.
+    /// The file gets its final name before its contents are synced to disk.
     NamedBeforeItIsOnDisk,
-    /// The folder isn't brought to disk.
+    /// The folder isn't synced to disk.
     FolderNotSynced,
-    /// A file that has the name is replaced.
+    /// An existing file with the final name is replaced.
     Replaces,
-    /// A builder doesn't lock its file.
+    /// A builder doesn't lock its temporary file.
     FileNotLocked,
-    /// A builder doesn't look whether its file lost the name before it was locked.
+    /// A builder doesn't check whether its file lost its name before the file was locked.
     NameNotChecked,
-    /// Leftovers are removed without their lock.
+    /// Leftovers are removed without being locked first.
     RemovesWithoutLock,
 }
 
@@ -57,29 +58,29 @@ impl Broken {
     ];
 }
 
-/// The protocol.
+/// The variant of the protocol that is checked.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Protocol {
     pub(crate) locks: Locks,
-    /// There is a `.lock` that can be opened.
+    /// Whether the folder has a `.lock` that can be opened.
     pub(crate) folder_lock: bool,
-    /// `link` and `unlink` in place of `renameat2`.
+    /// Whether `link` and `unlink` are used instead of `renameat2`.
     pub(crate) links: bool,
     pub(crate) broken: Option<Broken>,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct File {
-    /// What readers find, and what of it is on disk.
+    /// Contents that readers see, and contents that are on disk.
     written: u8,
     on_disk: u8,
     lock: Option<usize>,
-    /// Whether the temporary name is there, and whether it is on disk.
+    /// Whether the temporary name exists, and whether it is on disk.
     named: bool,
     named_on_disk: bool,
 }
 
-/// Where a process is; numbers are those of files.
+/// Step of a process; numbers are those of files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Step {
     Begin,
@@ -104,13 +105,13 @@ pub(crate) enum Step {
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct State {
     files: Vec<File>,
-    /// The file of the final name, and the one on disk.
+    /// The file with the final name, in the folder and on disk.
     published: Option<usize>,
     published_on_disk: Option<usize>,
     folder_lock: Option<usize>,
     steps: [Step; BUILDERS + 1],
     reader: Option<usize>,
-    /// A builder has said that the file is there.
+    /// Whether a builder has reported success.
     promised: bool,
     killed: bool,
     power_cut: bool,
@@ -125,12 +126,12 @@ pub(crate) enum Action {
     StopClearing(usize),
     Read,
     Kill(usize),
-    /// What outlasts it: the final name, and of each file its name and its contents.
+    /// A power cut; the bits say what survives: the final name, and each file's name and contents.
     PowerCut(u32),
 }
 
 impl State {
-    /// Frees what a process holds.
+    /// Releases the locks of a process.
     fn let_go(&mut self, process: usize) {
         self.folder_lock = self.folder_lock.filter(|&holder| holder != process);
         for file in &mut self.files {
@@ -153,7 +154,7 @@ impl Protocol {
         self.folder_lock && self.locks == Locks::Honest
     }
 
-    /// Takes the lock of a file; `None` where there are no locks.
+    /// Tries to lock a file; returns `None` if there are no locks.
     fn try_lock(&self, state: &mut State, file: usize, process: usize) -> Option<bool> {
         match self.locks {
             Locks::None => None,
@@ -193,7 +194,7 @@ impl Protocol {
             Step::Opened(file) if self.is(Broken::RemovesWithoutLock) => Step::Holding(file),
             Step::Opened(file) => match self.try_lock(state, file, process) {
                 Some(true) => Step::Holding(file),
-                // It is in use, or, without locks, it is too young.
+                // The file is in use or, without locks, too young to be a leftover.
                 _ => Step::Clear,
             },
             Step::Holding(file) => {
@@ -287,7 +288,7 @@ impl Protocol {
             (file.named_on_disk, file.on_disk, file.lock) = (file.named, file.written, None);
         }
         (state.folder_lock, state.reader, state.power_cut) = (None, None, true);
-        // The first build is repeated.
+        // After the power cut, the first build is repeated.
         state.steps = [Step::Begin, Step::Dead, Step::Clear];
     }
 }
