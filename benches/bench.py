@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
 """Measures the figures of docs/performance.md and docs/methods.md, each together with its reference.
 
-`./run bench [--data DIR] [--work DIR] [--tmpfs DIR] [--rounds N] [--only NAME ...]`. Python's standard library only.
-Programs that are compared run in turn, round after round, and medians are taken. The store is built at n = 40,962, L = 100,
-f64: 3.3 GB, up to three copies at once.
+`./run bench [--data DIR] [--work DIR] [--tmpfs DIR] [--rounds N] [--only NAME ...]`. Uses Python's standard library
+only.
+Programs that are compared run in turn, round after round, and medians are taken. The store is built for n = 40,962
+directions and degree L = 100 in f64; it takes 3.3 GB, and up to three copies exist at once.
 """
 
 import argparse
@@ -29,7 +30,7 @@ MIB = 1 << 20
 class Bench:
     def __init__(self, arguments):
         self.data, self.rounds, self.only = arguments.data, arguments.rounds, arguments.only
-        # A subfolder, so that other files in the given folder are left alone.
+        # A subfolder, so that other files in the given folder are kept.
         self.work, self.tmpfs = Path(arguments.work) / "spharm-bench", Path(arguments.tmpfs)
         self.rows, self.figures = [], {}
         shutil.rmtree(self.work, ignore_errors=True)
@@ -50,7 +51,7 @@ class Bench:
         self.rows.append((what, "-", "-", "skipped", why))
         print(f"{what}: skipped, {why}", file=sys.stderr, flush=True)
 
-    # The commands.
+    # Commands that are measured.
 
     def build(self, store):
         return [SPHARM, "basis-build", "--sphere", self.sphere, "--max-degree", L, "--store", store, "-q"]
@@ -64,7 +65,7 @@ class Bench:
         if not self.store.exists():
             run(*self.build(self.store))
 
-    # Measurements with bars.
+    # Measurements that are compared with a required limit.
 
     def building(self):
         """Compares basis-build with dd to the same disk."""
@@ -86,11 +87,11 @@ class Bench:
                  f"{median(ours):.2f} s / {median(theirs):.2f} s, {size / 1e9:.2f} GB")
 
     def building_tmpfs(self):
-        """Compares basis-build to tmpfs with cp -r of the finished store within it."""
+        """Compares basis-build to tmpfs with cp -r of the finished store within tmpfs."""
         folder = self.tmpfs / f"spharm-bench-{os.getpid()}"
         try:
             ours, theirs = [], []
-            # The first build isn't measured: it includes the first use of the machine's memory.
+            # The first build isn't measured, because it includes the first use of the machine's memory.
             for round_ in range(self.rounds + 1):
                 shutil.rmtree(folder, ignore_errors=True)
                 folder.mkdir()
@@ -106,7 +107,8 @@ class Bench:
                  f"{median(ours):.2f} s / {median(theirs):.2f} s")
 
     def fitting(self):
-        """Compares fit from the page cache with the Gram flops at the rate of a dgemm plus reading the store."""
+        """Compares a fit from the page cache with its bound: the Gram matrices' flops at the rate of dgemm, plus
+        reading the store."""
         self.ensure_store()
         rates = json.loads(run("cargo", "bench", "-q", "--bench", "rates").strip().splitlines()[-1])
         self.figures["rates"] = rates
@@ -129,7 +131,7 @@ class Bench:
         self.bar("streaming pass / cat", median(passes) / median(cat), 3.0, f"{median(passes):.2f} s / {median(cat):.2f} s")
 
     def batch(self):
-        """Compares 32 surfaces in one call with one surface."""
+        """Compares a call for 32 surfaces with a call for one surface."""
         self.ensure_store()
         surfaces = []
         for variant in range(32):
@@ -145,7 +147,8 @@ class Bench:
                  f"{median(many) / 32:.3f} s / {median(one):.2f} s")
 
     def memory(self):
-        """The (1,100) fit under 256 MiB: anonymous memory, a cgroup of 320 MiB, prlimit."""
+        """Measures the fit with one pass and granularity 100 under 256 MiB: anonymous memory, and under a cgroup of 320
+        MiB and prlimit."""
         self.ensure_store()
         command = self.fit("--granularity", 100, "--memory", "256MiB")
         peak = peak_anonymous(command)
@@ -169,7 +172,7 @@ class Bench:
                  f"{median(capped):.2f} s / {median(free):.2f} s")
 
     def refusal(self):
-        """Degree 300 on 163,842 vertices must be refused."""
+        """Checks that degree 300 on 163,842 vertices is refused."""
         sphere = self.work / "sphere7.surf.gii"
         run(SPHARM, "generate", "--subdivisions", 7, "--sphere", sphere)
         found = subprocess.run([SPHARM, "basis-build", "--sphere", sphere, "--max-degree", "300", "--store",
@@ -223,7 +226,8 @@ class Bench:
         self.bar("published degree-15 coefficients, largest relative difference", largest, 1e-10)
 
     def acceleration(self):
-        """Passes until the msd is within 1e-6 of the optimum, plain and accelerated; if never, the final excess."""
+        """Counts the passes until the msd is within 1e-6 of the optimum, plain and accelerated; if never, reports the
+        final excess."""
         data = Path(self.data)
         if not (data / "reference.json").exists():
             self.skip("accelerated passes", f"no {data}")
@@ -254,13 +258,13 @@ class Bench:
                 self.bar(f"{name}: what is left after {most} accelerated passes / plain",
                          left["accelerated"] / left["plain"], 0.5, f"{left['accelerated']:.1e} / {left['plain']:.1e}")
 
-    # Page cache.
+    # Control of the page cache.
 
     def files(self):
         return sorted(self.store.rglob("A_*"))
 
     def cat(self):
-        """Seconds of `cat store > /dev/null`."""
+        """Returns the seconds of `cat store > /dev/null`."""
         with open(os.devnull, "wb") as null:
             start = time.perf_counter()
             subprocess.run(["cat", *map(str, self.files())], stdout=null, check=True)
@@ -289,7 +293,7 @@ class Bench:
 
 
 class Cgroup:
-    """A memory cgroup of this size, of either version, if one can be made."""
+    """A memory control group of this size, version 1 or 2, if one can be created."""
 
     def __init__(self, limit):
         self.limit, self.works, self.why, self.path = limit, False, "cgroups can't be made here", None
@@ -340,12 +344,13 @@ def median(values):
 
 
 def ratio(ours, theirs):
-    """Median of the ratios of each round: the machine's speed drifts, so both are run in turn."""
+    """Returns the median of the ratios of all rounds. Both programs run in each round, because the machine's speed
+    drifts."""
     return median([a / b for a, b in zip(ours, theirs, strict=True)])
 
 
 def peak_anonymous(command):
-    """Largest anonymous memory of a command, sampled every two milliseconds."""
+    """Returns the largest anonymous memory of a command, sampled every two milliseconds."""
     process = subprocess.Popen([str(word) for word in command], stdout=subprocess.DEVNULL)
     peak = 0
     status = Path(f"/proc/{process.pid}/status")

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Checks `spharm bids` with BIDS' own tools: `./run bids`, with the program as first argument.
+"""Checks `spharm bids` with BIDS' own tools: `./run bids` runs it, with the program as first argument.
 
-Three artificial FreeSurfer subjects are fitted and gathered. bids-validator-deno must find no error in the derivative dataset, and
-PyBIDS must find every file of every subject by its entities.
+Three artificial FreeSurfer subjects are fitted and gathered. bids-validator-deno must find no error in the derivative
+dataset, and PyBIDS must find every file of every subject by its entities.
 """
 
 import json
@@ -13,7 +13,7 @@ from collections import Counter
 from pathlib import Path
 
 SUBJECTS, HEMISPHERES = ("01", "02", "03"), {"lh": "L", "rh": "R"}
-#: Files of a hemisphere, by PyBIDS's entities.
+#: Expected number of files of a hemisphere, by PyBIDS's entities.
 EXPECTED = {
     (".npz", "spharm", None): 1,
     (".surf.gii", "spharm", "icosphere3"): 1,
@@ -44,7 +44,7 @@ def dataset(program, folder):
 
 
 def validate(out):
-    """Errors and warnings of the validator, by code."""
+    """Returns the validator's errors and warnings, by code."""
     validator = Path(sys.executable).parent / "bids-validator-deno"
     done = subprocess.run([validator, "--json", out], capture_output=True, text=True)
     issues = json.loads(done.stdout)["issues"]["issues"]
@@ -53,7 +53,7 @@ def validate(out):
 
 
 def missing(out):
-    """Returns the subjects' files that PyBIDS doesn't find by their entities, and the number that it finds."""
+    """Returns the subjects' files that PyBIDS doesn't find by their entities, and the number of files that it finds."""
     from bids import BIDSLayout
 
     layout = BIDSLayout(out, validate=False, is_derivative=True)

@@ -1,8 +1,9 @@
-"""The same fit with real schedulers: Slurm, Snakemake, Dask. Called by `./run cluster`, with the program in PATH.
+"""Runs the same fit with real schedulers: Slurm, Snakemake, Dask. `./run cluster` calls it, with the program in PATH.
 
-Slurm's daemons, from the distribution's packages unpacked into target/cluster, run on loopback as one node, with
-configuration, state and logs in a temporary folder; nothing is installed into the system. Snakemake is from PyPI, in
-target/cluster; Dask is used if this Python has it. Each must give the model of a single process to 1e-12, or the exit status is 1.
+Slurm's daemons run on loopback as a cluster of one node. They come from the distribution's packages, unpacked into
+target/cluster; configuration, state and logs are in a temporary folder, and nothing is installed into the system.
+Snakemake is installed from PyPI into target/cluster; Dask is used if this Python has it. Each scheduler must give the
+model of a single process to 1e-12, otherwise the exit status is 1.
 """
 
 import atexit
@@ -25,14 +26,14 @@ ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES, CACHE = ROOT / "examples" / "cluster", ROOT / "target" / "cluster"
 SAMPLES, PARTS, MOMENTS_DEGREE, FIT_DEGREE = 400_000, 5, 60, 40
 TOLERANCE = 1e-12
-#: Part whose task is killed, or whose file is deleted.
+#: Number of the part whose task is killed, or whose file is deleted.
 LOST = 3
-#: Time limit in seconds; nothing here takes this long.
+#: Time limit in seconds; every step here takes less.
 PATIENCE = 180
 
 
 class Skipped(Exception):
-    """A scheduler can't be tried here; the message is the reason."""
+    """A scheduler can't be tested on this machine; the message is the reason."""
 
 
 def run(command, **more):
@@ -48,7 +49,7 @@ def say(text):
 
 
 def write_samples(path):
-    """Writes a wavy field with noise at random, unevenly distributed places."""
+    """Writes samples of a wavy field with noise at random, unevenly distributed directions."""
     rng = np.random.default_rng(0)
     v = rng.normal(size=(SAMPLES, 3)) + [0.2, 0, 0]
     v /= np.linalg.norm(v, axis=1, keepdims=True)
@@ -72,12 +73,12 @@ def wait_for(what, ready, patience=PATIENCE):
 # --- Slurm -----------------------------------------------------------------------------------------------------------
 
 PACKAGES = ["slurmctld", "slurmd", "slurm-client", "slurm-wlm-basic-plugins", "munge", "libmunge2"]
-#: Debian's alternatives, which unpacked packages don't have.
+#: Suffix of Debian's programs; the links without it are made on installation, and missing in unpacked packages.
 SUFFIX = "-wlm"
 
 
 def unpacked_slurm():
-    """Returns the folder of Slurm's packages, and a description of what was fetched for it."""
+    """Returns the folder of Slurm's packages, and a description of the packages that were fetched."""
     folder = CACHE / "slurm"
     if (folder / "complete").exists():
         return folder, "nothing"
@@ -85,7 +86,7 @@ def unpacked_slurm():
         if not shutil.which(tool):
             raise Skipped(f"no {tool} here, and Slurm is taken from Debian's packages")
     try:
-        # Also the libraries missing on this machine.
+        # Also fetches the libraries that are missing on this machine.
         plan = run(["apt-get", "install", "-s", "--no-install-recommends", *PACKAGES])
         names = sorted({*PACKAGES, *re.findall(r"^Inst (\S+)", plan, re.M)})
         with tempfile.TemporaryDirectory() as downloads:
@@ -109,7 +110,7 @@ def free_ports(count):
 
 
 class Slurm:
-    """A cluster of one node: its daemons run while this is open."""
+    """A cluster of one node; its daemons run within the `with` block."""
 
     def __init__(self, folder, packages):
         self.folder, self.packages = folder / "daemons", packages
@@ -185,13 +186,14 @@ PartitionName=main Nodes={host} Default=YES MaxTime=INFINITE State=UP
     def daemon(self, *command):
         log = (self.folder / "log" / f"{command[0]}.out").open("w")
         words = [str(word) for word in command]
-        # The daemon ends with this process, however that ends; it has its own group, so that nothing it starts outlives it.
+        # With setpriv the daemon ends when this process ends, for any reason. It has its own process group, so that all
+        # of its children can be ended.
         if shutil.which("setpriv"):
             words = ["setpriv", "--pdeathsig", "TERM", *words]
         self.processes.append(subprocess.Popen(words, env=self.environment, stdout=log, stderr=log, start_new_session=True))
 
     def ask(self, *command):
-        """Returns a client's output, or nothing while the controller doesn't answer."""
+        """Returns a client's output, or nothing if the controller doesn't answer."""
         done = subprocess.run(command, env=self.environment, capture_output=True, text=True, timeout=60)
         for process in self.processes:
             if process.poll() is not None:
@@ -215,7 +217,7 @@ PartitionName=main Nodes={host} Default=YES MaxTime=INFINITE State=UP
                     os.killpg(process.pid, signal.SIGKILL)
                 process.wait()
         self.processes = []
-        # Steps and their commands are in sessions of their own; the folder in their environment identifies them.
+        # Steps and their commands run in separate sessions; they are identified by the folder in their environment.
         mark = f"SLURM_CONF={self.environment['SLURM_CONF']}".encode()
         for entry in Path("/proc").glob("[0-9]*"):
             with contextlib.suppress(OSError):
@@ -224,9 +226,9 @@ PartitionName=main Nodes={host} Default=YES MaxTime=INFINITE State=UP
 
 
 def by_slurm(folder, samples):
-    """Runs an array of which one task is killed, that task again, and then addition and fit."""
+    """Runs an array of which one task is killed, then that task again, and then addition and fit."""
     packages, fetched = unpacked_slurm()
-    # A task can only be killed reliably if it runs long enough, so the task to be killed waits first.
+    # A task can only be killed reliably if it runs long enough, so the task that will be killed waits first.
     spharm, wait = folder / "path" / "spharm", folder / "wait"
     spharm.parent.mkdir()
     real = shutil.which("spharm")
@@ -272,7 +274,7 @@ def by_slurm(folder, samples):
 
 
 def by_snakemake(folder, samples):
-    """Runs the workflow, and runs it again after a part is lost."""
+    """Runs the workflow, deletes a part, and runs the workflow again."""
     program, fetched = CACHE / "venv" / "bin" / "snakemake", "nothing"
     if not program.exists():
         try:
@@ -331,7 +333,7 @@ if __name__ == "__main__":
 
 
 def by_dask(folder, samples):
-    """Uses two worker processes."""
+    """Runs the fit with Dask on two worker processes."""
     try:
         run([sys.executable, "-c", "import spharm_rs, distributed, dask.array"])
     except RuntimeError as error:
@@ -346,7 +348,7 @@ def by_dask(folder, samples):
 
 
 def main():
-    # A request to stop this script must also stop the daemons and remove the folders.
+    # A signal to this script must also stop the daemons and remove the folders, so it is converted to an exception.
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda number, _: sys.exit(128 + number))
     wrong, rows = [], []

@@ -1,10 +1,12 @@
-"""A cohort of 10,000 rows by real Slurm, with bad files, kills and a full disk. Called by `./run cluster cohort`, with the program in
-PATH.
+"""Fits a cohort of 10,000 rows by real Slurm, with bad files, kills and a full disk.
 
-Ten shards of a table of icospheres with 2,562 vertices, fitted to degree 20. Every hundredth file is bad. While it runs, three tasks are
-killed by SIGKILL and two by SIGTERM, and one shard's models go to a file system that is soon full. Then the same array is submitted
-again. Required results: 9,900 models, each with the bytes of one undisturbed call, and of a sample of calls for a single surface;
-100 failures, each listed once; and a status that agrees. Then costs are measured: start, memory, and time beyond reading and writing.
+`./run cluster cohort` calls it, with the program in PATH.
+
+A table of icospheres with 2,562 vertices is fitted to degree 20 in ten shards. Every hundredth file is bad. During the
+run, three tasks are killed by SIGKILL and two by SIGTERM, and one shard's models are written to a file system that is
+soon full. Then the same array is submitted again. Required results: 9,900 models, each with the same bytes as in one
+undisturbed call (for a sample, also as in a call for this surface alone); 100 failures, each listed once; and a status
+that agrees. Then costs are measured: start, memory, and time beyond reading and writing.
 """
 
 import argparse
@@ -31,7 +33,7 @@ SMALL_DISK = "16M"
 SEED = 20
 #: Number of timed runs at each of the two degrees.
 PAIRS = 5
-#: Time limit in seconds; nothing here takes this long.
+#: Time limit in seconds; every step here takes less.
 PATIENCE = 1800
 
 
@@ -55,7 +57,8 @@ def ply(vertices, faces):
 
 
 def write_surfaces(folder, count):
-    """Surfaces between some that `spharm generate` makes, every hundredth file bad; returns the ids of those."""
+    """Writes surfaces interpolated between some from `spharm generate`, every hundredth file bad; returns the ids of
+    the bad files."""
     bases = []
     for variant in range(6):
         run(["spharm", "generate", "--subdivisions", "4", "--variant", variant, "--surface", folder / "base.ply", "--sphere",
@@ -97,7 +100,7 @@ def fit(folder, out, *more, degree=DEGREE, threads=1, check=True):
 
 
 def by_several(folder, calls):
-    """Fits all rows by concurrent calls, to save time."""
+    """Fits all rows by several concurrent calls, to save time."""
     command = ["spharm", "fit", "--max-degree", DEGREE, "--threads", 1, "-q", "--no-surface-distance", "-o", folder / "one",
                "--manifest", folder / "subjects.tsv", "--keep-going", "--shard"]
     shards = [subprocess.Popen([*map(str, command), f"{shard}/{calls}"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -117,7 +120,7 @@ def undisturbed(folder, count, bad):
 
 @contextlib.contextmanager
 def small_disk(place):
-    """Mounts a file system with room for a few models; if mounting isn't permitted, no disk gets full."""
+    """Mounts a file system with space for a few models. If mounting isn't permitted, no disk gets full in this run."""
     place.mkdir(parents=True)
     mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={SMALL_DISK}", "tmpfs", place], capture_output=True).returncode == 0
     try:
@@ -128,7 +131,7 @@ def small_disk(place):
 
 
 def by_slurm(folder, count, bad):
-    """Submits the array with all its disturbances, and again. Returns seconds and notes of the disturbances."""
+    """Submits the array, disturbs it, and submits it again. Returns seconds, and notes on the disturbances."""
     packages, _ = unpacked_slurm()
     out = folder / "out"
     notes = []
@@ -143,7 +146,7 @@ def by_slurm(folder, count, bad):
             return len(path.read_text(errors="replace").splitlines()) if path.exists() else 0
 
         def program(shard):
-            """Returns the process of a shard."""
+            """Returns the process that fits a shard."""
             for entry in Path("/proc").glob("[0-9]*"):
                 with contextlib.suppress(OSError):
                     words = (entry / "cmdline").read_bytes().split(b"\0")
@@ -166,7 +169,7 @@ def by_slurm(folder, count, bad):
                         notes.append(f"shard {shard} killed after {after} rows")
                     elif pid:
                         stop = ["scancel", "--signal=TERM", "--batch", f"{array}_{shard}"]
-                        # scancel returns when the task has ended, or complains that it is being queued again.
+                        # scancel waits until the task has ended, or reports an error if the task is being queued again.
                         subprocess.Popen(stop, env=slurm.environment, stderr=subprocess.DEVNULL)
                         notes.append(f"shard {shard} stopped after {after} rows, and queued again")
                 time.sleep(0.05)
@@ -199,7 +202,7 @@ def by_slurm(folder, count, bad):
 
 
 def compare(folder, out, count, bad):
-    """Checks that every model is that of the undisturbed call, and that the status agrees with the models."""
+    """Checks that every model has the bytes of the undisturbed call's, and that the status agrees with the models."""
     expected, found = models(folder / "one"), models(out)
     if sorted(expected) != sorted(found) or len(found) != count - len(bad):
         raise RuntimeError(f"expected {count - len(bad)} models, found {len(found)}, {len(expected)} in one call")
@@ -214,7 +217,7 @@ def compare(folder, out, count, bad):
 
 
 def alone(folder, sample, bad):
-    """Fits some of the models again, each in its own call."""
+    """Fits a sample of the rows again, each in its own call, and compares the models' bytes."""
     rows = [line.split("\t") for line in (folder / "subjects.tsv").read_text().splitlines()[1:]]
     chosen = random.Random(SEED).sample([row for row in rows if row[0] not in bad], sample)
     one = models(folder / "one")
@@ -226,7 +229,7 @@ def alone(folder, sample, bad):
 
 
 def start(folder, count):
-    """Seconds of a shard besides its fits: a table of `count` rows, of which this shard has two."""
+    """Returns the seconds of a shard apart from its fits: the table has `count` rows, of which this shard has two."""
     best = None
     for _ in range(5):
         began = time.monotonic()
@@ -240,7 +243,7 @@ def start(folder, count):
 
 
 def parsing(folder):
-    """Seconds to read a table of 10^5 rows and check the files of one of them."""
+    """Returns the seconds to read a table of 10^5 rows and to check the files of one row."""
     table = folder / "large.tsv"
     rows = (f"sub-{k:06d}\tsurfaces/sub-{k:06d}.ply\tsphere.ply\t{k % 2}\t{k % 60}\n" for k in range(100_000))
     table.write_text("id\tsurface\tsphere\tgroup\tage\n" + "".join(rows))
@@ -254,7 +257,7 @@ def parsing(folder):
 
 
 def memory(folder, bad):
-    """Peak memory of a call for 100 rows, none of them bad."""
+    """Returns the peak memory of a call for 100 good rows."""
     lines = [line for line in (folder / "subjects.tsv").read_text().splitlines(True) if line.split("\t")[0] not in bad]
     (folder / "hundred.tsv").write_text("".join(lines[:101]))
     fit(folder, folder / "hundred", "--manifest", folder / "hundred.tsv", "--report", folder / "hundred.json")
@@ -262,7 +265,8 @@ def memory(folder, bad):
 
 
 def cost(folder, count):
-    """Seconds per surface of 40,962 vertices at degree 100 on a common sphere, and the part for reading it and writing its model."""
+    """Returns seconds per surface of 40,962 vertices at degree 100 on a common sphere, and the part of them for reading
+    the surface and writing its model."""
     rows = ["id\tsurface\tsphere\n"]
     for variant in range(8):
         run(["spharm", "generate", "--variant", variant, "--surface", folder / f"c{variant}.surf.gii", "--sphere",
@@ -270,8 +274,8 @@ def cost(folder, count):
     rows += [f"c{number}\tc{number % 8}.surf.gii\tc.sphere.surf.gii\n" for number in range(count)]
     (folder / "cortex.tsv").write_text("".join(rows))
     seconds = {100: [], 0: []}
-    # A fit to degree 0 solves almost nothing; its model has the same sphere, which is nearly all of the file. The degrees are run in
-    # turn, because the load of the machine changes.
+    # A fit to degree 0 solves almost nothing, but reads the same surface and writes the same sphere, which is nearly
+    # the entire file. The two degrees run in turn, because the load of the machine changes.
     for _ in range(PAIRS):
         for degree, times in seconds.items():
             began = time.monotonic()
@@ -294,7 +298,7 @@ def main():
     args = parser.parse_args()
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda number, _: sys.exit(128 + number))
-    # 20,000 files are synchronised, which measures the disk rather than the program.
+    # A memory file system is used, because 20,000 files are synchronised, and that would measure the disk.
     memory_disk = Path("/dev/shm")
     place = memory_disk if memory_disk.is_dir() and shutil.disk_usage(memory_disk).free > 6e9 else None
     with tempfile.TemporaryDirectory(prefix="spharm-cohort-", dir=place) as folder:

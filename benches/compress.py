@@ -1,11 +1,12 @@
-"""Bytes of compressed models at a given distance, compared with Draco on the mesh and on simplifications of it.
+"""Compares the size of compressed models at a given distance with Draco on the mesh and on simplifications of it.
 
     python benches/compress.py [--program target/release/spharm] [--fit PROGRAM] [--only cort40962 nefertiti]
 
-needs NumPy, DracoPy, fast-simplification, libigl and nibabel. Models are fitted, compressed, expanded and evaluated by the
-program, each in its own process; distances of both are measured here, in the same way: root mean square of the distances
-from 100,000 random points on either surface to the other, bounding box scaled to volume 1. Models are `--bare`, since Draco's
-files have no provenance either; the size with provenance is printed as well.
+Needs NumPy, DracoPy, fast-simplification, libigl and nibabel. The program fits, compresses, expands and evaluates
+models, each step in its own process. Distances are measured here, in the same way for models and for Draco: root mean
+square of the distances from 100,000 random points on either surface to the other one, with the bounding box scaled to
+volume 1. Models are compressed with `--bare`, since Draco's files have no provenance either; the size with provenance
+is printed as well.
 """
 
 import argparse
@@ -88,7 +89,7 @@ class Spharm:
         return subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
 
     def at(self, log_step, *options):
-        """Returns bytes and distance for a step, with the file expanded by another process."""
+        """Returns bytes and distance for a step of the coefficients; the file is expanded in another process."""
         if (log_step, options) not in self.found:
             file, model = self.folder / "m.sphz", self.folder / "m.spharm.npz"
             step = repr(2.0**log_step)
@@ -98,7 +99,8 @@ class Spharm:
         return self.found[log_step, options]
 
     def smallest(self, target):
-        """Returns step, bytes and distance of the smallest file within a distance, to 1/64 of an octave."""
+        """Searches the smallest file within a distance, with steps accurate to 1/64 of an octave; returns step, bytes
+        and distance."""
         fine, coarse = -17.0, -4.0
         if self.at(fine, "--bare")[1] > target:
             return None
@@ -112,7 +114,7 @@ class Spharm:
 
 
 def draco(original):
-    """Returns bytes and distance of Draco on the mesh, and on simplifications of it."""
+    """Returns bytes and distance of Draco on the mesh and on its simplifications."""
     found = []
     for part in [0, 0.5, 0.75, 0.875, 0.9375, 0.97, 0.985, 0.9925, 0.996]:
         vertices, faces = original.vertices.astype(np.float32), original.faces.astype(np.int32)

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Bars that correspondence must reach, row by row: `./run bench correspondence [ROW ...]`.
+"""Measures correspondence against required limits, row by row: `./run bench correspondence [ROW ...]`.
 
-A row is a function whose name starts with `row_`; without names all are run, `--list` lists them. Each prints its bar
-and the value reached, and the script exits with 1 if a bar is missed. Measures are those of `correspondence_measures.py`,
-area-weighted, in mm. Surfaces are those of ../shared/data (vertebrae, hippocampi), and groups of `spharm generate --group`,
-whose truth is known.
+A row is a function whose name starts with `row_`; without names all rows run, and `--list` lists them. Each row prints
+its limit and the value reached; the exit status is 1 if a limit is missed. Measures are those of
+`correspondence_measures.py`, area-weighted, in mm. Surfaces are those of ../shared/data (vertebrae, hippocampi), and
+groups of `spharm generate --group`, whose true correspondence is known.
 """
 
 import argparse
@@ -32,7 +32,7 @@ results = []
 
 
 def bar(name, limit, reached, least=False):
-    """Prints a row of the table: `reached` must be at most the limit, or at least."""
+    """Prints a row of the table: `reached` must be at most the limit or, with `least`, at least the limit."""
     met = bool(reached >= limit if least else reached <= limit)
     results.append(met)
     print(f"{name:<66} {'>=' if least else '<='} {limit:<8g} {reached:10.4g}{'' if met else '  NOT MET'}", flush=True)
@@ -49,19 +49,19 @@ def sphere(level):
 
 
 def points(models, level=4):
-    """Members at the directions of an icosphere, aligned rigidly, and their weights."""
+    """Returns the members at the directions of an icosphere, aligned rigidly, and the weights of the directions."""
     directions, faces = sphere(level)
     members = np.array([model.evaluate(directions) for model in models])
     weight = measured.weights(members, faces)
     return measured.together(members, weight), weight
 
 
-# Groups.
+# Groups of surfaces.
 
 
 @functools.cache
 def vertebrae():
-    """Raw surfaces and their landmarks."""
+    """Returns the raw surfaces of the vertebrae, and their landmarks."""
     paths = sorted((DATA / "vertebrae").glob("*.ply"))
     marks = [sp.read_landmarks(path.with_suffix(".json")).points for path in paths]
     return [sp.read_surface(path) for path in paths], marks
@@ -69,7 +69,7 @@ def vertebrae():
 
 @functools.cache
 def hippocampi():
-    """Surfaces of a01 to a05, and the five that are kept separately if their folder exists."""
+    """Returns the surfaces a01 to a05, and the five surfaces that are stored separately, if their folder exists."""
     sphere_of = sp.icosphere(5)
     directions, faces = arrays(sphere_of)
     files = sorted((DATA / "shape").glob("hippo_*_r.foe.npy"))
@@ -79,7 +79,7 @@ def hippocampi():
 
 @functools.cache
 def generated(family, members=16, upright=False):
-    """Returns surfaces, truth (n, p) and landmarks of a family."""
+    """Returns surfaces, true parameters (n, p) and landmarks of a family."""
     folder = FOLDER / f"{family}-{members}-{upright}"
     options = ["--upright"] if upright else []
     command = [PROGRAM, "generate", "--group", family, "--members", str(members), "--output-dir", folder, *options]
@@ -95,7 +95,7 @@ def generated(family, members=16, upright=False):
 
 @functools.cache
 def corresponding(which, max_degree, template=None):
-    """Returns the corresponding group of a name; a family's name is that of `generated`."""
+    """Returns the group of this name, brought into correspondence; for a family the name is that of `generated`."""
     surfaces = {"vertebrae": lambda: vertebrae()[0], "hippocampi": hippocampi}.get(which, lambda: generated(which)[0])()
     return sp.shape.correspond(surfaces, max_degree, template=template)
 
@@ -107,11 +107,12 @@ def turned_at_random(surface, seed):
     return sp.Surface(vertices @ turn.T + rng.uniform(-100, 100, 3), faces), turn
 
 
-# Poses.
+# Poses of surfaces.
 
 
 def row_poses_of_vertebrae():
-    """Distance of each subject's landmarks from the mean of the others', relative to that after the best rigid motion."""
+    """Distance of each subject's landmarks from the mean of the others' landmarks, relative to the distance after the
+    best rigid motion."""
     surfaces, marks = vertebrae()
     moved = [turned_at_random(surface, seed)[0] for seed, surface in enumerate(surfaces)]
     inputs = [measured.rotation(np.asarray(a.vertices), np.asarray(b.vertices)) for a, b in zip(surfaces, moved)]
@@ -128,7 +129,8 @@ def row_poses_of_vertebrae():
 
 
 def near_spheres(count=10):
-    """Radii of 20 differ by 5 %; between two members they differ by 0.1, ten times the triangles' distance from the sphere."""
+    """Yields near-spheres of radius 20, which vary by 5 % and differ between two members by 0.1, ten times the
+    triangles' distance from the sphere."""
     directions, faces = sphere(4)
     for seed in range(count):
         values = np.random.default_rng(seed).normal(size=(16, 3)) / (1 + np.arange(16))[:, None]
@@ -144,7 +146,8 @@ def cubes(count=10):
 
 
 def row_missed_optima():
-    """Each of 50 pairs from 20 random rotations: the number of results, of 1,000, that are 5 % farther than the best one."""
+    """Aligns each of 50 pairs from 20 random rotations, and counts the results, of 1,000, whose distance exceeds the
+    pair's smallest by more than 5 %."""
     made = [generated("rods", 10)[0], generated("growing-bump", 10)[0], list(cubes()), list(near_spheres())]
     groups = [vertebrae()[0], *made]
     missed = 0
@@ -171,7 +174,7 @@ def row_hippocampi():
 
 
 def on_surfaces(group, surfaces, marks):
-    """Errors of places carried between all pairs, on the target's surface: (n, n - 1, p)."""
+    """Returns the errors of places carried between all pairs, on the target's surface: (n, n - 1, p)."""
     return measured.landmark_errors(group.carry, [arrays(surface) for surface in surfaces], marks)
 
 
@@ -195,7 +198,7 @@ def row_generalisation_of_vertebrae():
 
 
 def row_templates():
-    """Each vertebra as first template: spread of the mean landmark errors, over their mean."""
+    """Uses each vertebra as the first template: spread of the mean landmark errors, divided by their mean."""
     means = [float(errors_of_vertebrae(index).mean()) for index in range(len(vertebrae()[0]))]
     print("  by template", np.round(means, 2))
     bar("vertebrae: spread of the mean error over templates", 0.10, (max(means) - min(means)) / np.mean(means))
@@ -207,7 +210,7 @@ def in_group(group, index, surface):
 
 
 def own_surface(group, index, surface, level):
-    """Distances of a subject's own vertices from its model."""
+    """Returns the distances of a subject's own vertices from its model."""
     directions, faces = sphere(level)
     return measured.closest(group.models[index].evaluate(directions), faces, in_group(group, index, surface)[0])[2]
 
@@ -223,7 +226,8 @@ def row_cover_of_vertebrae():
 
 
 def row_turned_triangles():
-    """Triangles of registered templates that face against their subjects' surfaces, among those with all corners reached."""
+    """Share of the registered templates' triangles that face against their subjects' surfaces, among triangles whose
+    corners are all reached."""
     for which, degree in (("vertebrae", 40), ("hippocampi", 12), ("rods", 24)):
         group, count, marked = corresponding(which, degree), 0, 0
         surfaces = {"vertebrae": lambda: vertebrae()[0], "hippocampi": hippocampi}.get(which, lambda: generated(which)[0])()
@@ -241,7 +245,7 @@ def apart(a, b):
 
 
 def row_one_sphere():
-    """Distance of models over the group's common sphere, relative to that over each surface's own map."""
+    """Distance of models over the group's common sphere, relative to models over each surface's own map."""
     group, ratios = corresponding("hippocampi", 12), []
     for index, surface in enumerate(hippocampi()):
         own = apart(sp.fit(surface, max_degree=12).surface(5), surface)
@@ -251,13 +255,14 @@ def row_one_sphere():
 
 
 def row_distortion():
-    """Areas of the refined directions' triangles relative to the icosphere's, after the last stage of the refinement."""
+    """Areas of triangles over the refined directions, relative to the icosphere's, after the last stage of the
+    refinement."""
     last = corresponding("vertebrae", 40).report["refinement"]["stages"][-1]["log_area"]
     bar("distortion: root mean square of the log area", 0.45, last["rms"])
     bar("distortion: share of triangles within a factor of 8", 0.999, last["within_eight"], least=True)
 
 
-# Known truth.
+# Groups of known truth.
 
 
 def row_moving_bump():
@@ -284,7 +289,8 @@ def row_ellipsoids():
 
 
 def row_known_places():
-    """Landmarks that a group was generated with, carried between all pairs; no bar, but better quality must not worsen them."""
+    """Landmarks that were generated with a group, carried between all pairs. No limit is required, but changes that
+    improve the quality must not increase these errors."""
     for family in ("moving-bump", "growing-bump", "ellipsoids", "rods"):
         surfaces, truth, marks = generated(family)
         group = corresponding(family, 16)
@@ -296,9 +302,11 @@ def row_known_places():
 
 
 def row_cortices():
-    """Two folded surfaces on one mesh, in random poses: distance of the first one's carried vertices from the second's own.
+    """Two folded surfaces on one mesh, in random poses: distance of the first surface's carried vertices from the
+    second's own vertices.
 
-    The second is 12 % of the way to another subject, a distance of about 0.15 mm; the entire way, 1.3 mm, has no limit.
+    The second surface is 12 % of the way from the first to another subject, a distance of about 0.15 mm. For the entire
+    way, 1.3 mm, no limit is required.
     """
     a, b = (sp.example_surface(5, seed)[0] for seed in (0, 1))
     for share in (0.12, 1.0):
@@ -331,22 +339,24 @@ def found_places(models, groups, permutations=999):
 
 
 def false_findings(seed, labellings=20):
-    """Number of labellings of 20 controls with a finding; the correspondence doesn't use labels."""
+    """Returns the number of random labellings of 20 controls for which the test has a finding; the correspondence
+    doesn't use labels."""
     models = sp.shape.correspond(study(seed, 0.0), 12).models
     rng = np.random.default_rng(seed)
     return sum(found_places(models, list(rng.permutation(["a", "b"] * 10)), 199) > 0 for _ in range(labellings))
 
 
 def row_nulls():
-    """15 groups of 20 controls, 20 labellings of each: the number with a finding."""
+    """15 groups of 20 controls with 20 labellings each: the number of labellings with a finding."""
     errors = sum(false_findings(seed) for seed in range(15))
     bar("nulls: family-wise error of 300 studies, at most", 0.085, errors / 300)
     bar("nulls: family-wise error of 300 studies, at least", 0.02, errors / 300, least=True)
 
 
 def row_power(studies=3):
-    """Area of the bump that is found, relative to the true correspondence, and findings outside the bump."""
-    import validation_power as power  # It measures with this file.
+    """Area of the bump that the test finds, relative to the area found with the true correspondence; and findings
+    outside the bump."""
+    import validation_power as power  # validation_power.py imports this file, so it is imported here.
 
     labels = ["a"] * 10 + ["b"] * 10
     for height in (1.0, 2.0, 3.0):
@@ -364,7 +374,7 @@ def row_power(studies=3):
         print(f"  bump of {height:g} mm: {np.round(ratios, 2)}, and {np.round(rest, 2)} of the rest", flush=True)
 
 
-# Time.
+# Times of registrations.
 
 
 def seconds(work):
@@ -380,7 +390,7 @@ def row_time_of_poses():
 
 
 def row_time_of_registration():
-    """Registration of one subject in one round of a group; two subjects at a time on two cores."""
+    """Seconds to register one subject in one round of a group, with two subjects at a time on two cores."""
     for which, degree, limit in (("hippocampi", 12, 0.3), ("vertebrae", 40, 1.5)):
         group = corresponding(which, degree)
         each = group.report["seconds"]["registration"] / len(group) / 2
@@ -388,7 +398,8 @@ def row_time_of_registration():
 
 
 def row_new_subjects(count=50):
-    """New hippocampi added to a group of 20: seconds of each, and additional memory of the second half over the first."""
+    """New hippocampi added to a group of 20: seconds for each one, and memory that the second half takes in addition to
+    the first."""
     turned = [turned_at_random(hippocampi()[i % len(hippocampi())], i)[0] for i in range(20)]
     group = sp.shape.correspond(turned, 15)
     memory, start = [], time.perf_counter()

@@ -1,7 +1,7 @@
-"""The measures of `correspondence.py`, in NumPy and SciPy only: independent of the library's own measures.
+"""The measures used by `correspondence.py`, in NumPy and SciPy only, independent of the library's measures.
 
-Members are points at the same directions, X (n, V, 3); weights (V,) are the vertices' shares of the area, the mean over
-members.
+Members are points at the same directions, X (n, V, 3). The weights (V,) are the vertices' shares of the area, averaged
+over members.
 """
 
 import numpy as np
@@ -13,7 +13,7 @@ def triangles(vertices, faces):
 
 
 def normals(vertices, faces):
-    """Normals of the triangles, twice as long as their areas."""
+    """Returns the normals of the triangles, with length twice the area."""
     a, b, c = triangles(vertices, faces)
     return np.cross(b - a, c - a)
 
@@ -29,7 +29,7 @@ def weights(members, faces):
 
 
 def rotation(p, q, weight=None):
-    """Returns R and t for which p R + t is nearest to q, by least squares."""
+    """Returns R and t that minimise the squared distances between p R + t and q."""
     weight = np.full(len(p), 1 / len(p)) if weight is None else weight
     centre_p, centre_q = weight @ p, weight @ q
     u, _, v = np.linalg.svd(((p - centre_p) * weight[:, None]).T @ (q - centre_q))
@@ -48,7 +48,7 @@ def together(members, weight, rounds=5):
 
 
 def modes(members, weight):
-    """Returns scores, variances and unit modes of members as rows of sqrt(w) x."""
+    """Returns scores, variances and unit modes of members, as rows of sqrt(w) x."""
     rows = (members * np.sqrt(weight)[None, :, None]).reshape(len(members), -1)
     u, s, v = np.linalg.svd(rows - rows.mean(0), full_matrices=False)
     return rows, u * s, s**2 / (len(rows) - 1), v
@@ -122,7 +122,8 @@ def on_triangles(p, a, b, c):
 
 
 def landmark_errors(carry, surfaces, landmarks):
-    """Errors of all ordered pairs, (n, n - 1, p): distance of a carried landmark from the target's own, on its surface."""
+    """Returns errors of all ordered pairs, (n, n - 1, p): the distance of a carried landmark from the target's own
+    landmark, on the target's surface."""
     own = [closest(*surface, marks)[0] for surface, marks in zip(surfaces, landmarks)]
     found = []
     for source, marks in enumerate(own):
@@ -132,7 +133,8 @@ def landmark_errors(carry, surfaces, landmarks):
 
 
 def turned(vertices, faces, surface):
-    """Number of triangles that face against all nearest triangles of the surface; at an edge there are several."""
+    """Returns the number of triangles that face against all nearest triangles of the surface; a point nearest to an
+    edge has several."""
     own, theirs = normals(vertices, faces), normals(*surface)
     centres, corners = vertices[faces].mean(1), surface[0][surface[1]]
     least = closest(*surface, centres)[2]

@@ -1,11 +1,13 @@
-"""Noise removed by `fit --denoise`, in dB below the input noise, on surfaces of ../shared/data with added noise.
+"""Measures the noise removed by `fit --denoise`, in dB below the input noise, on surfaces of ../shared/data with added
+noise.
 
     python3 benches/denoise.py SPHARM DATA [SIGMA ...]
 
-Noise of standard deviation SIGMA (default 0.01; bounding box of volume 1) is added to each coordinate of each vertex, by
-NumPy's generator of seed 0. The program fits noisy vertices and noisy surface, plainly and with
---denoise; the model at the vertices is compared with the surface without noise: `10 log10(3 sigma^2 / mean |model - clean|^2)`.
-The bars are those of the best mesh filter, with the number of iterations chosen by an oracle, and of the prototype.
+Noise of standard deviation SIGMA (default 0.01; bounding box of volume 1) is added to each coordinate of each vertex,
+by NumPy's generator with seed 0. The program fits the noisy vertices and the noisy surface, with and without --denoise.
+The model at the vertices is compared with the surface without noise: `10 log10(3 sigma^2 / mean |model - clean|^2)`.
+The required values are those of the best mesh filter, with the best number of iterations in hindsight, and of the
+prototype.
 """
 
 import base64

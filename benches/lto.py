@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""The transforms built with and without link-time optimisation: `./run bench lto [--rounds N]`.
+"""Compares the transforms built with and without link-time optimisation: `./run bench lto [--rounds N]`.
 
-Conda, distributions and sanitizers build with `lto = "off"`, which must not slow down the transforms. Each setting is built in
-its own folder, and the programs are run in turn.
+Conda, distributions and sanitizers build with `lto = "off"`, which must not slow down the transforms. Each setting is
+built in its own folder, and the programs are run in turn.
 """
 
 import argparse
@@ -37,7 +37,7 @@ def main():
         folder = Path(name)
         subprocess.run([programs["thin"], "sphere", "6", folder / "d.npy"], check=True)
         degree = 100
-        # Three channels of ones: the format's header and the numbers, without NumPy.
+        # Writes an .npy file of three channels of ones without NumPy: the format's header, then the numbers.
         rows = (degree + 1) ** 2
         head = f"{{'descr': '<f8', 'fortran_order': False, 'shape': ({rows}, 3), }}".ljust(117) + "\n"
         (folder / "x.npy").write_bytes(

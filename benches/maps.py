@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
-"""Time, growth and memory of `cald` on folded surfaces, compared with another build: `./run bench maps --beside PROGRAM`.
+"""Compares time, growth and memory of `cald` on folded surfaces with another build: `./run bench maps --beside PROGRAM`.
 
-PROGRAM is a `spharm` of another commit: `git worktree add --detach target/start e2187b2`, then `cargo build --release` there. Both
-run in turn, round after round, with the same number of threads, and medians are taken. Without PROGRAM only measurements that
-don't need it are made. The standard library suffices. Exits 1 if a bar is missed.
+PROGRAM is a `spharm` of another commit: `git worktree add --detach target/start e2187b2`, then `cargo build --release`
+there. Both programs run in turn, round after round, with the same number of threads, and medians are taken. Without
+PROGRAM only the measurements of this build are made. Uses Python's standard library only. Exits with 1 if a required
+limit is missed.
 """
 
 import argparse
@@ -16,10 +17,10 @@ import tempfile
 from pathlib import Path
 
 SPHARM = Path(__file__).resolve().parent.parent / "target" / "release" / "spharm"
-# Subdivisions of the icosphere, and the largest share of the other program's time.
+# For each number of subdivisions of the icosphere, the largest permitted time relative to the other program's.
 SIZES = {6: 1 / 3, 7: 1 / 4, 8: 1 / 8}
-GROWTH = 20  # from the first to the last, 16 times the vertices
-BYTES = 2500  # a vertex, on the last
+GROWTH = 20  # largest ratio of the times of the largest and the smallest mesh, which has 1/16 of the vertices
+BYTES = 2500  # largest memory of the largest mesh, in bytes per vertex
 WORSE = 1.05
 LAYOUT = "{:<8} {:>8} {:>9} {:>9} {:>9} {:>6} {:>9} {:>8} {:>8}"
 
@@ -28,7 +29,7 @@ def run(program, *arguments):
     """Runs a verb; returns its CPU seconds and its peak memory in bytes."""
     process = subprocess.Popen([program, *map(str, arguments), "-q"], stdout=subprocess.DEVNULL)
     _, status, usage = os.wait4(process.pid, 0)
-    # Popen must not wait for a process that was already waited for.
+    # os.wait4 has already waited for the process, so Popen gets the exit status from here.
     process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode:
         raise RuntimeError(f"{program} {arguments[0]} exited with {process.returncode}")

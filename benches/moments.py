@@ -1,8 +1,9 @@
-"""Moments of 10^8 samples from disk, in a group of processes that may use 2 GiB. Called by `./run bench moments`.
+"""Computes the moments of 10^8 samples from disk, in a control group that is limited to 2 GiB. `./run bench moments`
+calls it.
 
-The table, 3.2 GB, is made in a temporary folder, and is only on disk when it is read: pages in memory would be charged to
-the process that wrote them. The limit applies to everything that the run uses, including the page cache of the files that it
-reads. --samples and --degree set other sizes.
+The table, 3.2 GB, is made in a temporary folder. It is dropped from the page cache before it is read, because cached
+pages would be charged to the process that wrote them. The limit applies to all memory of the run, including the page
+cache of the files that it reads. --samples and --degree set other sizes.
 """
 
 import argparse
@@ -22,7 +23,7 @@ CHUNK = 5_000_000
 
 
 def write_samples(path, count):
-    """Writes almost evenly distributed unit vectors in random order, and a wavy field with noise."""
+    """Writes unit vectors, nearly uniform on the sphere and in random order, and a wavy field with noise."""
     rng = np.random.default_rng(0)
     with open(path, "wb") as file:
         np.lib.format.write_array_header_1_0(file, {"descr": "<f8", "fortran_order": False, "shape": (count, 4)})
@@ -40,7 +41,8 @@ def write_samples(path, count):
 
 @contextlib.contextmanager
 def limited():
-    """Yields a folder of control groups, version 1 or 2, and the name of the file with its peak, or None if there is none."""
+    """Yields the folder of a limited control group (version 1 or 2), and the name of its file with the peak memory, or
+    None if it has no such file."""
     for parent, limit, peak in [
         ("/sys/fs/cgroup/memory", "memory.limit_in_bytes", "memory.max_usage_in_bytes"),
         ("/sys/fs/cgroup", "memory.max", "memory.peak"),
@@ -80,7 +82,7 @@ def main():
             with limited() as (group, peak):
                 where = "no control groups here: no limit"
                 if group is not None:
-                    # The shell joins the group, and is replaced by the program.
+                    # The shell joins the group, and is then replaced by the program.
                     command = ["sh", "-c", f'echo $$ > {group}/cgroup.procs && exec "$@"', "sh", *command]
                     where = f"limit {LIMIT / 2**30:.0f} GiB"
                 done = subprocess.run(command, capture_output=True, text=True)

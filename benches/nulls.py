@@ -1,7 +1,7 @@
-"""Studies without an effect: the share with a family-wise p of at most 0.05, for each design.
+"""Simulates studies without an effect, for each design; measures the share with a family-wise p of at most 0.05.
 
-Used by `./run bench statistics` and by the part `statistics` of `./run attack`. Values are smooth fields at the vertices
-of an icosphere, drawn anew for each study.
+Used by `./run bench statistics` and by the part `statistics` of `./run attack`. Values are smooth random fields at the
+vertices of an icosphere, drawn anew for each study.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ from typing import Callable
 import numpy as np
 import spharm_rs as sp
 
-#: Number of random relabellings in a study; (count + 1) / 200 reaches 0.05 exactly.
+#: Number of random relabellings in a study. p values are multiples of 1 / (count + 1) = 1 / 200, so 0.05 is one of
+#: them.
 RELABELLINGS = 199
 
 
@@ -28,13 +29,13 @@ def smooth_fields(vertices_level: int = 3, degree: int = 12) -> Callable[[np.ran
 
 @dataclass
 class Null:
-    """A design and the effect tested in it."""
+    """A design, and the effect that is tested in it."""
 
     name: str
     arguments: Callable[[np.random.Generator], dict]
     n: int = 24
     components: int = 1
-    #: Standard deviation of each subject.
+    #: Standard deviation of each subject's values.
     sd: np.ndarray | None = None
     #: Smallest and largest share of studies that may have a family-wise p of at most 0.05.
     bounds: tuple[float, float] = (0.03, 0.07)
@@ -54,7 +55,7 @@ def _age(rng, n, centre=40.0):
 
 
 def nulls() -> list[Null]:
-    """Returns the fifteen designs of equal variances: five that once failed, and ten more."""
+    """Returns the fifteen designs with equal variances: five that failed in an earlier version, and ten more."""
     two = _two(12, 12)
     ones = np.ones((24, 1))
     three = np.repeat(np.eye(3), 8, axis=0)
@@ -92,7 +93,7 @@ def nulls() -> list[Null]:
 
 
 def unequal() -> list[Null]:
-    """Returns pairs of groups of unequal size and variance, by Welch's test; and of equal variance."""
+    """Returns pairs of groups of unequal size, with unequal variances and with equal ones, tested by Welch's test."""
 
     def groups(a, b):
         return lambda rng: {"groups": [0] * a + [1] * b, "welch": True}

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""The table of docs/parameterisation.md: the quality of each method's map of each mesh, and of a fit over it.
+"""Measures the table of docs/parameterisation.md: the quality of each method's map of each mesh, and of a fit over it.
 
-Called by `./run parametrize-table`; needs `parametrize`, `fit`, `reconstruct`, `compare` and `generate` on the PATH.
-The standard library suffices. Exits 1 if a bar is missed.
+`./run parametrize-table` calls it; it needs `parametrize`, `fit`, `reconstruct`, `compare` and `generate` on the PATH.
+Uses Python's standard library only. Exits with 1 if a required limit is missed.
 """
 
 import argparse
@@ -14,7 +14,7 @@ import sys
 import tempfile
 import time
 
-# name, file, subdivisions before the fit, degree, largest msd of a fit over cald (None: no bar)
+# name, file, subdivisions before the fit, degree, largest permitted msd of a fit over cald (None: no limit)
 MESHES = [
     ("head", "head.obj", 2, 100, 3e-7),
     ("bowl", "bowl.obj", 1, 50, 1e-6),
@@ -28,7 +28,8 @@ MESHES = [
     ("cortex", None, 0, None, None),
 ]
 VOLUMES = ["hippo_a01_l.nii.gz", "hippo_a02_l.nii.gz", "hippo_a03_l.nii.gz"]
-# name, file, degree, largest root mean square and Hausdorff distance between surface and model, bounding box of volume 1
+# name, file, degree, largest permitted root mean square and Hausdorff distance between surface and model, with a
+# bounding box of volume 1
 SURFACES = [
     ("head", "head.obj", 60, 4.5e-4, 6.8e-3),
     ("homer", "homer.obj", 60, 5.5e-4, 6.5e-3),
@@ -39,10 +40,10 @@ SURFACES = [
     ("cort40962", "cort40962.surf.gii", 100, 1.7e-4, 2.5e-3),
     ("hippo_a01_l", "hippo_a01_l.obj", 30, 1.07e-2, 4.5e-2),
 ]
-ICOSPHERE = 7  # of the model that is measured
+ICOSPHERE = 7  # subdivisions of the icosphere on which the model is measured
 AREA_BAR = 0.10
 QUADS_BAR = 5.0  # per cent
-SECONDS_BAR = 60  # for meshes of 50,000 vertices and less
+SECONDS_BAR = 60  # for meshes of at most 50,000 vertices
 
 
 def read_obj(path):
@@ -63,7 +64,7 @@ def write_obj(path, vertices, faces):
 
 
 def subdivide(vertices, faces, on_sphere):
-    """Cuts each triangle into four at the midpoints of its edges."""
+    """Divides each triangle into four at the midpoints of its edges."""
     vertices, middles, split = list(vertices), {}, []
 
     def middle(a, b):
@@ -97,7 +98,8 @@ def run(*command):
 
 
 def least_squares(folder, surface, sphere, degree):
-    """Returns the msd of the least squares at the vertices, and the Hausdorff distance at four times as many, at volume 1."""
+    """Returns the msd of the least squares at the vertices, and the Hausdorff distance at four times as many points,
+    both for a bounding box of volume 1."""
     report, model, dense, back = (folder / name for name in ["fit.json", "model.spharm.npz", "four.obj", "back.ply"])
     run("fit", "--sphere", sphere, "--surface", surface, "--objective", "vertices", "--max-degree", degree, "-o", model,
         "--report", report, "--force", "-q")
@@ -109,7 +111,8 @@ def least_squares(folder, surface, sphere, degree):
 
 
 def bare_fit(folder, surface, degree):
-    """Returns the distances, both ways, between a bare mesh and its model on an icosphere, and seconds of mapping and fitting."""
+    """Fits a bare mesh; returns the distances between the mesh and its model on an icosphere, both ways, and the
+    seconds of mapping and fitting."""
     report, model, back = (folder / name for name in ["fit.json", "model.spharm.npz", "back.ply"])
     started = time.monotonic()
     run("fit", "--surface", surface, "--max-degree", degree, "-o", model, "--report", report, "--force", "-q")
@@ -124,7 +127,7 @@ def bare_fit(folder, surface, degree):
 
 
 def surfaces_table(data, wanted):
-    """Returns the table of bare fits, and the bars that are missed."""
+    """Returns the table of bare fits, and the limits that are missed."""
     rows, missed = [], []
     layout = "{:<12} {:>6} {:>9} {:>5} {:>9} {:>5} {:>9} {:>9} {:>9} {:>8} {:>7}"
     print(layout.format("surface", "degree", "rms", "/bar", "hausdorff", "/bar", "95 %", "msd", "area rms", "mapping", "seconds"))
@@ -162,7 +165,7 @@ LAYOUT = "{:<12} {:<10} {:>6} {:>5} {:>8} {:>9} {:>8} {:>6} {:>7} {:>6} {:>9} {:
 
 
 def line(name, method, row):
-    """A line of the table."""
+    """Formats a line of the table."""
     q, small = row["quality"], lambda x: f"{x:.2e}" if x else ""
     return LAYOUT.format(
         name, method, row["vertices"], q["flipped"] + q["degenerate"], f"{q['area_rms']:.4f}", f"{q['length_worst']:.3f}",

@@ -1,7 +1,7 @@
-"""Transforms and least squares of this project and of ducc0, on the same arrays, with two threads.
+"""Compares transforms and least squares of this project with ducc0's, on the same arrays, with two threads.
 
-`./run bench peer` runs it, in a virtual environment with ducc0, NumPy and nibabel. The same code assesses all solutions: msd
-and optimality are recomputed from the coefficients with ducc0's transforms at 1e-13.
+`./run bench peer` runs it, in a virtual environment with ducc0, NumPy and nibabel. All solutions are assessed by the
+same code: msd and optimality are recomputed from the coefficients with ducc0's transforms at an accuracy of 1e-13.
 """
 
 import argparse
@@ -44,7 +44,7 @@ def seconds(work, repeats):
 
 
 class Peer:
-    """The example `peer`, built by `./run bench peer`."""
+    """Runs the example `peer`, built by `./run bench peer`."""
 
     def __init__(self):
         self.path = ROOT / "target" / "release" / "examples" / "peer"
@@ -58,14 +58,15 @@ class Peer:
 
 
 class Problem:
-    """Directions and targets, as files for `peer` and in ducc0's layout."""
+    """Directions and targets, as files for `peer` and as arrays in ducc0's layout."""
 
     def __init__(self, folder, name, directions, targets, max_degree):
         self.directions, self.targets, self.max_degree = directions, targets, max_degree
         self.files = [folder / f"{name}.{what}.npy" for what in ["directions", "targets"]]
         np.save(self.files[0], directions)
         np.save(self.files[1], targets)
-        # The file has the vertices unchanged: normalising them twice would change the sampling.
+        # The file has the vertices as they are, and `peer` normalises them: normalising them twice would change the
+        # sampling.
         u = directions / np.linalg.norm(directions, axis=1)[:, None]
         self.loc = np.stack(
             [np.arctan2(np.hypot(u[:, 0], u[:, 1]), u[:, 2]), np.arctan2(u[:, 1], u[:, 0]) % (2 * np.pi)], axis=1
@@ -100,7 +101,7 @@ class Problem:
         return alms
 
     def judge(self, alms):
-        """Returns the msd at bounding-box volume 1, and the largest optimality of the columns."""
+        """Returns the msd for a bounding box of volume 1, and the largest optimality among the columns."""
         square, optimality = 0.0, 0.0
         for alm, column in zip(alms, self.targets.T):
             residual = column - self.synthesis(alm)
@@ -110,7 +111,7 @@ class Problem:
 
 
 def orders(max_degree):
-    """Returns (degree, order) of ducc0's coefficients, m = 0 first."""
+    """Returns (degree, order) of ducc0's coefficients, which begin with order 0."""
     m = np.concatenate([np.full(max_degree + 1 - m, m) for m in range(max_degree + 1)])
     l = np.concatenate([np.arange(m, max_degree + 1) for m in range(max_degree + 1)])
     return l, m
@@ -146,7 +147,7 @@ def load(folder, name, max_degree):
 
 
 def generated(peer, folder, name, subdivisions, max_degree):
-    """Returns an icosphere and a bumpy surface over it."""
+    """Returns a problem: an icosphere, and a bumpy surface over it."""
     peer.run("sphere", subdivisions, folder / "sphere.npy")
     u = np.load(folder / "sphere.npy")
     radius = 1 + 0.2 * np.sin(3 * u[:, 0] + 2 * u[:, 1]) + 0.1 * np.cos(7 * u[:, 2] * u[:, 0]) + 0.02 * np.sin(40 * u[:, 1])
@@ -183,7 +184,7 @@ def lsq(peer, problem, accuracy, tolerance, repeats, *more):
 
 
 def scattered(folder, n, max_degree):
-    """Returns random directions, and a smooth function with noise at them."""
+    """Returns a problem: random directions, and a smooth function with noise at them."""
     rng = np.random.default_rng(0)
     u = rng.normal(size=(n, 3))
     u /= np.linalg.norm(u, axis=1)[:, None]
@@ -196,7 +197,7 @@ def scattered(folder, n, max_degree):
 
 
 def samples(peer, folder, sizes):
-    """One channel on random directions, to an optimality of 1e-10."""
+    """Fits one channel on random directions, to an optimality of 1e-10."""
     limits = {(10**6, 100): 0.1, (10**7, 500): 0.1, (10**7, 1000): 0.12}
     per_iteration = {}
     for n, max_degree in [(int(float(n)), int(degree)) for n, degree in sizes]:
@@ -205,7 +206,7 @@ def samples(peer, folder, sizes):
         repeats = 5 if n * max_degree <= 10**8 else 1
         mine, theirs = [], []
         for _ in range(repeats):
-            # Run in turn, because the load of the machine changes.
+            # Both programs run in turn, because the load of the machine changes.
             seconds_mine, alms, report = lsq(peer, problem, 1e-12, 1e-10, 1)
             mine.append(seconds_mine)
             if limit is not None:
@@ -231,7 +232,7 @@ def samples(peer, folder, sizes):
 def cortex(peer, folder, repeats):
     problem = load(folder, "cort40962", 100)
     reference = json.loads((DATA / "reference.json").read_text())["cort40962"]["results"]["least-squares L=100"]["msd"]
-    # The coarsest epsilon at which ducc0 reaches the reference.
+    # Searches the coarsest epsilon at which ducc0 reaches the reference.
     for epsilon in [1e-3, 1e-4, 1e-5, 1e-6]:
         theirs, alms = seconds(lambda: problem.analysis(epsilon, 500), repeats)
         msd, optimality = problem.judge(alms)
@@ -260,7 +261,7 @@ def stored(peer, folder, problem, reference, theirs, repeats):
     command = [spharm, "basis-build", "--sphere", sphere, "--factor", 100, "--factor-only"]
     command += ["--store", store, "--memory", "4GiB", "-q"]
     subprocess.run(list(map(str, command)), check=True, stdout=subprocess.DEVNULL)
-    # Otherwise the fits would be timed together with writing the store to the disk.
+    # Write the store to the disk first, because otherwise writing would slow down the timed fits.
     os.sync()
     mine, alms, _ = lsq(peer, problem, 1e-9, 1e-7, repeats, "--store", store)
     msd, optimality = problem.judge(alms)

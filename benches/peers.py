@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
 """Evaluates exported models with other packages: `./run peers [PACKAGE ...]`.
 
-A model is exported by the program at degrees 20 and 100, read by the package's own reader, and evaluated by its own
-code. The largest difference from `spharm reconstruct`, relative to the largest value, must be below 1e-13 and 1e-12.
+The program exports a model at degrees 20 and 100; the package reads it with its own reader and evaluates it with its
+own code. The largest difference from `spharm reconstruct`, relative to the largest value, must be below 1e-13 for
+degree 20 and 1e-12 for degree 100.
 """
 
 import argparse
@@ -19,7 +20,7 @@ BARS = {20: 1e-13, 100: 1e-12}
 
 
 class Model:
-    """A folder with a model, and its values at any directions by the program."""
+    """A folder with a model, whose values at any directions the program computes."""
 
     def __init__(self, program, folder, degree, channels):
         self.program, self.folder, self.degree = program, Path(folder), degree
@@ -28,7 +29,7 @@ class Model:
         rows = np.repeat(np.arange(degree + 1), 2 * np.arange(degree + 1) + 1)
         a = np.random.default_rng(degree).normal(size=((degree + 1) ** 2, channels)) / (1 + rows[:, None]) ** 1.5
         a[0] += 20
-        # As a signal rather than a surface, because `reconstruct` writes signals as a table.
+        # Stored as a signal rather than a surface, because `reconstruct` writes signals as a table.
         np.savez(self.path, coefficients=a, convention=CONVENTION, provenance='{"surface": false}')
 
     def run(self, *arguments):
@@ -41,7 +42,7 @@ class Model:
         return self.folder / name
 
     def values(self, theta, phi):
-        """Returns values at colatitudes and azimuths, (n, c)."""
+        """Returns the program's values at colatitudes and azimuths, (n, c)."""
         angles, out = self.folder / "angles.csv", self.folder / "values.csv"
         np.savetxt(angles, np.column_stack([np.ravel(theta), np.ravel(phi)]), fmt="%.17g", delimiter=",")
         self.run("reconstruct", "--model", self.path, "--sphere", angles, "-o", out, "--force", "-q")
@@ -130,7 +131,7 @@ def scipy(model):
     yield "SPHARM-MAT by SciPy", relative(found, model.values(theta, phi))
     model.export("afni", "x.1D")
     matrices = [np.loadtxt(model.folder / f"x.{axis}.1D") for axis in "xyz"]
-    # Chung's SPHARMsmooth: cosines, then sines, of the azimuth plus pi, with normalised Legendre functions.
+    # Chung's SPHARMsmooth uses cosines, then sines, of the azimuth plus pi, with normalised Legendre functions.
     y = harmonics(theta, phi + np.pi, model.degree)
     found = np.zeros((len(theta), 3))
     for l in range(model.degree + 1):
@@ -166,7 +167,7 @@ def aics(model):
         [[[named[f"shcoeffs_L{l}M{m}{s}"] for m in range(size)] for l in range(size)] for s in "CS"]
     )
     found = shtools.get_even_reconstruction_from_coeffs(coefficients, npoints=64)[1]
-    # pyshtools' Driscoll-Healy grid.
+    # The Driscoll-Healy grid of pyshtools.
     n = 2 * size
     known = radius.values(*grid(np.arange(n) * np.pi / n, np.arange(2 * n) * np.pi / n)).reshape(n, 2 * n)
     # aics-shparam 0.1 returns the grid with or without its last row and column.

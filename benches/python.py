@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
-"""The bars of the Python package, measured: `./run bench python [--rounds N]`.
+"""Measures the Python package against required limits: `./run bench python [--rounds N]`.
 
-Compared with `examples/peer` on the same arrays, in turn; interrupts and forks are repeated as often as requested.
+Speed is compared with `examples/peer` on the same arrays, in turn; interrupts and forks are repeated as often as
+requested.
 """
 
 import argparse
@@ -48,7 +49,7 @@ def seconds(work, rounds):
 
 
 def speed(rows, rounds):
-    """Synthesis and fits compared with the library's own, in turn."""
+    """Compares synthesis and fits with the library's own, in turn."""
     surface, sphere = sp.example_surface(6)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -87,7 +88,8 @@ print(status("VmHWM") - before)
 
 
 def memory(rows):
-    """Peak memory of a fit of (10^6, 3) above the memory resident before, relative to the library's on the same arrays."""
+    """Measures the memory that a fit of (10^6, 3) takes in addition to the memory resident before, relative to the
+    library's on the same arrays."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         n = 1_000_000
@@ -144,7 +146,8 @@ def forks(rows, times):
 
 
 def interpreter(rows):
-    """Longest time for which a call blocks other Python threads, compared with calls that keep both cores busy."""
+    """Measures the longest time for which a call blocks other Python threads, compared with calls that keep both cores
+    busy."""
     surface, sphere = sp.example_surface(6)
     calls = {
         "fit": lambda: sp.fit(surface, sphere, 100, threads=1),

@@ -1,6 +1,6 @@
 //! What the machine can do, as JSON: the rate of one large dense product, in flops a second, and of the kernels.
 //!
-//! `cargo bench --bench rates`. The bars of `./run bench` are stated relative to the first.
+//! `cargo bench --bench rates`. The limits required by `./run bench` are stated relative to the rate of dgemm.
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -14,7 +14,7 @@ use spharm_solver::threaded::{Kernels, ThreadedKernels};
 #[path = "../tools/kernels.rs"]
 mod kernels;
 
-/// Median of five runs, seconds, after one to warm up.
+/// Returns the median duration of five runs, in seconds, after one run to warm up.
 fn median(mut work: impl FnMut()) -> f64 {
     work();
     let mut seconds: Vec<f64> = (0..5)
@@ -59,7 +59,8 @@ fn main() {
             }
         });
 
-    // Forty chunks, more than any cache holds beside them: what a streaming pass does with each byte.
+    // Forty chunks, which don't fit into any cache: the rate at which a pass processes bytes that it streams from
+    // memory.
     let columns = 2 * max_degree + 1;
     let chunks = vec![0.5; 40 * rows * columns];
     let residual = vec![0.25; rows * 3];

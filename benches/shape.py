@@ -1,8 +1,8 @@
-"""Rotation and alignment of surfaces, compared with ducc0's rotation and SPHARM-MAT's published results.
+"""Compares rotation of surfaces with ducc0's, and alignment with SPHARM-MAT's published results.
 
-`./run bench shape` runs it, in a virtual environment with ducc0 and NumPy. Times of rotations are CPU seconds of one thread of
-either program on the same arrays; those of alignments are seconds with two threads, and CPU seconds as well. The
-hippocampi are those of ../shared/data/shape; without them 2a to 2e are left out.
+`./run bench shape` runs it, in a virtual environment with ducc0 and NumPy. Times of rotations are CPU seconds of one
+thread of either program on the same arrays. Times of alignments are seconds with two threads, and CPU seconds as well.
+The hippocampi are those of ../shared/data/shape; without them the rows 2a to 2e are skipped.
 """
 
 import argparse
@@ -28,7 +28,7 @@ def bar(name, limit, reached, detail=""):
 
 
 class Program:
-    """The example `shape`, built by `./run bench shape`."""
+    """Runs the example `shape`, built by `./run bench shape`."""
 
     def __init__(self, folder):
         self.path = ROOT / "target" / "release" / "examples" / "shape"
@@ -103,7 +103,7 @@ def random_rotation(rng):
 
 
 def theirs(a, rotation):
-    """Rotates by ducc0; returns coefficients, and the CPU seconds of its three calls."""
+    """Rotates with ducc0; returns the coefficients, and the CPU seconds of its three calls."""
     max_degree = int(round(np.sqrt(len(a)))) - 1
     alpha = np.arctan2(rotation[1, 2], rotation[0, 2])
     beta = np.arctan2(np.hypot(rotation[0, 2], rotation[1, 2]), rotation[2, 2])
@@ -131,7 +131,7 @@ def rotations(program, repeats):
         count = repeats if max_degree < 2000 else 3
         mine, seconds = [], []
         for _ in range(count):
-            # Run in turn, because the load of the machine changes.
+            # Both programs run in turn, because the load of the machine changes.
             times, b = program.run(1, "rotate", a, rotation, 2)
             c, first = theirs(a, rotation)
             mine.append(min(times["cpu"]))
@@ -149,7 +149,7 @@ def rotations(program, repeats):
 
 
 def posed(a, rng):
-    """Returns the surface after random rotations in both spaces, by ducc0."""
+    """Returns the surface after random rotations of parameters and space, by ducc0."""
     return theirs(a, random_rotation(rng))[0] @ random_rotation(rng).T
 
 
@@ -158,7 +158,7 @@ def rmsd(a, b):
 
 
 def aligned(program, moving, targets, bandwidth=0, starts=0):
-    """Returns the distances of the surfaces aligned by the program, and its times."""
+    """Aligns surfaces with the program; returns the remaining distances, and the program's times."""
     times, surfaces = program.run(2, "align", np.stack(moving), np.stack(targets), bandwidth, starts)
     return np.array([rmsd(a, b) for a, b in zip(surfaces, targets)]), times
 
@@ -197,7 +197,7 @@ def alignments(program):
 
 
 def times(program):
-    """Generated surfaces: an ellipsoid with smooth bumps."""
+    """Measures times on generated surfaces: an ellipsoid with smooth bumps."""
     rng = np.random.default_rng(3)
 
     def surface(max_degree, base, own):

@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
-"""Time of maps of slivers, compared with an icosphere of as many vertices: `./run bench slivers`.
+"""Compares the time of mapping thin triangles with an icosphere of as many vertices: `./run bench slivers`.
 
-A fan (a double pyramid over a polygon, whose poles have one triangle per side), a sphere by latitude and longitude, and a tube of
-triangles that are 1000 times as long as wide. CPU seconds per vertex are compared, of `parametrize` with its default method, and
-of `deform` onto an icosphere of 10,242 vertices. The standard library suffices. Exits 1 if a bar is missed.
+The surfaces are a fan (a double pyramid over a polygon, whose poles have one triangle per side), a sphere by latitude
+and longitude, and a tube of triangles that are 1000 times as long as wide. CPU seconds per vertex are compared, of
+`parametrize` with its default method, and of `deform` onto an icosphere of 10,242 vertices. Uses Python's standard
+library only. Exits with 1 if a required limit is missed.
 """
 
 import argparse
@@ -15,7 +16,7 @@ from pathlib import Path
 
 from maps import SPHARM, run
 
-# Largest ratio to the icosphere's time: the bar is 20, with a fifth to spare.
+# Largest permitted ratio to the icosphere's time: the required limit is 20, of which a fifth is kept in reserve.
 MOST = 16
 SUBDIVISIONS = 7
 LAYOUT = "{:<28} {:>9} {:>8} {:>8} {:>9}"
@@ -30,7 +31,8 @@ def fan(sides):
 
 
 def rings(profile, around):
-    """Returns a surface of revolution: a pole, rings of `around` vertices at (radius, height), and another pole."""
+    """Returns a surface of revolution: a pole, rings of `around` vertices at each (radius, height), and another
+    pole."""
     first, *inner, last = profile
     turns = [math.tau * j / around for j in range(around)]
     points = [(r * math.cos(t), r * math.sin(t), z) for r, z in inner for t in turns]

@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
 """Measures the tables and pictures of docs/validation.md: `./run validation [PART ...] [--quick]`.
 
-A part is a function whose name starts with `part_`; without names all are run. Each writes its tables into the page when it
-ends, so that parts may be measured separately. `--quick` uses few members and few labellings, and writes a copy of the page
-to target/validation. Groups, studies and measures are those of correspondence.py and correspondence_measures.py.
+A part is a function whose name starts with `part_`; without names all parts run. Each part writes its tables into the
+page when it ends, so that parts may be measured separately. `--quick` uses few members and few labellings, and writes a
+copy of the page to target/validation. Groups, studies and measures are those of correspondence.py and
+correspondence_measures.py.
 """
 
 import argparse
@@ -28,7 +29,7 @@ FAMILIES = {"moving-bump": "moving bump", "growing-bump": "growing bump", "ellip
 class Plain:
     """The plain alignment: each surface is mapped to the sphere separately, and models are aligned at equal directions.
 
-    Has members, transforms and `carry` like the result of `spharm_rs.shape.correspond`.
+    Has members, transforms and `carry`, as the result of `spharm_rs.shape.correspond` has.
     """
 
     def __init__(self, surfaces, max_degree, level=5):
@@ -49,7 +50,7 @@ class Plain:
 
 
 def aligned(surfaces, max_degree, plain=True, registered=True):
-    """Returns the group by each alignment; None for the plain one if surfaces can't be mapped as they are."""
+    """Returns the group by each alignment; None for the plain alignment if surfaces can't be mapped without repair."""
     started = time.perf_counter()
     found = {"plain": Plain(surfaces, max_degree) if plain else None}
     if registered:
@@ -60,7 +61,7 @@ def aligned(surfaces, max_degree, plain=True, registered=True):
 
 
 def part_truths(page, quick):
-    """Families with a known truth, in random poses, each member meshed anew."""
+    """Families with a known truth, in random poses, with a new mesh for each member."""
     members, degree = (4, 8) if quick else (12, 12)
     rows, places, panels = [], {name: [] for name in ALIGNMENTS}, []
     for family, title in FAMILIES.items():
@@ -89,14 +90,14 @@ def part_truths(page, quick):
     page.table("truths", ["family", "alignment", "p", "first p modes", "R^2", "places, mm", "median"], rows)
     page.measured("truths")
     page.picture("scores", scores(panels))
-    # Ellipsoids, which have four equivalent poses, would dwarf the others.
+    # Ellipsoids have four equivalent poses, so their errors are far larger than the others' and aren't shown.
     shown = [index for index, family in enumerate(FAMILIES) if family != "ellipsoids"]
     heads = {ALIGNMENTS[name]: (COLOURS[name], [values[index] for index in shown]) for name, values in places.items()}
     page.picture("places", bars([list(FAMILIES.values())[index] for index in shown], heads, "error of known places, mm"))
 
 
 def part_anatomy(page, quick):
-    """Vertebrae with landmarks, and hippocampi; left out if the data doesn't exist."""
+    """Vertebrae with landmarks, and hippocampi; skipped if the data doesn't exist."""
     rows, panels = [], []
     for which, degree, level in (("vertebrae", 40, 5), ("hippocampi", 12, 4)):
         surfaces, marks = bench.vertebrae() if which == "vertebrae" else (bench.hippocampi(), None)
@@ -107,7 +108,7 @@ def part_anatomy(page, quick):
         if quick:
             surfaces, degree, level = surfaces[:3], 8, 4
         series = {}
-        # There are two fewer modes than members, because a member is left out.
+        # The number of modes is two less than that of members, because generalisation leaves out a member.
         counts = range(1, len(surfaces) - 1)
         for name, group in aligned(surfaces, degree, which != "vertebrae").items():
             if group is None:
@@ -140,7 +141,7 @@ def interval(errors, trials):
 
 
 def part_nulls(page, quick):
-    """Studies without an effect, with correspondence in the loop."""
+    """Studies without an effect, in which the correspondence is computed as part of the study."""
     groups, labellings = (1, 10) if quick else (15, 20)
     by_group = [bench.false_findings(seed, labellings) for seed in range(groups)]
     errors, trials = sum(by_group), groups * labellings
@@ -150,7 +151,8 @@ def part_nulls(page, quick):
 
 
 def part_power(page, quick):
-    """A bump at 10 against 10: its area found by the true correspondence and by each alignment."""
+    """A study of 10 subjects with a bump and 10 without: the area found by the true correspondence and by each
+    alignment."""
     labels, names = ["a"] * 10 + ["b"] * 10, {"truth": "true correspondence"} | ALIGNMENTS
     rows, drawn = [], []
     for title, taper, heights in (("nearly symmetric", False, (1.0, 2.0, 3.0)), ("tapered", True, (0.5, 1.0, 2.0, 3.0))):
@@ -177,7 +179,7 @@ def part_power(page, quick):
 
 
 def part_limits(page, quick):
-    """What a correspondence can't determine, or only in part."""
+    """Cases that a correspondence can't determine, or only in part."""
     members, degree = (6, 8) if quick else (12, 12)
     turns = [np.diag(signs) for signs in ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))]
     surfaces, _, marks = bench.generated("ellipsoids", members)
@@ -201,13 +203,14 @@ def part_limits(page, quick):
 
 
 def bodies(count):
-    """Returns bodies of three unequal axes, the last but one with a horn of 8 mm, the last without its end beyond 13 mm."""
+    """Returns bodies with three unequal axes. The last but one has a horn of 8 mm; the last lacks its end beyond 13
+    mm."""
     directions, faces = bench.sphere(5)
     horn, found = np.array([0, 0.6, 0.8]), []
     for seed in range(count):
         waves = np.random.default_rng(seed).normal(size=(16, 3)) * 0.5 / (1 + np.arange(16))[:, None]
         vertices = directions * [20, 13, 9] + sp.Model(waves).evaluate(directions)
-        # One end is higher, so that no half turn maps a body to itself.
+        # One end is raised, so that no half turn maps a body to itself.
         vertices[:, 2] += 3 * np.maximum(directions[:, 0], 0) ** 3
         if seed == count - 2:
             vertices += 8 * np.exp((directions @ horn - 1) / 0.02)[:, None] * horn
@@ -229,7 +232,7 @@ def parts(page, quick):
         rows.append([title, *(f"{max(member[key] for member in members):.3g}"
                      for key in ("cover_farthest", "unreached", "without_counterpart")), named])  # fmt: skip
     page.table("parts", ["member", "farthest from the template, mm", "share not reached", "places without counterpart", "warnings"], rows)
-    # The last body has the same vertices as the first, so the vertices of its missing end are known.
+    # All bodies have corresponding vertices, so the vertices of the last body's missing end are known.
     gone = vertices[last][:, 0] > 13
     told = ~np.asarray(group.carried(np.asarray(surfaces[0].vertices), 0, last).reached)
     page.table("told", ["places", "number", "marked as without counterpart"],

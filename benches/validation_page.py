@@ -1,7 +1,7 @@
-"""Output of `validation.py`: tables between the markers of a page, and pictures.
+"""Writes the output of `validation.py`: tables between the markers of a page, and pictures.
 
-A table lies between `<!-- table: NAME -->` and `<!-- end -->`; a generated line between `<!-- line: NAME -->` and the same
-end. The rest of the page is written by hand and isn't changed.
+A table lies between `<!-- table: NAME -->` and `<!-- end -->`; a generated line lies between `<!-- line: NAME -->` and
+`<!-- end -->`. The rest of the page is written by hand and isn't changed.
 """
 
 import datetime
@@ -36,7 +36,7 @@ def processor():
 
 
 class Page:
-    """The page of docs, or a copy of it in target/validation with `quick`."""
+    """The page docs/validation.md or, with `quick`, a copy of it in target/validation."""
 
     def __init__(self, quick):
         self.path, self.pictures = PAGE, PAGE.parent / "figures" / "validation"
@@ -56,7 +56,7 @@ class Page:
         print(f"\n{name}\n{text}", flush=True)
 
     def table(self, name, head, rows):
-        """Writes a table of texts and numbers; columns after the first are right-aligned if they hold a number."""
+        """Writes a table of texts and numbers; a column after the first is right-aligned if it holds a number."""
         texts = [[cell if isinstance(cell, str) else f"{cell:g}" for cell in row] for row in rows]
         right = [any(not isinstance(row[k], str) or re.match(r"-?\d", row[k]) for row in rows) for k in range(len(head))]
         ruler = ["--:" if column and k else "---" for k, column in enumerate(right)]
@@ -73,13 +73,13 @@ class Page:
         drawn = io.BytesIO()
         figure.savefig(drawn, dpi=100, facecolor="white")
         plt.close(figure)
-        # 256 colours halve the size.
+        # A palette of 256 colours halves the file's size.
         Image.open(drawn).convert("RGB").quantize(256).save(path, optimize=True)
         print(f"{path}: {path.stat().st_size / 1000:.0f} kB", flush=True)
 
 
 def bars(groups, series, label, limits=None):
-    """Bars of each series, {name: (colour, values)}, side by side at the groups' names."""
+    """Draws bars of each series, {name: (colour, values)}, side by side at the groups' names."""
     figure, axes = plt.subplots(figsize=(7, 3), layout="constrained")
     width = 0.8 / len(series)
     for k, (name, (colour, values)) in enumerate(series.items()):
@@ -95,7 +95,7 @@ def bars(groups, series, label, limits=None):
 
 
 def scores(panels):
-    """Truth against the first score, in a panel for each: (title, truth, {name: (colour, score)})."""
+    """Draws the truth against the first score, in one panel for each (title, truth, {name: (colour, score)})."""
     figure, axes = plt.subplots(1, len(panels), figsize=(3.2 * len(panels), 3), layout="constrained")
     for panel, (title, truth, series) in zip(np.atleast_1d(axes), panels):
         for name, (colour, score) in series.items():
@@ -110,7 +110,7 @@ def scores(panels):
 
 
 def curves(panels):
-    """Lines over modes in a panel for each: (title, {name: (colour, values)})."""
+    """Draws lines over the number of modes, in one panel for each (title, {name: (colour, values)})."""
     figure, axes = plt.subplots(1, len(panels), figsize=(3.4 * len(panels), 2.8), layout="constrained")
     for panel, (title, series) in zip(axes, panels):
         for name, (colour, values) in series.items():
@@ -123,7 +123,7 @@ def curves(panels):
 
 
 def maps(rows):
-    """Surfaces coloured by -log10 p in a row of panels: (title, surface, p)."""
+    """Draws surfaces coloured by -log10 p in a row of panels, one for each (title, surface, p)."""
     from draw import panels
 
     values = [-np.log10(p) for _, _, p in rows]

@@ -1,7 +1,7 @@
-"""Findings inside and outside of a bump that half of the subjects of `generate --study` have.
+"""Measures findings inside and outside of the bump that half of the subjects of `generate --study` have.
 
-All meshes of these studies are one icosphere's, so the place of every vertex is known; alignments see bare surfaces.
-Constants are those of `crates/surface/src/generate/study.rs`.
+All meshes of these studies are made from one icosphere, so the place of every vertex is known; the alignments don't use
+this. Constants are those of `crates/surface/src/generate/study.rs`.
 """
 
 import numpy as np
@@ -17,14 +17,14 @@ LEVEL = 4
 
 
 def body(directions):
-    """Returns the body without waves."""
+    """Returns the study's body without waves."""
     places = directions * AXES
     places[:, 2] += BEND * directions[:, 0] ** 2
     return places
 
 
 def tapered(surface, share=0.25):
-    """Returns a subject that is wider at one end, so that no half turn brings it near itself."""
+    """Returns a subject that is made wider at one end, so that no half turn brings it close to itself."""
     vertices, faces = bench.arrays(surface)
     turn, shift = measured.rotation(vertices, body(bench.sphere(LEVEL)[0]))
     upright = vertices @ turn + shift
@@ -38,7 +38,7 @@ def study(seed, height, taper):
 
 
 def known_group(surfaces, max_degree):
-    """Returns the group over the icosphere of all meshes: the true correspondence."""
+    """Returns the group over the icosphere of all meshes, which is the true correspondence."""
     models = [sp.fit(surface, sp.icosphere(LEVEL), max_degree) for surface in surfaces]
     return sp.shape.procrustes(models, method="fixed")
 
@@ -55,13 +55,13 @@ def true_places(group, surfaces):
 
 
 def agreed(places):
-    """Returns the largest set of members whose places agree. The others are turned."""
+    """Returns the largest set of members whose places agree; the other members are off by a half turn."""
     alike = np.einsum("avc,bvc->ab", places, places) / places.shape[1] > 0.7
     return alike[alike.sum(1).argmax()]
 
 
 def degrees_between(group, known, surfaces, chosen, labels):
-    """Returns the angle between the two groups' mean poses, relative to the true correspondence."""
+    """Returns the angle in degrees between the two groups' mean poses, relative to the true correspondence."""
     turns = []
     for first, second, surface in zip(known.transforms, group.transforms, surfaces):
         vertices = np.asarray(surface.vertices)
@@ -72,10 +72,10 @@ def degrees_between(group, known, surfaces, chosen, labels):
 
 
 def found_of(group, known, surfaces, labels, permutations=999):
-    """Returns the shares of the bump's area, and of the area beyond three widths, where p is at most 0.05; the number of members
-    that are off by a half turn; and the angle in degrees between the groups' poses.
+    """Returns the share of the bump's area, and the share of the area beyond three widths of the bump, where p is at
+    most 0.05; the number of members that are off by a half turn; and the angle in degrees between the groups' poses.
 
-    The bump ends at two widths, where it has a seventh of its height.
+    The bump is taken to end at two widths, where it has a seventh of its height.
     """
     places = true_places(group, surfaces)
     as_most = agreed(places)
