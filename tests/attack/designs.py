@@ -1,11 +1,11 @@
-"""Tests of groups: random designs against statsmodels, every relabelling by brute force, and studies without an effect.
+"""Attacks tests of groups: random designs against statsmodels, all relabellings, and studies without an effect.
 
     python3 tests/attack/designs.py PROGRAM [--seed 31] [--seconds 60]
 
-Needs the Python package, NumPy, SciPy and statsmodels, which `./run attack statistics` installs into `target/python`. A third of
-the time goes to random designs, the rest to the fifteen designs of `benches/nulls.py`, in turn: the share of studies with a
-family-wise p of at most 0.05 must not be significantly outside of 0.03 to 0.07. The last line is a JSON object: `name`, counts of
-the checks, `failures`.
+Needs the Python package, NumPy, SciPy and statsmodels, which `./run attack statistics` installs into `target/python`. A
+third of the time is spent on random designs, the rest on the fifteen designs of `benches/nulls.py`, in turn: the share
+of studies with a family-wise p of at most 0.05 must not be significantly outside of 0.03 to 0.07. The last line of the
+output is a JSON object with `name`, the counts of the checks, and `failures`.
 """
 
 import argparse
@@ -44,7 +44,7 @@ def design_of(rng):
     while True:
         design = np.column_stack([kinds[k] for k in rng.permutation(len(kinds))[:columns]])
         scaled = design / np.linalg.norm(design, axis=0)
-        # Beyond this condition number two correct programs differ in significant digits.
+        # Above this condition number, two correct programs differ in digits that the comparison checks.
         if np.linalg.cond(scaled) < 1e4:
             break
         columns = max(1, columns - 1)
@@ -57,7 +57,7 @@ def design_of(rng):
 
 
 def beside_statsmodels(rng):
-    """Checks one random design; returns the failures."""
+    """Compares one random design with statsmodels; returns the failures."""
     design, contrast = design_of(rng)
     y = 10.0 ** rng.integers(-6, 7) * (rng.normal(size=(len(design), 6)) + 10 * rng.normal())
     found = sp.shape.test(y, design=design, contrast=contrast[0] if len(contrast) == 1 else contrast, permutations=0)
@@ -66,10 +66,11 @@ def beside_statsmodels(rng):
     of = "tvalue" if len(contrast) == 1 else "fvalue"
     statistic, p = (np.array([float(np.squeeze(getattr(test, name))) for test in tests]) for name in (of, "pvalue"))
     what = f"{design.shape[0]} x {design.shape[1]}, contrast {contrast.tolist()}"
-    # statsmodels inverts the covariance of the contrast's rows.
+    # statsmodels inverts the covariance of the contrast's rows, so its accuracy depends on that matrix's condition
+    # number.
     covariance = contrast @ np.linalg.inv(design.T @ design) @ contrast.T
     exact = max(1e-9, 1e-14 * np.linalg.cond(covariance))
-    # A mean that is far from 0 relative to the residual loses digits in both programs.
+    # Both programs lose digits if the mean is large relative to the residual.
     absolute = 1e-11
     failures = []
     for name, mine, theirs in (("statistic", found.statistic, statistic), ("p", found.p, p)):
@@ -79,7 +80,8 @@ def beside_statsmodels(rng):
 
 
 def brute_force(rng):
-    """Checks a mean with a covariate, or two groups, of eight subjects against every relabelling by hand; returns the failures."""
+    """Compares a test of eight subjects (a mean with a covariate, or two groups) with a loop over all relabellings;
+    returns the failures."""
     n, flips = 8, rng.random() < 0.5
     y = rng.normal(size=(n, 20)) + 0.5
     age = rng.uniform(20, 80, n)
@@ -91,13 +93,13 @@ def brute_force(rng):
     else:
         group = np.repeat([1.0, -1.0], n // 2)
         found = sp.shape.test(y, groups=["a"] * (n // 2) + ["b"] * (n // 2))
-        # Every choice of the first group, once.
+        # All choices of the first group, each once.
         relabel = []
         for first in itertools.combinations(range(n), n // 2):
             relabel.append(np.eye(n)[[*first, *(k for k in range(n) if k not in first)]])
         design, nuisance = np.column_stack([group, np.ones(n)]), np.ones((n, 1))
     inverse = np.linalg.inv(design.T @ design)
-    # Freedman and Lane: residuals of the reduced model are relabelled and tested in the full one.
+    # Freedman and Lane: residuals of the reduced model are relabelled and tested in the full model.
     residual = y - nuisance @ np.linalg.lstsq(nuisance, y, rcond=None)[0]
 
     def t_of(values):
@@ -113,7 +115,7 @@ def brute_force(rng):
 
 
 def unlikely(hits, studies, low, high):
-    """Returns whether a share of studies is outside the bounds by more than chance."""
+    """Returns whether a share of studies is outside the bounds by more than chance permits."""
     share = hits / studies
     if low <= share <= high:
         return False

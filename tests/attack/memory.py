@@ -1,12 +1,15 @@
 #!/usr/bin/env python3
-"""Every verb with little memory: it finishes within its plan, or refuses with a message and exit status 1; it is never killed and
-never aborts.
+"""Runs every verb with little memory: it must finish within its plan, or refuse with a message and exit status 1.
 
     python3 tests/attack/memory.py PROGRAM [--limits 64,128,256,512] [--only VERB]
 
-PROGRAM is `spharm`. Each case runs at each limit (MiB) in up to four ways: with `--memory`, which peak resident memory may exceed
-by the size of the program's own pages; under RLIMIT_DATA; under RLIMIT_AS; and in a memory control group of either version, if one
-can be created. The last line of the output is a row of a table as JSON. The exit status is 1 if a case failed.
+PROGRAM is `spharm`; it must never be killed or abort. Each case runs at each limit (in MiB) in up to four ways:
+- with `--memory`, which the peak resident memory may exceed by the size of the program's own pages;
+- under RLIMIT_DATA;
+- under RLIMIT_AS;
+- in a memory control group, version 1 or 2, if one can be created.
+
+The last line of the output is a row of a table as JSON. The exit status is 1 if a case failed.
 """
 
 import argparse
@@ -24,15 +27,15 @@ import time
 from pathlib import Path
 
 MIB = 1 << 20
-# Resident pages of the program's file, of its libraries, and of the stacks of two threads.
+# Resident size of the program's file, its libraries, and the stacks of two threads.
 BASE = 24 * MIB
 SECONDS = 120
-# Every refusal contains one of these.
+# Every refusal contains one of these texts.
 WORDS = ["of memory", "memory budget", "--memory", "ulimit", "bytes of memory", "are free"]
 MOMENTS = ["--samples", "samples.csv", "--angles", "theta", "phi", "--values", "value"]
-# These read their files in pieces.
+# Verbs that read their files in pieces, and so need no `--memory`.
 WITHOUT = {"store"}
-# Outputs that are resumed if they exist.
+# Outputs that a verb resumes if they exist.
 RESUMED = ("out.bids", "studies/results")
 GROUPS = [("/sys/fs/cgroup/memory", "memory.limit_in_bytes"), ("/sys/fs/cgroup", "memory.max")]
 
@@ -116,7 +119,7 @@ def make_inputs(program, folder):
 
 
 def cases():
-    """Yields commands by name: some that fit into any limit, some that fit into none, some in between."""
+    """Yields commands by name: some fit into every limit, some into none, some only into the larger limits."""
     half = [f"group/v{k}.npz" for k in range(4)], [f"group/v{k}.npz" for k in range(4, 8)]
     test = ["shape", "test", "--a", *half[0], "--b", *half[1], "-o", "out"]
     fit = ["fit", "--force", "-o", "out.npz"]
@@ -195,14 +198,14 @@ def judge(code, peak, errors, limit, kind):
         if kind == "memory" and peak > limit + BASE:
             return "failed", f"{peak // MIB} MiB resident"
         return "done", ""
-    # If there are many surfaces, the reason for each failure is in its own row.
+    # With many surfaces, the reason for each failure is in the surface's own row instead of the last line.
     if code == 1 and last.startswith("error:") and any(word in errors for word in WORDS):
         return "refused", ""
     return "failed", f"exit status {code}: {last[:200]}"
 
 
 def cgroup(limit):
-    """Creates a memory control group, of either version; returns None if that isn't possible."""
+    """Creates a memory control group, version 1 or 2; returns None if that isn't possible."""
     for parent, file in GROUPS:
         group = Path(parent, cgroup_name(limit))
         try:
@@ -218,7 +221,7 @@ def cgroup(limit):
 
 
 def groups_of(limits):
-    """Creates a memory control group for each limit; returns none if that isn't possible."""
+    """Creates a memory control group for each limit; returns an empty result if that isn't possible."""
     groups = {limit: cgroup(limit) for limit in limits}
     return {} if None in groups.values() else groups
 

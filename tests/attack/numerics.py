@@ -1,11 +1,12 @@
-"""Every method of `fit` compared with least squares in 50 digits, on small problems that are hard in 64-bit arithmetic.
+"""Compares every method of `fit` with least squares in 50 digits, on small problems that are hard in 64-bit arithmetic.
 
     python3 tests/attack/numerics.py target/release/spharm [--problems 200] [--seed 14] [--verbose]
 
-Samplings of the whole sphere and of caps (conditions to 1e12 and beyond), weights over 20 decades, repeated and missing rows,
-fewer rows than coefficients, values from 1e-290 to 1e290, weights to 1e-300 and 1e300. The last line is a JSON object:
-`name`, `cases` (number of fits checked), `failures`, `worst` (the largest error of each method) and `skipped`.
-Exits with 1 if there are failures. Standard library only.
+The problems have samplings of the entire sphere and of caps (conditions to 1e12 and beyond), weights over 20 decades,
+repeated and missing rows, fewer rows than coefficients, values from 1e-290 to 1e290, and weights down to 1e-300 and up
+to 1e300. The last line of the output is a JSON object: `name`, `cases` (number of fits checked), `failures`, `worst`
+(the largest error of each method) and `skipped`. Exits with 1 if there are failures. Uses Python's standard library
+only.
 """
 
 import argparse
@@ -26,18 +27,18 @@ from typing import Any
 
 from reference.least_squares import NOTHING, ZERO, Problem, harmonics, norm
 
-# Largest error of a result that claims to have converged: the transforms' accuracy is 1e-12, the tolerance 1e-10.
+# Largest error of a result reported as converged: the transforms' accuracy is 1e-12, the tolerance 1e-10.
 OPTIMAL = 1e-9
-# Largest condition of the basis at which a method that solves blocks by their Gram matrices still has correct digits.
+# Largest condition of the basis at which methods that solve blocks by their Gram matrices still have correct digits.
 CLEAR = 1e5
-# Largest difference of the fitted values of such a method from exact ones, relative to the targets, at condition 1; it grows
-# with the square of the condition.
+# Largest difference between the fitted values of a method that solves blocks and exact ones, relative to the targets:
+# at condition 1, and its growth with the square of the condition.
 FITTED = [1e-9, 1e-14]
 
 
 @dataclass
 class Case:
-    """A random problem, with the data of its files."""
+    """A random problem and the data of its files."""
 
     degree: int
     angles: list[tuple[float, float]]
@@ -102,7 +103,7 @@ class Program:
         (self.folder / name).write_text("\n".join(lines) + "\n")
 
     def run(self, *arguments: str) -> tuple[str, str]:
-        """Returns the output, or the error line; any other end is a failure."""
+        """Returns the output, or the error line; any other end of the program is a failure."""
         command = [str(self.program), *arguments]
         done = subprocess.run(command, cwd=self.folder, capture_output=True, text=True, timeout=120, check=False)
         if done.returncode == 0:
@@ -113,7 +114,7 @@ class Program:
         return "", lines[0]
 
     def fit(self, *arguments: str) -> tuple[list[Decimal], dict[str, Any]] | str:
-        """Returns coefficients and report, or the refusal."""
+        """Returns coefficients and report, or the error line of a refusal."""
         (self.folder / "f.spharm.npz").unlink(missing_ok=True)
         given = [] if "--moments" in arguments else ["--sphere", "sphere.csv", "--surface", "f.csv", "--weights", "weights.csv"]
         degree = ["--max-degree", str(self.case.degree), "-o", "f.spharm.npz", "--json", "-q"]
@@ -146,14 +147,14 @@ def solver_report(report: dict[str, Any]) -> dict[str, Any]:
 
 
 def full(case: Case, found: list[Decimal], report: dict[str, Any], smoothness: float = 0.0) -> float:
-    """Checks a full least-squares fit against its own claim and against the smallest possible residual."""
+    """Checks a full least-squares fit against what its report claims, and against the smallest possible residual."""
     problem = case.exact(smoothness)
     _, condition, rank = problem.solve()
     optimality = float(problem.optimality(found))
     told = warned(report)
     clear = rank == case.size() and condition < CLEAR
     said = any(word in told for word in ("determine", "optimality", "rank"))
-    # Coefficients have 53 bits: the effect of rounding each of them on the gradient.
+    # The coefficients have 53 bits; this is the effect on the gradient of rounding each of them.
     weight = sum(problem.weights, ZERO)
     scale = norm(problem.gradient([ZERO] * len(found)))
     rounding = float(norm(found) * (weight + max(problem.penalty)) / scale) * 1e-12 if scale else 0.0
@@ -173,7 +174,7 @@ def full(case: Case, found: list[Decimal], report: dict[str, Any], smoothness: f
 
 
 def blocks(case: Case, found: list[Decimal], report: dict[str, Any]) -> float:
-    """Checks the passes over blocks against the same passes in exact arithmetic, by their fitted values."""
+    """Compares the fitted values of passes over blocks with the same passes in exact arithmetic."""
     batch = solver_report(report)
     ranges = [(b["first_degree"] ** 2, (b["last_degree"] + 1) ** 2) for b in batch["blocks"]]
     refinements = sum(sweep["refinement"] for sweep in batch["sweeps"])
@@ -200,7 +201,7 @@ def blocks(case: Case, found: list[Decimal], report: dict[str, Any]) -> float:
 
 
 def norms(case: Case, found: list[Decimal], report: dict[str, Any]) -> None:
-    """Checks the reported rms against the residual in 50 digits, also if its square is out of range."""
+    """Compares the reported rms with the residual in 50 digits, also if the square of the rms is out of range."""
     if "surfaces" not in report:
         return
     last = report["surfaces"][0]["passes"][-1]
@@ -238,7 +239,7 @@ def check(program: Path, case: Case, tally: collections.Counter[str], worst: dic
         ]
         for name, arguments, judge in methods:
             if (name == "lsq moments" and no_moments) or ("--store" in arguments and refused):
-                # Squares of values out of range are refused where they are summed.
+                # If squares of values are out of range, a program that sums them refuses the problem.
                 tally["refused"] += 1
                 continue
             try:

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""`./run attack [MINUTES] [PART ...]`: attacks files, programs and disks in every hostile way, for the given number of minutes.
+"""`./run attack [MINUTES] [PART ...]`: attacks files, programs and disks in many ways, for the given number of minutes.
 
-Each part gets its share of the time, and one line of the table at the end, with its counts and failures. The log and the leftovers
-of failures are in `target/attack`. The exit status is 1 if anything failed.
+Each part gets a share of the time, and one line of the table at the end, with its counts and failures. The log and the
+files of failures are in `target/attack`. The exit status is 1 if a part failed.
 """
 
 import argparse
@@ -14,12 +14,12 @@ from pathlib import Path
 from common import KEPT, KINDS, ROOT, Row, Site
 from scripts import run_script
 
-#: Parts in order, with their share of the time in units of 1/30.
+#: Parts in order, each with its share of the time in units of 1/30.
 PARTS = {
     "fuzz": 8, "inputs": 1, "faults": 5, "full": 2, "power": 3, "races": 2, "media": 1, "clock": 0.5, "protocol": 0.5, "mutants": 3,
     "memory": 2, "numbers": 1, "statistics": 1,
 }
-#: Parts that are separate scripts in the parent folder.
+#: Parts that are separate scripts, in the parent folder.
 SCRIPTS = {"memory": "memory.py", "numbers": "numerics.py", "statistics": "designs.py"}
 
 

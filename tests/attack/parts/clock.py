@@ -1,4 +1,4 @@
-"""Wrong or jumping clocks: every verb runs under libfaketime. Results contain no times except in reports, and no lock, file name or
+"""Wrong or jumping clocks: every verb runs under libfaketime. Only reports contain times, and no lock, file name or
 order may depend on the clock."""
 
 import threading
@@ -6,7 +6,7 @@ import threading
 import verbs
 from common import Row, in_turn, unpacked
 
-#: Clock settings in libfaketime's syntax; the last ones jump during the work.
+#: Clock settings in libfaketime's syntax; the last two jump during the work.
 CLOCKS = ("@1970-01-01 00:00:01", "@2038-01-19 03:14:06", "-20y", "+20y", ("+0", "-3d"), ("+0", "+400d"))
 
 
@@ -34,7 +34,7 @@ def run_part(site, seconds):
         timers = [threading.Timer(0.5 * verb.seconds, file.write_text, [then + "\n"]) for then in later]
         for timer in timers:
             timer.start()
-        # The monotonic clock doesn't jump in the kernel either.
+        # The monotonic clock isn't faked, because the kernel's doesn't jump either.
         env = {"LD_PRELOAD": str(library), "FAKETIME_TIMESTAMP_FILE": str(file), "FAKETIME_NO_CACHE": "1",
                "FAKETIME_DONT_FAKE_MONOTONIC": "1", "DONT_FAKE_MONOTONIC": "1"}
         ended = place.run(verb, env=env)

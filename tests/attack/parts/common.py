@@ -1,4 +1,4 @@
-"""Shared by the parts: a row of the table, the log, and running the program under limits."""
+"""Code that the parts share: a row of the table, the log, and running the program under limits."""
 
 import dataclasses
 import os
@@ -12,17 +12,17 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[3]
-#: Folder for logs, tools, corpora and leftovers of failures.
+#: Folder for logs, tools, corpora and files of failures.
 KEPT = ROOT / "target" / "attack"
-#: A program that takes this many seconds longer than undisturbed is counted as hanging.
+#: A program counts as hanging if it takes this many seconds longer than an undisturbed run.
 HANG = 10
-#: The columns of the table that must be 0.
+#: Columns of the table whose values must be 0.
 KINDS = ("crashes", "hangs", "half", "wrong")
 
 
 @dataclasses.dataclass
 class Row:
-    """A part's row of the table."""
+    """The row of the table for one part."""
 
     part: str
     done: str = ""
@@ -50,13 +50,13 @@ class Site:
         self.learned = None
 
     def log(self, text):
-        """Writes to the log only."""
+        """Writes a text to the log, but not to stderr."""
         with self.lock:
             self.log_file.write(text.rstrip() + "\n")
             self.log_file.flush()
 
     def say(self, text):
-        """Writes to the log and to stderr."""
+        """Writes a text to the log and to stderr."""
         self.log(text)
         print(text, file=sys.stderr, flush=True)
 
@@ -67,7 +67,7 @@ class Site:
         self.say(f"FAILED {row.part}: {kind}: {text}")
 
     def skip(self, row, text):
-        """Notes and reports a case that can't be tried here."""
+        """Records and reports a case that can't be tested on this machine."""
         row.skipped.append(text)
         self.say(f"SKIPPED {row.part}: {text}")
 
@@ -95,7 +95,7 @@ class Ended:
 
     @property
     def crashed(self):
-        """Whether it ended by a signal or in a panic: the program must fail with `error: ...` and status 1."""
+        """Whether the program ended by a signal or a panic instead of `error: ...` and status 1."""
         return self.code < 0 or self.code >= 101 or b"panicked" in self.err
 
     def last(self):
@@ -121,14 +121,14 @@ def run(command, cwd=None, limit=60.0, env=None, setup=None, signals=True):
         out, err = process.communicate(timeout=limit)
     except subprocess.TimeoutExpired:
         hung = True
-        # A session of its own, which contains only it and its children.
+        # The process leads its own process group, which contains only the process and its children.
         os.killpg(process.pid, signal.SIGKILL)
         out, err = process.communicate()
     return Ended(process.returncode, out, err, time.monotonic() - started, hung)
 
 
 def missing(*names):
-    """Returns those of the programs that aren't installed."""
+    """Returns those of the given programs that aren't installed."""
     return [name for name in names if not shutil.which(name)]
 
 
@@ -167,7 +167,7 @@ def in_turn(site, seconds, cases, work):
                 return
             try:
                 work(number, case)
-            except Exception as error:  # A fault of the suite's ends it, with what it was.
+            except Exception as error:  # An error in the test suite itself ends all workers and is raised later.
                 broken.append(error)
                 return
             done[number] += 1

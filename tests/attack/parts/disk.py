@@ -1,7 +1,8 @@
-"""A file system that mirrors a folder with a single fault; `media` mounts it: disk.py FOLDER MOUNTPOINT CONTROL.
+"""Mounts a file system that mirrors a folder with a single fault; the part `media` uses it: disk.py FOLDER MOUNTPOINT
+CONTROL.
 
-CONTROL is a JSON file that is read at each access: `name` of a file, `offset` in it, and `kind`: `flip` a bit of the byte there,
-fail with `EIO` when it is read, or give `short` reads that end there.
+CONTROL is a JSON file that is read at each access: `name` of a file, `offset` in it, and `kind` of the fault at this
+offset: `flip` flips a bit of the byte, `EIO` makes reading it fail, and `short` ends reads there.
 """
 
 import errno
@@ -13,7 +14,7 @@ import mfusepy
 
 
 class Disk(mfusepy.Operations):
-    """Read-only; files are opened anew for each read, which is fast enough here."""
+    """A read-only file system. It opens a file for each read, which is fast enough here."""
 
     use_ns = True
 
@@ -40,7 +41,7 @@ class Disk(mfusepy.Operations):
     def open(self, path, info):
         if info.flags & (os.O_WRONLY | os.O_RDWR):
             raise mfusepy.FuseOSError(errno.EROFS)
-        # Bypass the page cache, else the system itself treats a short read as the end of the file.
+        # Bypass the page cache, because the kernel would treat a short read as the end of the file.
         info.direct_io = self.fault(path).get("kind") == "short"
         return 0
 

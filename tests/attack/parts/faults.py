@@ -1,7 +1,8 @@
-"""Faults at single system calls: kills, errors, interruptions and short writes, for every verb that writes.
+"""Faults at single system calls, for every verb that writes: kills, errors, interruptions and short writes.
 
-strace counts the calls that concern a verb's folder, and makes one of them fail or kills the program there. A small library,
-loaded before the C library, makes writes short; a limit on the size of files makes one write short and the next one fail.
+strace counts the calls that concern a verb's folder, and makes one of them fail or kills the program at it. A small
+library, loaded before the C library, makes writes short. A limit on the size of files makes one write short and the
+next one fail.
 """
 
 import collections
@@ -15,7 +16,7 @@ from common import KEPT, Row, in_turn, missing, run
 CALLS = ("openat", "write", "pwrite64", "rename", "renameat", "renameat2", "link", "linkat", "fsync", "fdatasync", "unlink",
          "unlinkat", "flock", "mkdir", "mkdirat", "close", "fchmod", "ftruncate")
 FAULTS = ("signal=KILL", "error=EIO", "error=ENOSPC", "error=EINTR")
-#: Library whose writes write less than requested, as any write may.
+#: Source of a library whose writes write fewer bytes than requested, as any write may.
 SHORT = r"""
 #define _GNU_SOURCE
 #include <dlfcn.h>
@@ -68,7 +69,8 @@ def concerns(line, folder):
 def points(trace, folder):
     """Returns the calls of an undisturbed run as `(call, number within its thread)`.
 
-    strace counts in each thread, so calls whose numbers also occur in the loader, before `main`, are left out.
+    strace counts calls in each thread separately. So a call whose number also occurs in the loader, before `main`, is
+    left out.
     """
     counts, found, loader, first = collections.Counter(), {}, collections.Counter(), None
     for line in trace.splitlines():
@@ -102,7 +104,7 @@ def run_part(site, seconds):
         site.log(f"{verb.name}: {len(found)} calls, {verb.seconds:.2f} s")
         of_verb = [(verb, call, number, fault) for call, number in found for fault in FAULTS]
         site.random.shuffle(of_verb)
-        # Every verb gets the same share of the time, however long it takes.
+        # Cases are ordered so that every verb gets the same share of the time, whether it is fast or slow.
         cases += [(place * verb.seconds, case) for place, case in enumerate(of_verb)]
     cases = [case for _, case in sorted(cases, key=lambda timed: timed[0])]
     done = collections.Counter()
@@ -132,7 +134,7 @@ def strace(place, *expressions):
 
 
 def short_writes(site, row, all_verbs, places):
-    """Runs every verb with short writes and with interrupted ones: neither may have an effect."""
+    """Runs every verb with short writes, and with interrupted writes: neither may change the result."""
     if absent := missing("cc"):
         site.skip(row, f"{absent[0]} isn't here: no short writes")
         return 0
@@ -159,7 +161,7 @@ def short_writes(site, row, all_verbs, places):
 
 
 def size_limits(site, row, all_verbs, places, seconds):
-    """Runs every verb with a limit on the size of files: the write that crosses it is short, the next one fails."""
+    """Runs every verb with limits on the size of files: the write that crosses a limit is short, the next one fails."""
     cases = [(verb, size) for verb in all_verbs if verb.bytes_written > 1
              for size in sorted({1, 4096, 4097, 70_000, verb.bytes_written // 7, verb.bytes_written // 2})]
     site.random.shuffle(cases)
@@ -172,7 +174,7 @@ def size_limits(site, row, all_verbs, places, seconds):
         def setup():
             resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
 
-        # Python ignores SIGXFSZ, and its children inherit that: the write fails with EFBIG.
+        # Python ignores SIGXFSZ, and its children inherit that, so the write fails with EFBIG instead.
         ended = place.run(verb, setup=setup, signals=False)
         place.judge(row, verb, ended, f"files of at most {size} bytes")
 

@@ -1,4 +1,4 @@
-"""Full disks: every verb that writes, on file systems of all sizes, in steps, and with all numbers of free inodes."""
+"""Full disks: every verb that writes runs on file systems of increasing sizes, and with every number of free inodes."""
 
 import contextlib
 import time
@@ -11,14 +11,14 @@ STEP = 4096
 
 @contextlib.contextmanager
 def mounted(folder, options):
-    """Mounts a file system in memory with these options."""
+    """Mounts a file system in memory with these mount options."""
     made = run(["mount", "-t", "tmpfs", "-o", options, "attack", folder])
     if made.code != 0:
         raise OSError(f"tmpfs can't be mounted: {made.last()}")
     try:
         yield
     finally:
-        # A program that scans all files of the machine may have one open.
+        # Unmounting may fail for a while, if a program that scans the machine's files has one open.
         for _ in range(50):
             if run(["umount", folder]).code == 0:
                 break
@@ -60,7 +60,7 @@ def run_part(site, seconds):
             try:
                 place.fresh(verb)
             except (RuntimeError, OSError):
-                # There isn't enough room for the files that the verb adds to.
+                # There isn't enough space for the files that the verb extends.
                 return
             ended = place.run(verb)
             counts["failed" if ended.code else "succeeded"] += 1
@@ -75,6 +75,6 @@ def run_part(site, seconds):
 
 
 def says_so(err):
-    """Returns whether a message says that room is missing: in the system's words, or because a plan doesn't fit."""
+    """Returns whether a message reports missing space, in the system's words or as a plan that doesn't fit."""
     text = err.decode(errors="replace").lower()
     return any(word in text for word in ("no space", "disk", "free", "inode", "room"))

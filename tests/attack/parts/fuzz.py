@@ -1,7 +1,8 @@
-"""Hostile files: libFuzzer over every reader, with seeds of every format; `fuzz` has the targets.
+"""Hostile files: libFuzzer runs every reader, with seeds of every format; the folder `fuzz` has the targets.
 
-The targets are built as by cargo-fuzz without a sanitizer, on the stable toolchain: `cargo fuzz run --sanitizer none NAME` runs one
-of them by hand. The corpora are kept in `target/attack/corpus`, and failing inputs in `target/attack/crashes`.
+The targets are built without a sanitizer on the stable toolchain, as cargo-fuzz does: `cargo fuzz run --sanitizer none
+NAME` runs a single target. The corpora are kept in `target/attack/corpus`, and failing inputs in
+`target/attack/crashes`.
 """
 
 import re
@@ -15,15 +16,16 @@ import seeds
 from common import KEPT, ROOT, Row, in_turn, run
 
 TARGET = "x86_64-unknown-linux-gnu"
-#: Flags for coverage, and for comparisons that guide the mutations. Naming the target keeps them out of build scripts.
+#: Compiler flags for coverage, and for comparisons that guide the mutations. The target is named explicitly, so that
+#: build scripts are built without them.
 FLAGS = (
     "--cfg fuzzing -Cpasses=sancov-module -Cllvm-args=-sanitizer-coverage-level=4 "
     "-Cllvm-args=-sanitizer-coverage-inline-8bit-counters -Cllvm-args=-sanitizer-coverage-pc-table "
     "-Cllvm-args=-sanitizer-coverage-trace-compares -Cllvm-args=-simplifycfg-branch-fold-threshold=0 -Cdebug-assertions"
 )
-#: Seconds that an input may take, and MiB in total and in one allocation.
+#: Limits for an input: seconds, MiB in total, MiB in one allocation, and bytes of the input.
 LIMITS = ("-timeout=10", "-rss_limit_mb=1024", "-malloc_limit_mb=512", "-max_len=16384")
-#: Kinds of failure by libFuzzer's names for their files.
+#: Kind of failure for each of libFuzzer's names of failing inputs.
 FAILURES = {"crash": "crashes", "oom": "crashes", "leak": "crashes", "timeout": "hangs"}
 
 
@@ -63,7 +65,7 @@ def run_part(site, seconds):
         before = set(crashes.iterdir())
         executions, end = 0, time.monotonic() + each
         with tempfile.TemporaryDirectory(dir=memory, prefix="spharm-attack.") as scratch:
-            # A failing input ends libFuzzer, which is then restarted for the remaining inputs, a few times.
+            # A failing input ends libFuzzer, so it is restarted for the remaining inputs, at most three times.
             for _ in range(4):
                 rest = [f"-runs={max(1, int(site.executions - executions))}"] if site.executions else [
                     f"-max_total_time={max(1, int(end - time.monotonic()))}"]

@@ -1,8 +1,9 @@
-"""Inputs that aren't regular files, and names that aren't UTF-8, among the inputs of every verb.
+"""Inputs that aren't regular files, and names that aren't UTF-8, for the inputs of every verb.
 
-One input at a time is a pipe without a writer, a device, a socket, a folder, an empty file, or a link to nothing or to itself:
-the verb must end at once, with status 1 and a line that names the input, and leave nothing half-written. Then one input at a time
-has a name that isn't UTF-8: the verb must write as many outputs as undisturbed.
+One input at a time is replaced by a pipe without a writer, a device, a socket, a folder, an empty file, or a link to a
+missing file or to itself. The verb must end at once, with status 1 and a line that names the input, and leave no
+half-written file. Then one input at a time gets a name that isn't UTF-8; the verb must write as many outputs as in an
+undisturbed run.
 """
 
 import os
@@ -13,7 +14,7 @@ import socket
 import verbs
 from common import HANG, Row, in_turn, run
 
-#: Address space of a verb, in bytes: reading /dev/zero to the end would take all memory.
+#: Limit of a verb's address space, in bytes; without it, reading /dev/zero to the end would take all memory.
 MEMORY = 8 << 30
 #: Inputs that aren't named by an argument: patterns within the folder of the inputs.
 UNNAMED = {
@@ -23,11 +24,11 @@ UNNAMED = {
     "freesurfer": ("subjects/*/surf/*",),
     "bids": ("subjects/*/surf/*",),
 }
-#: Files of a store that its fit doesn't read.
+#: Files of a store that a fit over it doesn't read.
 UNREAD = (".lock", "factor_")
-#: Folders of a group whose members' places and records are not needed by the verbs below.
+#: Folders of a group with members' places and records.
 OF_MEMBERS = {"members", "places"}
-#: Verbs that read such a group.
+#: Verbs that read a group without these folders.
 WITHOUT_MEMBERS = {"shape correspond --to", "shape quality --mask"}
 #: Beginning of a name that isn't UTF-8.
 BYTES = b"\xff\xe9 "
@@ -49,7 +50,7 @@ def listening(path):
         os.close(here)
 
 
-#: Replacements of an input: a name, and a function that makes it.
+#: Replacements of an input: description, and the function that makes it.
 ODD = {
     "a pipe": pipe,
     "/dev/zero": lambda path: path.symlink_to("/dev/zero"),
@@ -132,13 +133,13 @@ def judge(site, row, place, verb, ended, file, odd):
     if not ended.hung:
         for kind, flaw in place.flaws(verb, ended.killed, False):
             if "/logs/participant-" in flaw:
-                # Named after a hash of the dataset's path, which differs here.
+                # The file is named after a hash of the dataset's path, which differs here.
                 continue
             site.find(row, kind, f"{what}: {flaw}")
 
 
 def named(site, row, place, verb, file, kept):
-    """Runs a verb with an input of another name, if an argument names it."""
+    """Runs a verb with an input of another name, if an argument names this input."""
     what = f"{verb.name}, {file} with bytes in its name"
     other = BYTES + os.fsencode(file.name)
     path = os.path.join(os.fsencode(place.inputs / file.parent), other)

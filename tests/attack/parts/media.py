@@ -1,6 +1,7 @@
-"""Bad media: a file system whose files have flipped bits, unreadable places and short reads, under every verb that reads.
+"""Bad media: every verb that reads runs on a file system with flipped bits, unreadable bytes and short reads.
 
-Files with checksums give the right result or an error; unreadable ones give an error; a short read has no effect.
+A flipped bit in a file with checksums must give the right result or an error. Unreadable bytes must give an error. A
+short read must have no effect.
 """
 
 import json
@@ -13,7 +14,7 @@ import verbs
 from common import HANG, KEPT, Row, environment, is_root, missing, run
 
 KINDS = ("flip", "EIO", "short")
-#: Commands, the files that they read, and whether every bit of these is covered by a checksum.
+#: Commands, the files that they read, and whether checksums cover every bit of these files.
 READERS = (
     ("fit over a store", "fit --store disk/store --sphere in/sphere.ply --surface in/a.ply --max-degree 4 -o out/m.npz --threads 1",
      "store/*/A_*", True),
@@ -98,7 +99,7 @@ def attack(site, row, place, control, inputs, seconds):
         number += 1
         file = site.random.choice(files)
         if kind == "short" and "store" in file.parts:
-            # A file that bypasses the page cache can't be mapped.
+            # The file system bypasses the page cache for short reads, and such files can't be mapped.
             continue
         fault = {"name": str(file.relative_to(inputs)), "offset": site.random.randrange(file.stat().st_size), "kind": kind,
                  "bit": site.random.randrange(8)}
@@ -117,8 +118,8 @@ def attack(site, row, place, control, inputs, seconds):
             site.find(row, "wrong", f"{what}: status {ended.code}: {ended.last()}")
         elif ended.code == 1 and kind == "short":
             site.find(row, "wrong", f"{what}: a short read isn't an error: {ended.last()}")
-        # A flipped bit in a file without checksums may change the result; with labels it may also change the other files,
-        # besides one that fails.
+        # A flipped bit in a file without checksums may change the result. With labels, one label may fail while the
+        # flipped bit changes the files of other labels.
         sure = summed or kind != "flip"
         for problem, text in place.flaws(verb, False, ended.code == 0) if sure or ended.code == 1 and not verb.goes_on else ():
             site.find(row, problem, f"{what}: {text}")

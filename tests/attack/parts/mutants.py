@@ -1,9 +1,9 @@
-"""Mutations of our own code, which must be caught by the tests of the mutated crate.
+"""Mutations of our own code, which the tests of the mutated crate must catch.
 
-cargo-mutants changes one place at a time in a copy of the repository, which is kept together with its build: a mutant
-costs only the build of its own crate and its tests. A full run takes a day or two, so each run takes a random sample for its
-time, at least a few mutants of every crate; `--seed` repeats it. `tests/attack/survivors.txt` lists the mutants that no test
-can catch, with the reasons.
+cargo-mutants changes one place at a time in a copy of the repository. The copy and its build are kept, so that a mutant
+costs only the build of its own crate and its tests. A full run takes a day or two, so each run tries a random sample
+for its time, at least a few mutants of every crate; `--seed` repeats the sample. `tests/attack/survivors.txt` lists the
+mutants that no test can catch, with the reasons.
 """
 
 import json
@@ -18,11 +18,12 @@ from common import KEPT, ROOT, Row, run
 
 VERSION = "27.1.0"
 CRATES = ["spharm-store", "spharm-surface", "spharm-solver"]
-#: Number of mutants of each crate between two checks of the time: this many are tried however short the time.
+#: Number of mutants of a crate that are tried between two checks of the time, and at least, however short the time.
 SHARD = 3
-#: Smallest share of mutants caught, and the number of mutants from which on it is required.
+#: Smallest permitted share of mutants caught, and the number of mutants from which on this share is required.
 LEAST, ENOUGH = 0.9, 20
-#: Tests of a crate that are built and run: documentation examples would take most of the time.
+#: Which tests of a crate are built and run; documentation examples are left out, because they would take most of the
+#: time.
 TESTS = ["--locked", "--lib", "--tests"]
 OUTCOMES = ["caught", "missed", "timeout", "unviable"]
 
@@ -72,7 +73,7 @@ def run_part(site, seconds):
 
 
 class Found:
-    """Outcomes of some mutants: pairs of an outcome and a mutant's name."""
+    """Outcomes of mutants: pairs of an outcome and a mutant's name."""
 
     def __init__(self):
         self.lines = []
@@ -84,7 +85,7 @@ class Found:
         return sum(outcome in outcomes for outcome, _ in self.lines)
 
     def caught(self):
-        # A test that doesn't end counts as caught.
+        # A mutant whose tests don't end counts as caught.
         return self.of("caught", "timeout")
 
     def tried(self):
@@ -99,21 +100,22 @@ class Found:
 
 
 class Bench:
-    """A copy of the repository in which cargo-mutants works, with its build; both are kept."""
+    """A copy of the repository, with its build, in which cargo-mutants works; both are kept between runs."""
 
     def __init__(self, program):
         self.program = program
         self.tree, self.out = KEPT / "mutants/tree", KEPT / "mutants/out"
-        # The tests write thousands of small files.
+        # Use memory if possible, because the tests write thousands of small files.
         memory = Path("/dev/shm")
         scratch = memory if memory.is_dir() and os.access(memory, os.W_OK) else Path(tempfile.gettempdir())
-        # Faster to build; the tests' results don't depend on it.
+        # Faster to build; the results of the tests don't depend on these settings.
         self.env = {"CARGO_TARGET_DIR": str(KEPT / "mutants/target"), "TMPDIR": str(scratch), "CARGO_PROFILE_DEV_DEBUG": "0",
                     "CARGO_PROFILE_DEV_OPT_LEVEL": "1"}
         self.reasons = explained()
 
     def refresh(self):
-        """Updates the copy from the repository, with new times for changed files, so that they are built again."""
+        """Updates the copy from the repository. Changed files get new modification times, so that cargo builds them
+        again."""
         listed = run(["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"], cwd=ROOT)
         if listed.code != 0:
             return False
@@ -129,7 +131,7 @@ class Bench:
         return True
 
     def tests(self, crate):
-        """Builds and runs the tests of an unmodified crate."""
+        """Builds and runs the tests of a crate without a mutation."""
         return run(["cargo", "test", "-q", "-p", crate, *TESTS], cwd=self.tree, limit=7200, env=self.env)
 
     def mutants(self, crate):
@@ -138,11 +140,11 @@ class Bench:
         return [entry["name"] for entry in json.loads(ended.out)]
 
     def tried(self, crate, shard, limit):
-        """Tests the mutants of a shard, whose tests may take `limit` seconds; returns the outcomes."""
+        """Runs the tests on the mutants of a shard, at most `limit` seconds for each mutant; returns the outcomes."""
         shutil.rmtree(self.out, ignore_errors=True)
         self.out.mkdir(parents=True)
         args = [f"--cargo-arg={word}" for word in TESTS]
-        # Don't end it early: the copy would keep a mutant.
+        # Never end cargo-mutants early, because the copy would then keep a mutation.
         run([self.program, "mutants", "-d", self.tree, "--in-place", "-p", crate, "-o", self.out, "--shard", shard, "--sharding",
              "round-robin", "--baseline", "skip", "--timeout", str(round(limit)), "--build-timeout", "1800", "--colors", "never",
              *args], limit=86400, env=self.env)
@@ -169,7 +171,8 @@ def installed(site, row):
 
 
 def explained():
-    """Returns the mutants that survive for a known reason: the text before the first ` -- ` of each line."""
+    """Returns the mutants that are known to survive: the text before the first ` -- ` of each line; a reason follows
+    it."""
     path = ROOT / "tests/attack/survivors.txt"
     lines = path.read_text().splitlines() if path.is_file() else []
     return {line.split(" -- ")[0].strip() for line in lines if " -- " in line and not line.startswith("#")}

@@ -1,7 +1,7 @@
-"""Power cuts: a file system that stops in the middle of the work, and its contents when it is mounted again.
+"""Power cuts: a file system stops in the middle of a verb's work; its contents are checked after it is mounted again.
 
-The file system is in a file behind a loop device. FS_IOC_SHUTDOWN stops it at once, with or without flushing its log; a power cut
-doesn't flush it. The file system is then mounted again, which replays the journal.
+The file system is in a file behind a loop device. FS_IOC_SHUTDOWN stops it at once, either flushing its log or not; a
+real power cut doesn't flush the log. Mounting the file system again replays the journal.
 """
 
 import contextlib
@@ -14,13 +14,13 @@ import time
 import verbs
 from common import Row, environment, is_root, missing, run, unpacked
 
-#: FS_IOC_SHUTDOWN, the same for ext4 and xfs, and its modes.
+#: The ioctl FS_IOC_SHUTDOWN, which is the same for ext4 and xfs, and its modes.
 SHUTDOWN, LOGFLUSH, NOLOGFLUSH = 0x8004587D, 1, 2
 MAKERS = {"ext4": ("mkfs.ext4", "-q", "-F", 64), "xfs": ("mkfs.xfs", "-q", "-f", 320)}
 
 
 class Disk:
-    """A file system in a file."""
+    """A file system in a file, mounted by a loop device."""
 
     def __init__(self, site, kind, maker):
         self.kind, self.mounted = kind, False
@@ -51,7 +51,7 @@ class Disk:
             if done.code == 0:
                 self.mounted = False
             else:
-                # A process has just ended and is still being cleaned up.
+                # A process that has just ended may still be using the file system, so try again.
                 time.sleep(0.05)
 
 
@@ -88,7 +88,7 @@ def run_part(site, seconds):
     cuts = {disk.kind: 0 for disk in disks}
     after = dict.fromkeys(cuts, 0)
     end = time.monotonic() + seconds
-    # Verbs that build and replace are cut most often, in the second half of their work, when files are published.
+    # Verbs that build and replace files are cut most often in the second half of their work, when they publish files.
     chosen = [verb for verb in all_verbs if verb.name != "study"]
     while disks and time.monotonic() < end:
         disk, verb = site.random.choice(disks), site.random.choice(chosen)

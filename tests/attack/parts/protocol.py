@@ -1,4 +1,4 @@
-"""Checks all states of the model in `tests/attack/protocol` of how a store's files are published."""
+"""Checks all states of the model in `tests/attack/protocol`, which describes how a store's files are published."""
 
 import json
 

@@ -1,6 +1,6 @@
-"""Races for one store: builders, extensions, readers and `gc` at once, with locks and on a file system without them.
+"""Races for one store: concurrent builders, extensions, readers and `gc`, on file systems with and without locks.
 
-strace simulates the lack of locks: every `flock` of some of the processes fails with ENOLCK.
+strace simulates a file system without locks: every `flock` of some of the processes fails with ENOLCK.
 """
 
 import hashlib
@@ -15,7 +15,7 @@ DEGREE, EXTENDED = 8, 12
 
 
 def tree(store):
-    """Returns names and hashes of everything in a store."""
+    """Returns names and hashes of all files in a store."""
     return {
         str(path.relative_to(store)): hashlib.sha256(path.read_bytes()).hexdigest()
         for path in store.rglob("*") if path.is_file() and path.name != ".lock"
@@ -23,7 +23,7 @@ def tree(store):
 
 
 class Race:
-    """Processes that are started together and waited for."""
+    """Processes that are started together, and then waited for."""
 
     def __init__(self, site, row, folder, inputs):
         self.site, self.row, self.folder, self.inputs = site, row, folder, inputs
@@ -31,7 +31,7 @@ class Race:
         self.processes = []
 
     def start(self, words, locks=True, may_fail=False):
-        # With --seccomp-bpf strace stops only at flock itself.
+        # With --seccomp-bpf, strace interrupts the process only at flock.
         before = [] if locks else ["strace", "-f", "-qq", "--seccomp-bpf", "-o", "/dev/null", "-e", "trace=flock", "-e",
                                    "inject=flock:error=ENOLCK"]
         process = subprocess.Popen([str(word) for word in [*before, self.site.program, *words]], cwd=self.folder, env=environment(),
@@ -43,7 +43,7 @@ class Race:
                     "--threads", 1, "-q", *more], locks)
 
     def end(self, what):
-        """Waits for all processes; one that fails but may not is a failure."""
+        """Waits for all processes; counts a failed process as a failure unless it may fail."""
         patience = time.monotonic() + 6 * HANG
         for process, words, may_fail in self.processes:
             name = " ".join(str(word) for word in words[:2])
@@ -108,7 +108,7 @@ def builders(race, expected, _, locks, what):
 
 def builders_and_gc(race, expected, _, locks, what):
     for number in range(BUILDERS // 2):
-        # Without locks only files that are a day old are leftovers, and gc removes none of these files.
+        # Without locks, only files older than a day count as leftovers, so gc removes none of these files.
         race.build(DEGREE, locks, ("--factor", 4))
         if number % 2:
             # The store may not exist yet.

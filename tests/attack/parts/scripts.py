@@ -1,7 +1,7 @@
-"""Standalone scripts of `tests/attack`: each gets the program and prints a JSON object as its last line.
+"""Runs the standalone scripts of `tests/attack`: each gets the program, and prints a JSON object as its last line.
 
-In the object, `cases` describes the checks, `failures` is the number or the list of failures, and `skipped`, if present, lists the
-checks that couldn't be tried.
+In the object, `cases` describes the checks, `failures` is the number or the list of failures, and `skipped`, if
+present, lists the checks that couldn't be run.
 """
 
 import json
@@ -18,12 +18,12 @@ def run_script(site, name, file, seconds):
     if not script.is_file():
         site.skip(row, f"there is no {script.relative_to(ROOT)}")
         return row
-    # If it needs NumPy or the Python package, `./run` has made an environment with them.
+    # `./run` has made an environment for scripts that need NumPy or the Python package.
     python = ROOT / "target/python/bin/python" if name == "statistics" else os.environ.get("SPHARM_PYTHON", sys.executable)
     if not Path(python).is_file():
         site.skip(row, f"there is no {python}: ./run attack makes it")
         return row
-    # A script keeps to its time itself; it is ended only if it is far over it.
+    # A script limits its own time; it is ended here only if it far exceeds that time.
     ended = run([python, script, site.program], limit=max(900, 4 * seconds), env={"SPHARM_ATTACK_SECONDS": f"{seconds:.0f}"})
     text = ended.out.decode(errors="replace")
     site.log(text + ended.err.decode(errors="replace"))

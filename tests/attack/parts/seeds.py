@@ -1,7 +1,7 @@
-"""Seed corpora of the fuzz targets, made from the fixtures in `tests/data` and the program's outputs.
+"""Makes seed corpora of the fuzz targets from the fixtures in `tests/data` and from the program's outputs.
 
-An input is a file and one more byte, which selects the file's name or the repair; see `fuzz/src/readers/mod.rs`, which has the
-same order of names.
+An input is a file and one more byte, which selects the file's name or the repair; `fuzz/src/readers/mod.rs` lists the
+names in the same order.
 """
 
 import gzip
@@ -18,9 +18,9 @@ VOLUMES = (".nii", ".nii.gz", ".mgz", ".nrrd", ".tif", ".npy")
 FORMATS = ("pdm", "mat", "pyshtools", "healpy", "s2fft", "ktch", "flowshape", "aics", "afni", "csv", "json")
 ARRAYS = ("coefficients", "max_degree", "convention", "faces", "directions", "cut_from", "seam", "scheme_key", "provenance",
           "modes", "variances", "scores", "members")
-#: Largest seed: longer files are fuzzed slowly and find nothing more.
+#: Largest size of a seed in bytes: longer files slow down the fuzzer and reach no further code.
 LONGEST = 16 << 10
-#: Words of the formats, for all targets.
+#: Dictionary of the formats' words, for all targets.
 WORDS = (
     "ply\\x0aformat ascii 1.0\\x0a", "format binary_little_endian 1.0\\x0a", "element vertex ", "property list uchar int ",
     "vertex_indices", "end_header\\x0a", "OFF", "COFF", "solid", "facet normal", "# vtk DataFile Version 5.1", "DATASET POLYDATA",
@@ -49,7 +49,7 @@ class Corpora:
 
 
 def ending(name, endings):
-    """Returns the number of the longest ending of a name."""
+    """Returns the index of the longest of the endings that a name has."""
     name = name.removesuffix(".gz") if not name.endswith(".nii.gz") else name
     fitting = [number for number, end in enumerate(endings) if end and name.endswith(end)]
     return max(fitting, key=lambda number: len(endings[number]), default=0)
@@ -119,7 +119,7 @@ def make(site, folder):
     corpora.add("cohorts", "list.csv", b"id,surface,group\na,a.ply,1\nb,b.ply,2\n", 1)
     corpora.add("cohorts", "status.tsv", b"id\tstate\tmsd\txsd\tseconds\terror\toutput\na\tdone\t1e-5\t2e-4\t0.5\t\ta.npz\n"
                 b"b\tfailed\t\t\t0.1\tno such file\t\n", 2)
-    # A radius, which is the only thing that one of the formats holds.
+    # A radius, because one of the formats can hold only a radius.
     (work / "radius.csv").write_text("radius\n" + "1\n" * 12)
     program("fit", "--sphere", "sphere.obj", "--surface", "radius.csv", "--max-degree", 1, "-o", "radius.npz", "-q", "--force")
     for number, name in enumerate(FORMATS):
@@ -129,7 +129,7 @@ def make(site, folder):
                 corpora.add("exchange", f"{name}-{file.name}", file.read_bytes(), number)
                 corpora.add("exchange", f"{name}-{file.name}-told", file.read_bytes(), len(FORMATS))
     pose = struct.pack("<24d", *[1.0, 0, 0, 0, 1, 0, 0, 0, 1] * 2, 0.1, 1, 3, 2, 1, 0)
-    # Kinds from 62 on are aligned with.
+    # For kinds from 62 on, the fuzz target also resumes the alignment from the poses.
     corpora.add("journals", "poses", pose * 4, 63)
     corpora.add("journals", "short", pose + pose[:100], 1)
     corpora.add("journals", "start", b"spharm group 1\r\n".ljust(64, b"\0"), 0)
@@ -140,7 +140,7 @@ def make(site, folder):
     corpora.add("landmarks", "a.fcsv", b"# CoordinateSystem = LPS\n# columns = id,x,y,z,label\n1,1,2,3,\"tip, left\"\n", 2)
     corpora.add("landmarks", "a.csv", b"name,x,y,z\nA,1,2,3\n", 3)
     corpora.add("landmarks", "a.tsv", b"A\t1\t2\t3\nB\t4\t5\t6\n", 4)
-    # Findings of earlier runs, and the formats that nothing here writes.
+    # Inputs found by earlier runs, and formats that this script doesn't write.
     for path in sorted((data / "hostile").glob("*/*")):
         content = path.read_bytes()
         corpora.add(path.parent.name, f"hostile-{path.name}", content[:-1], content[-1])

@@ -1,7 +1,7 @@
-"""Every verb that writes, with small inputs, and the guarantees on its outputs however it ended.
+"""Every verb that writes, with small inputs; and the guarantees on a verb's outputs, in whatever way it ended.
 
-A verb runs in its own folder, with its inputs in `in` and its outputs in `out`; the paths are relative, so that every
-folder gets the same bytes. `INPUTS` is the absolute path of the inputs.
+A verb runs in its own folder, with its inputs in `in` and its outputs in `out`. The paths are relative, so that every
+folder gets the same bytes. `INPUTS` stands for the absolute path of the inputs.
 """
 
 import dataclasses
@@ -17,17 +17,19 @@ from common import HANG, run
 
 @dataclasses.dataclass
 class Verb:
-    """A command."""
+    """A command, and the properties of its outputs."""
 
     name: str
     arguments: str
-    #: Whether it replaces outputs only with `--force`; otherwise the same command is repeated.
+    #: Whether existing outputs are replaced only with `--force`; otherwise repeating the same command continues the
+    #: work.
     force: bool = True
-    #: Commands that make the files that it adds to.
+    #: Commands that make the files that this command extends.
     prepare: tuple = ()
-    #: Whether it continues after a failure, so that complete outputs may differ until it is repeated.
+    #: Whether the command continues after a failure, so that its complete outputs may differ until it is repeated.
     goes_on: bool = False
-    #: Hashes of the files of an undisturbed run; `None` if two such runs differ (times).
+    #: Hashes of the files of an undisturbed run; `None` for a file that differs between two such runs, because it has
+    #: times.
     expected: dict = dataclasses.field(default_factory=dict)
     bytes_written: int = 0
     seconds: float = 0.0
@@ -38,7 +40,7 @@ class Verb:
 
 
 def verbs():
-    # Uses the dataset's own path, because it is in the result.
+    # Uses the original path of the dataset, because the result contains it.
     participant = "bids INPUTS/data out/derivative participant --surfaces pial --hemi L --max-degree 3 --icosphere 1 --threads 1"
     build = "basis-build --sphere in/sphere.ply --store out/store --max-degree 6 --threads 1 -q"
     return [
@@ -94,7 +96,7 @@ def verbs():
         Verb("volumes", "volumes in/labels.nii --max-degree 3 -o out/models --threads 1", goes_on=True),
         Verb("freesurfer", "freesurfer in/subjects --surface pial --hemi lh --max-degree 3 --evaluate-on icosphere:1 -o out/models "
              "--threads 1"),
-        # Resumed without --force.
+        # Verbs that resume without --force.
         Verb("bids", participant, force=False, goes_on=True),
         Verb("bids group", participant.replace("participant", "group"), force=False, prepare=(participant + " -q",), goes_on=True),
         Verb("study", "study out/study.toml --threads 1", force=False, prepare=("study init out/study.toml",), goes_on=True),
@@ -119,7 +121,7 @@ def inputs(site):
     make("shape", "correspond", "a.ply", "b.ply", "c.ply", "--max-degree", 4, "--subdivisions", 2, "-o", "group", "-q")
     (folder / "marks.csv").write_text("name,x,y,z\np,30,0,0\nq,0,20,0\n")
     for name in "abc":
-        # These are vertices of an icosphere of two subdivisions, which has 162.
+        # Values at the 162 vertices of an icosphere of two subdivisions.
         (folder / f"{name}.near.csv").write_text("near\n" + "".join(f"{math.sin(0.1 * v)}\n" for v in range(162)))
     rows = [f"{name}\t{name}.ply\tmarks.csv\t{name}.near.csv" for name in "abc"]
     (folder / "group.tsv").write_text("\n".join(["id\tsurface\tlandmarks\tnear", *rows]) + "\n")
@@ -147,7 +149,7 @@ def inputs(site):
 
 
 def learned(site):
-    """Returns the folder of the inputs, and all verbs with their undisturbed outputs; computed once."""
+    """Returns the folder of the inputs, and all verbs with the outputs of their undisturbed runs; computed once."""
     if site.learned is None:
         folder, found = inputs(site), verbs()
         place = Workplace(site, "undisturbed", folder)
@@ -158,7 +160,7 @@ def learned(site):
 
 
 def samples(rows=400):
-    """Returns a table of values on a spiral."""
+    """Returns a table of samples of a function on a spiral."""
     lines = ["x,y,z,v"]
     for i in range(rows):
         z = 1 - (2 * i + 1) / rows
@@ -168,7 +170,7 @@ def samples(rows=400):
 
 
 def nifti(size=12):
-    """Returns a volume of two labels, a cube and a ball."""
+    """Returns a NIfTI volume with two labels, a cube and a ball."""
     header = struct.pack("<i36x", 348) + struct.pack("<8h", 3, size, size, size, 1, 1, 1, 1) + bytes(14)
     header += struct.pack("<hhh", 2, 8, 0) + struct.pack("<8f", 1, 1, 1, 1, 1, 1, 1, 1) + struct.pack("<f", 352)
     header = header.ljust(252, b"\0") + struct.pack("<hh", 0, 1)
@@ -185,7 +187,7 @@ def nifti(size=12):
 
 
 class Workplace:
-    """A folder in which verbs run, one at a time."""
+    """A folder in which verbs run, one after another."""
 
     def __init__(self, site, name, inputs_folder, out=None):
         self.site, self.folder, self.inputs = site, site.folder(name), inputs_folder
@@ -195,7 +197,7 @@ class Workplace:
             self.out.symlink_to(out)
 
     def fresh(self, verb):
-        """Empties `out` and makes the files that the verb adds to."""
+        """Empties `out`, and makes the files that the verb extends."""
         if self.out.is_symlink():
             for path in self.out.resolve().iterdir():
                 shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
@@ -211,12 +213,12 @@ class Workplace:
             edit_study(self.out / "study.toml", (self.folder / "in").resolve())
 
     def run(self, verb, again=False, before=(), limit=None, **settings):
-        """Runs a verb, optionally under another command such as strace."""
+        """Runs a verb, optionally as an argument of another command such as strace."""
         limit = limit or HANG + 10 * verb.seconds
         return run([*before, *verb.command(self.site.program, self.inputs, again)], cwd=self.folder, limit=limit, **settings)
 
     def files(self):
-        """Returns every file of `out` by its path, except locks."""
+        """Returns all files of `out` by their paths, except locks."""
         root = self.out.resolve()
         return {str(path.relative_to(root)): path for path in sorted(root.rglob("*")) if path.is_file() and path.name != ".lock"}
 
@@ -224,7 +226,7 @@ class Workplace:
         return {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in self.files().items()}
 
     def learn(self, verb):
-        """Runs a verb twice undisturbed, and keeps its outputs."""
+        """Runs a verb twice undisturbed, and records its outputs."""
         runs = []
         for _ in range(2):
             self.fresh(verb)
@@ -241,7 +243,7 @@ class Workplace:
         verb.bytes_written = sum(path.stat().st_size for path in self.files().values())
 
     def flaws(self, verb, killed, complete):
-        """Yields the flaws of the files that a verb left, as `(kind, text)`."""
+        """Yields the flaws of the files after a verb has ended, as `(kind, text)`."""
         for name, path in self.files().items():
             base = name.rsplit("/", 1)[-1]
             if base.startswith(".") and base.endswith(".tmp"):
@@ -259,7 +261,8 @@ class Workplace:
                 yield "wrong", f"{name} isn't there though the status is 0"
 
     def judge(self, row, verb, ended, what):
-        """Checks how a disturbed run ended and its files, then that a rerun makes everything. Returns whether all is well."""
+        """Checks how a disturbed run ended, its files, and that a rerun completes everything. Returns whether all
+        checks passed."""
         failures = []
         if ended.hung:
             failures.append(("hangs", f"over {HANG} s"))
@@ -279,12 +282,12 @@ class Workplace:
 
 
 def has_times(name):
-    """Returns whether an output contains times or their order: two runs may have the same by chance."""
+    """Returns whether an output contains times, or data in order of time; two runs may give equal files by chance."""
     return name.endswith((".json", ".status.tsv", "_status.tsv")) or "/.study/" in name or "/status/" in name
 
 
 def whole(path):
-    """Returns whether a file whose bytes vary, because it contains times, is complete."""
+    """Returns whether a file whose bytes vary between runs, because it contains times, is complete."""
     data = path.read_bytes()
     if path.name.endswith(".json"):
         try:
@@ -294,7 +297,7 @@ def whole(path):
         return True
     of_bids = path.parent.name == "logs" and path.name.endswith("_status.tsv")
     if path.name.endswith(".status.tsv") or path.parent.name == "status" or of_bids:
-        # Lines are appended: part of the last one may be missing, and the next run removes it.
+        # Lines are appended to this file: a part of the last line may be missing, and the next run removes that line.
         return True
     if path.name.endswith((".tsv", ".csv")):
         return data.endswith(b"\n")

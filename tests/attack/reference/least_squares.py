@@ -1,7 +1,8 @@
-"""Least squares over spherical harmonics in 50 decimal digits: the reference with which `numerics.py` compares the program.
+"""Least squares with spherical harmonics in 50 decimal digits: the reference for `numerics.py`.
 
-Real orthonormal harmonics without the Condon-Shortley phase, row l^2 + l + m, sin(|m| phi) for negative m, by recurrences of
-Legendre functions in x, y and z; Householder's QR with column pivoting. Standard library only.
+Harmonics are real and orthonormal, without the Condon-Shortley phase, in row l^2 + l + m, with sin(|m| phi) for
+negative m. They are computed by recurrences of Legendre functions in x, y and z. Problems are solved by Householder's
+QR with column pivoting. Uses Python's standard library only.
 """
 
 from decimal import Decimal, getcontext
@@ -9,7 +10,8 @@ from decimal import Decimal, getcontext
 getcontext().prec = 50
 ZERO, ONE, TWO = Decimal(0), Decimal(1), Decimal(2)
 PI = Decimal("3.14159265358979323846264338327950288419716939937510582097494459")
-# Columns below this share of the largest are treated as zero: far below what f64 distinguishes from rounding.
+# Columns whose norm is below this share of the largest are treated as zero; that is far below the rounding errors of
+# f64.
 NOTHING = Decimal(10) ** -40
 
 
@@ -58,7 +60,7 @@ def dot(a: list[Decimal], b: list[Decimal]) -> Decimal:
 
 
 class Problem:
-    """min sum w (f - A x)^2 + sum p x^2: rows of A, weights, targets, penalty of each column."""
+    """The problem min sum w (f - A x)^2 + sum p x^2: rows of A, weights w, targets f, and penalty p of each column."""
 
     def __init__(self, rows: list[list[Decimal]], weights: list[float], targets: list[float], penalty: list[Decimal]):
         self.rows, self.penalty = rows, penalty
@@ -73,7 +75,7 @@ class Problem:
         return squares + sum((p * a * a for p, a in zip(self.penalty, x)), ZERO)
 
     def gradient(self, x: list[Decimal]) -> list[Decimal]:
-        """A^T W (f - A x) - P x."""
+        """Returns A^T W (f - A x) - P x."""
         found = [-p * a for p, a in zip(self.penalty, x)]
         for w, r, row in zip(self.weights, self.residual(x), self.rows):
             for k, s in enumerate(row):
@@ -86,7 +88,8 @@ class Problem:
         return norm(self.gradient(x)) / scale if scale else ZERO
 
     def solve(self, columns: range | None = None) -> tuple[list[Decimal], Decimal, int]:
-        """Returns a solution in some of the columns, its condition and rank; for a singular problem a basic solution."""
+        """Solves the problem in some of the columns; returns the solution (a basic one if the problem is singular), its
+        condition and its rank."""
         chosen = list(columns) if columns is not None else list(range(len(self.penalty)))
         roots = [w.sqrt() for w in self.weights]
         matrix = [[root * row[k] for k in chosen] for root, row in zip(roots, self.rows) if root]

@@ -1,19 +1,19 @@
-"""Makes the references of this folder, with NumPy, SciPy and ppigrf, and none of this project's code.
+"""Makes the references of this folder with NumPy, SciPy and ppigrf, without this project's code.
 
     pip install numpy scipy nibabel ppigrf
     python make.py [SPHERE.surf.gii SURFACE.surf.gii L]
 
-`sphere.surf.gii` and `surface.surf.gii` are a bumpy body of 2,562 vertices over a sphere that is sampled unevenly, so that
-plain residual fitting converges slowly. `reference.json` has the mean and the largest squared distance at the vertices, the
-bounding box scaled to volume 1, of SIRF, of IRF after p passes by blocks of whole degrees with at most g functions, and of
-the full least squares: the basis as a dense matrix, each block solved by the Cholesky factor of its Gram matrix, the least
-squares by QR.
+`sphere.surf.gii` and `surface.surf.gii` are a bumpy body of 2,562 vertices over a sphere that is sampled unevenly, so
+that plain residual fitting converges slowly. `reference.json` has the mean and the largest squared distance at the
+vertices, with the bounding box scaled to volume 1, for SIRF, for IRF after p passes over blocks of whole degrees with
+at most g functions, and for the full least squares. The basis is a dense matrix; each block is solved by the Cholesky
+factor of its Gram matrix, and the full least squares by QR.
 
-`igrf.csv` are the coefficients of IGRF-13 at 2020.0 as the International Association of Geomagnetism and Aeronomy published
-them, in nT: n, m, g, h (Schmidt's semi-normalisation). `igrf_field.csv` is the field's radial component at the Earth's
-mean radius as ppigrf evaluates it, at the directions of `igrf_directions.csv`.
+`igrf.csv` has the coefficients of IGRF-13 at 2020.0 as published by the International Association of Geomagnetism and
+Aeronomy, in nT: n, m, g, h (Schmidt's semi-normalisation). `igrf_field.csv` has the field's radial component at the
+Earth's mean radius, evaluated by ppigrf at the directions of `igrf_directions.csv`.
 
-With arguments, prints the figures of other files instead, as a check of this program against another's.
+With arguments, prints the figures of other files instead, to compare this script with another program.
 """
 
 import datetime
@@ -32,7 +32,7 @@ DEGREE = 20
 
 
 def basis(directions, degrees):
-    """Real orthonormal harmonics without the Condon-Shortley phase, in the order l^2 + l + m: (n, K)."""
+    """Returns real orthonormal harmonics without the Condon-Shortley phase, in the order l^2 + l + m: (n, K)."""
     theta, phi = np.arccos(np.clip(directions[:, 2], -1, 1)), np.arctan2(directions[:, 1], directions[:, 0])
     columns = []
     for degree in degrees:
@@ -44,19 +44,19 @@ def basis(directions, degrees):
 
 
 def solve(block, values):
-    """The least squares of one block by its Gram matrix."""
+    """Returns the least-squares coefficients of one block, by its Gram matrix."""
     return cho_solve(cho_factor(block.T @ block), block.T @ values)
 
 
 def figures(surface, fitted):
-    """msd and xsd."""
+    """Returns msd and xsd, the mean and the largest squared distance, for a bounding box of volume 1."""
     scale = np.prod(np.ptp(surface, axis=0)) ** (1 / 3)
     squares = np.sum((surface - fitted) ** 2, axis=1) / scale**2
     return {"msd": float(squares.mean()), "xsd": float(squares.max())}
 
 
 def irf(surface, a, blocks, passes):
-    """Figures after each number of passes."""
+    """Returns msd and xsd after each number of passes."""
     residual, found = surface.copy(), {}
     for done in range(1, max(passes) + 1):
         for block in blocks:
@@ -67,7 +67,7 @@ def irf(surface, a, blocks, passes):
 
 
 def whole_degrees(degree, g):
-    """Columns of blocks of whole degrees, of at most g functions unless one degree has more."""
+    """Returns the columns of blocks of whole degrees, with at most g functions unless a single degree has more."""
     blocks, first = [], 0
     for last in range(degree + 1):
         if last == degree or (last + 2) ** 2 - first**2 > g:
@@ -77,7 +77,7 @@ def whole_degrees(degree, g):
 
 
 def reference(directions, surface, degree):
-    """All figures of a surface."""
+    """Returns all figures of a surface."""
     a = basis(directions, range(degree + 1))
     degrees = [slice(l * l, (l + 1) ** 2) for l in range(degree + 1)]
     results = {}
@@ -93,13 +93,13 @@ def reference(directions, surface, degree):
 
 
 def read(path):
-    """Positions as the file has them, and triangles."""
+    """Returns a file's positions, unchanged, and its triangles."""
     image = nib.load(path)
     return image.agg_data("pointset").astype(float), image.agg_data("triangle")
 
 
 def write(path, positions, faces):
-    """GIfTI, single precision."""
+    """Writes a GIfTI file in single precision."""
     arrays = [
         nib.gifti.GiftiDataArray(positions.astype("f4"), intent="NIFTI_INTENT_POINTSET"),
         nib.gifti.GiftiDataArray(faces.astype("i4"), intent="NIFTI_INTENT_TRIANGLE"),
@@ -108,12 +108,12 @@ def write(path, positions, faces):
 
 
 def body():
-    """A bumpy body over an unevenly sampled sphere."""
+    """Returns the directions, triangles and positions of a bumpy body over an unevenly sampled sphere."""
     n = 2562
     i = np.arange(n)
     z, azimuth = 1 - (2 * i + 1) / n, i * np.pi * (3 - 5**0.5)
     d = np.stack([np.sqrt(1 - z * z) * np.cos(azimuth), np.sqrt(1 - z * z) * np.sin(azimuth), z], axis=1)
-    # Denser around one side, by some three in length.
+    # Makes one side denser, by a factor of about three in length.
     d += np.array([0.45, 0.2, -0.1])
     d /= np.linalg.norm(d, axis=1, keepdims=True)
     faces = ConvexHull(d).simplices
@@ -130,7 +130,7 @@ def body():
 
 
 def magnetic_field():
-    """IGRF-13 at 2020.0, and the radial field that ppigrf makes of it."""
+    """Writes IGRF-13 at 2020.0, and the radial field that ppigrf evaluates from it."""
     import ppigrf
 
     date = datetime.datetime(2020, 1, 1)
@@ -157,7 +157,7 @@ def main():
     sphere, faces, surface = body()
     write(HERE / "sphere.surf.gii", sphere, faces)
     write(HERE / "surface.surf.gii", surface, faces)
-    # In single precision, which the files have.
+    # Read back from the files, whose positions are in single precision.
     (sphere, _), (surface, _) = read(HERE / "sphere.surf.gii"), read(HERE / "surface.surf.gii")
     directions = sphere / np.linalg.norm(sphere, axis=1, keepdims=True)
     (HERE / "reference.json").write_text(json.dumps(reference(directions, surface, DEGREE), indent=1) + "\n")
