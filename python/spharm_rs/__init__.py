@@ -8,14 +8,13 @@ A closed surface is x, y and z as functions on the sphere, each a sum of spheric
 >>> smooth = model.surface(5, degree=10)
 >>> distance = sp.compare(surface, model.surface())
 
-`fit` takes a mesh as a path, arrays, or an object of trimesh, pyvista, meshio, nibabel or nilearn.
 `fit` accepts a mesh as a path, as arrays, or as an object of trimesh, pyvista, meshio, nibabel or nilearn.
 Conventions: degrees are inclusive; theta is the colatitude and phi the azimuth, in radians; coefficients are those of the real
 orthonormal harmonics without the Condon-Shortley phase, row ``l**2 + l + m``. `spharm_rs.convert` converts them from and to the
 conventions of other packages.
 """
 
-from . import _load, convert, errors  # noqa: F401  (first, for the kernels)
+from . import _load, convert, errors, reports  # noqa: F401  (first, for the kernels)
 from . import shape
 from ._cohort import CohortFit, CohortFits, fit_cohort
 from ._compare import Distances, compare
@@ -83,6 +82,7 @@ __all__ = [
     "read_landmarks",
     "read_signal",
     "read_surface",
+    "reports",
     "resample",
     "shape",
     "solve",

@@ -15,6 +15,7 @@ from ._model import Model
 from ._progress import Progress, callback
 from ._store import Store
 from ._surface import Path
+from .reports import FitReport
 
 #: Columns of a table of surfaces.
 _COLUMNS = ("id", "surface", "sphere", "weights", "output", "label")
@@ -44,7 +45,7 @@ class CohortFit:
     state: str
     path: _Path
     error: str | None
-    report: dict[str, Any] | None
+    report: FitReport | None
     seconds: float | None
 
     @property

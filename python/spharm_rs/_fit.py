@@ -18,6 +18,7 @@ from ._progress import Progress, callback
 from ._store import Store
 from ._surface import Path, as_surface, named_icosphere
 from ._transform import Transform
+from .reports import FitReport
 
 
 def _settings(
@@ -79,7 +80,7 @@ def _model(fitted: Any) -> Model:
     core, standard_errors, report, problems = fitted
     for kind, text in problems:
         _warnings.warn(text, getattr(errors, kind), stacklevel=3)
-    found = json.loads(report)
+    found: FitReport = json.loads(report)
     found["warnings"] = [text for _, text in problems]
     return Model._of(core, found, standard_errors)
 
@@ -351,7 +352,7 @@ def solve(
     memory: int | str | None = None,
     threads: int | None = None,
     progress: Progress = None,
-) -> tuple[Floats, dict[str, Any]]:
+) -> tuple[Floats, FitReport]:
     """Computes least-squares coefficients of samples at scattered directions, such as topography or a masked sky.
 
     Parameters
@@ -408,6 +409,6 @@ def solve(
     coefficients, text, problems = _core.solve(at, array, settings=settings, progress=callback(progress))
     for kind, problem in problems:
         _warnings.warn(problem, getattr(errors, kind), stacklevel=2)
-    report = json.loads(text)
+    report: FitReport = json.loads(text)
     report["warnings"] = [problem for _, problem in problems]
     return coefficients, report

@@ -15,6 +15,7 @@ from ._arrays import Floats
 from ._parametrize import Parametrization, Seam
 from ._surface import Path, Surface, as_surface, icosphere, named_icosphere
 from .errors import SpharmWarning
+from .reports import FitReport
 
 
 class Model:
@@ -44,7 +45,7 @@ stand for sin(abs(m) phi).
 
     _inner: _core.Model
     #: Report of the fit: distances, iterations, warnings; empty if the model wasn't fitted in this process.
-    report: dict[str, Any]
+    report: FitReport
     #: Standard error of each coefficient, (K, c), if requested, else None.
     standard_errors: Floats | None
 
@@ -58,14 +59,14 @@ stand for sin(abs(m) phi).
         )
         self._set(inner, {}, None)
 
-    def _set(self, core: _core.Model, report: dict[str, Any], errors: Floats | None) -> None:
+    def _set(self, core: _core.Model, report: FitReport, errors: Floats | None) -> None:
         self._inner, self.report, self.standard_errors = core, report, errors
         self._coefficients: Floats | None = None
 
     @classmethod
-    def _of(cls, core: _core.Model, report: dict[str, Any] | None = None, errors: Floats | None = None) -> Model:
+    def _of(cls, core: _core.Model, report: FitReport | None = None, errors: Floats | None = None) -> Model:
         model = cls.__new__(cls)
-        model._set(core, report or {}, errors)
+        model._set(core, {} if report is None else report, errors)
         return model
 
     def __repr__(self) -> str:
@@ -92,6 +93,19 @@ stand for sin(abs(m) phi).
     def is_surface(self) -> bool:
         """Whether the channels are x, y and z."""
         return self._inner.is_surface
+
+    @property
+    def rms(self) -> float | None:
+        """Root mean square error of the fit, in the unit of the surface or signal; None if it wasn't fitted in this process.
+
+        For a surface, the distance between it and the model, both ways; for a fit of vertices, the residual at them.
+        """
+        report = self.report
+        if "surface_distance" in report:
+            return report["surface_distance"]["rms_raw"]
+        if "passes" in report:
+            return float(np.sqrt(report["passes"][-1]["msd_raw"]))
+        return float(np.sqrt(np.square(report["rms"]).sum())) if "rms" in report else None
 
     @property
     def sphere(self) -> Surface | None:
@@ -212,7 +226,7 @@ stand for sin(abs(m) phi).
         return cls(convert.from_(format, array), sphere=sphere)
 
 
-def _unpickled(data: bytes, report: dict[str, Any], errors: Floats | None) -> Model:
+def _unpickled(data: bytes, report: FitReport, errors: Floats | None) -> Model:
     return Model._of(_core.Model.from_bytes(data), report, errors)
 
 

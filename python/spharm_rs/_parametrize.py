@@ -15,6 +15,7 @@ from . import _arrays, _core
 from ._progress import Progress, callback
 from ._surface import Path, Surface, as_surface, named_icosphere
 from .errors import SpharmWarning
+from .reports import MapQuality, MapReport
 
 
 #: Relation of a cut surface to the original surface: the original numbers of vertices, n, and of triangles, which come
@@ -40,14 +41,13 @@ class Parametrization:
 
     surface: Surface
     sphere: Surface
-    report: dict[str, Any] = field(repr=False)
+    report: MapReport = field(repr=False)
     _seam: Seam = field(default=None, repr=False)
 
     @property
-    def quality(self) -> dict[str, Any]:
+    def quality(self) -> MapQuality:
         """Distortion of areas, angles and lengths; see ``report``."""
-        found: dict[str, Any] = self.report["quality"]
-        return found
+        return self.report["quality"]
 
 
 def _made(mapped: Any) -> Parametrization:

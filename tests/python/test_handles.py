@@ -57,7 +57,8 @@ def test_a_model_gives_the_handles_back(given: sp.Surface, tmp_path: Path) -> No
         assert is_given(model.surface(), given, 0.1)
     one = sp.fit(given, max_degree=16, cut_handles=True)
     assert is_given(one.surface(), given, 0.1)
-    assert one.provenance["handles"]["loops"] == one.report["parametrization"]["handles"]["loops"]
+    report = one.report["parametrization"]
+    assert report is not None and one.provenance["handles"]["loops"] == report["handles"]["loops"]
     # The cut surface at its own vertices, and the model on another sampling.
     assert one.sphere is not None and characteristic(one.surface(one.sphere)) == 2
     assert characteristic(one.surface(3)) == 2

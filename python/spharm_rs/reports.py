@@ -1,0 +1,291 @@
+"""Types of the reports of maps and fits.
+
+Reports are dictionaries: these types name their keys for editors and type checkers. Distances with the suffix ``_raw``
+are in the unit of the surface or signal; the others are relative to the cube root of the bounding box's volume. Keys
+that don't apply are absent.
+"""
+
+from __future__ import annotations
+
+from typing import Any, List, Optional, TypedDict, Union
+
+__all__ = [
+    "CutLoop",
+    "Denoised",
+    "Distances",
+    "FitReport",
+    "HandlesReport",
+    "HeldOut",
+    "MapQuality",
+    "MapReport",
+    "ResidualNorms",
+    "Seconds",
+    "SolverReport",
+    "SolverSeconds",
+    "SolverStep",
+    "SurfaceDistance",
+]
+
+
+class Distances(TypedDict):
+    """Squared distances between model and target at vertices; None in relative units for a target without volume."""
+
+    #: Whether the sweep refined the solution of the one before.
+    refinement: bool
+    #: Mean and largest squared distance, relative.
+    msd: Optional[float]
+    xsd: Optional[float]
+    #: Mean and largest squared distance in the target's unit, squared.
+    msd_raw: float
+    xsd_raw: float
+
+
+class SurfaceDistance(TypedDict):
+    """Distances between the surface and its model, from points of each to the other, not only at vertices."""
+
+    #: Root mean square, 95th percentile over the area, and largest distance, relative.
+    rms: float
+    percentile95: float
+    hausdorff: float
+    #: The same in the surface's unit.
+    rms_raw: float
+    percentile95_raw: float
+    hausdorff_raw: float
+    #: Number of points that distances were measured from, excluding vertices.
+    points: int
+    #: Number of vertices of the icosphere at which the model was evaluated.
+    model_vertices: int
+
+
+class HeldOut(TypedDict):
+    """Distances at held-out vertices and at the others."""
+
+    #: Number of vertices held out.
+    vertices: int
+    held_out: Distances
+    seen: Distances
+
+
+class _Denoised(TypedDict):
+    #: Standard deviation of the noise in each channel, in the target's unit.
+    sigma: float
+    #: Effective number of coefficients per channel, at most (L + 1)**2.
+    degrees_of_freedom: float
+    #: Gain of each degree, between 0 and 1, (L + 1).
+    gain: List[float]
+
+
+class Denoised(_Denoised, total=False):
+    """Noise that was estimated and removed, of a surface or of a channel of a signal."""
+
+    #: Root mean square of the detail beyond the fit's degree, in the target's unit; None if unknown.
+    left_out: Optional[float]
+
+
+class ResidualNorms(TypedDict):
+    """Squared residual of a target, in its unit, squared."""
+
+    mean_square: float
+    max_square: float
+
+
+class SolverSeconds(TypedDict):
+    """Wall times of the solver, seconds."""
+
+    factor: float
+    moments: float
+    iterations: float
+    total: float
+
+
+class _SolverStep(TypedDict):
+    #: ``moments``, ``iterations by samples``, ``iterations by moments``, ``factor``, ``refinement``, ``confirmation``, ...
+    name: str
+    #: ``none``, ``density``, ``factor`` or ``stored-factor``.
+    preconditioner: str
+    #: Number of fits that took the step.
+    fits: int
+    iterations: int
+    seconds: float
+    #: Largest relative gradient of all columns after the step.
+    optimality: float
+
+
+class SolverStep(_SolverStep, total=False):
+    """A step of the solver."""
+
+    #: Why it ended early.
+    left: str
+
+
+class SolverReport(TypedDict):
+    """The solver of the full least squares."""
+
+    max_degree: int
+    #: Number of samples and of columns.
+    rows: int
+    channels: int
+    #: Preconditioner of the last steps.
+    preconditioner: str
+    #: Source of the last iterations' products: ``samples`` or ``moments``.
+    products: str
+    iterations: int
+    #: Number of refinements with a Cholesky factor.
+    refinements: int
+    steps: List[SolverStep]
+    #: Largest relative gradient of all columns: 0 at the exact solution, 1 at zero coefficients.
+    optimality: float
+    #: ``converged``, ``stalled`` or ``iteration-limit``.
+    stop: str
+    #: Estimated condition number of the basis matrix; None if it is singular or unknown.
+    condition: Optional[float]
+    #: Shift of the diagonal of a singular normal matrix, relative to its largest entry; otherwise 0.
+    shift: float
+    #: Column and degree at which the factorisation of a singular matrix broke down.
+    breaks_at: Optional[List[int]]
+    #: Largest norm of a column of the coefficients.
+    norm: float
+    #: Smoothness penalty, lambda.
+    smoothness: float
+    warnings: List[Any]
+    #: One per target; empty for surfaces.
+    residuals: List[ResidualNorms]
+    seconds: SolverSeconds
+
+
+class Seconds(TypedDict):
+    """Wall times of a fit, seconds."""
+
+    read: float
+    plan: float
+    solve: float
+    write: float
+
+
+class MapQuality(TypedDict):
+    """Distortion of a map to the sphere. The log area ratio of a triangle is that of its shares of sphere and surface."""
+
+    triangles: int
+    #: Reversed triangles, and triangles without area, by exact predicates: both 0 for a map that is one to one.
+    flipped: int
+    degenerate: int
+    #: Number of times the sphere is covered: 1, or -1 if triangles are clockwise seen from outside.
+    winding_number: int
+    #: Root mean square of the log area ratio over triangles, and the same with triangles weighted by area.
+    area_rms: float
+    area_rms_weighted: float
+    #: 1st and 99th percentile of the log area ratio.
+    area_p01: float
+    area_p99: float
+    #: Root mean square of the angles' distortion, degrees.
+    angle_rms_degrees: float
+    #: L2 stretch: 1 for an isometry.
+    stretch: float
+    #: Largest length distortion of a triangle, and its 99th percentile.
+    length_worst: float
+    length_p99: float
+
+
+class CutLoop(TypedDict):
+    """A loop of edges along which a surface was cut."""
+
+    #: ``handle`` or ``tunnel``.
+    kind: str
+    #: Length in the surface's unit, and number of vertices.
+    length: float
+    vertices: int
+    #: Area of the two fillings, in the surface's unit, squared.
+    area_added: float
+    #: Mean of the positions of its vertices.
+    centre: List[float]
+
+
+class HandlesReport(TypedDict):
+    """Handles that were cut."""
+
+    genus_before: int
+    genus_after: int
+    #: Areas in the surface's unit, squared.
+    area_added: float
+    area: float
+    vertices_added: int
+    loops: List[CutLoop]
+
+
+class _MapReport(TypedDict):
+    #: ``cald``, ``conformal``, ``stretch``, ``equal-area``, ``deform``, ``resample`` or ``given``.
+    method: str
+    vertices: int
+    quality: MapQuality
+    iterations: int
+    #: Whether the optimisation met its tolerance.
+    converged: bool
+    #: Wall time from the mesh to the map.
+    seconds: float
+    notes: List[str]
+    warnings: List[str]
+
+
+class MapReport(_MapReport, total=False):
+    """A map to the sphere."""
+
+    #: ``equal-area`` alone: largest relative deviation of a quadrangle's area from its target.
+    quad_area_deviation: float
+    handles: HandlesReport
+    #: Of `spharm_rs.fit_cohort` alone: file of the sphere.
+    sphere: str
+    #: Repairs of the label or mesh: counts by name.
+    repair: Any
+    #: `resample` alone: root mean square and largest distance from the given surface, in its unit.
+    distance_rms: float
+    distance_max: float
+    #: `resample` alone: pairs of triangles that intersect; None if this wasn't checked.
+    self_intersections: Optional[int]
+
+
+class FitReport(TypedDict, total=False):
+    """A fit: `spharm_rs.Model.report`, and the report of `spharm_rs.solve`. A model from a file has an empty one."""
+
+    #: Number of channels; of a fit of moments their names.
+    channels: Union[int, List[str]]
+    #: Cube root of the bounding box's volume, in the target's unit; None for a target without volume.
+    scale: Optional[float]
+    #: Mean and largest squared distance at the vertices, relative; None for a target without volume.
+    msd: Optional[float]
+    xsd: Optional[float]
+    #: Distances after each sweep; the last are those of the model.
+    passes: List[Distances]
+    #: Between the surface and its model, if the surface was fitted.
+    surface_distance: SurfaceDistance
+    #: At the centres of triangles.
+    between: Distances
+    held_out: HeldOut
+    #: One per surface, or one per channel of a signal.
+    denoise: List[Denoised]
+    #: Smoothness penalty, lambda; 0 without one.
+    smoothness: float
+    #: Key of the sampling scheme, 64 hexadecimal digits; None for moments of samples elsewhere.
+    scheme_key: Optional[str]
+    seconds: Seconds
+    #: Map of a surface without a sphere; None over a given sphere.
+    parametrization: Optional[MapReport]
+    #: Of the full least squares.
+    solver: SolverReport
+    warnings: List[str]
+    #: Fits of moments alone: number of samples with weight, and sum of the weights.
+    samples: int
+    weight: float
+    #: Fits of moments alone: root of the weighted mean of the squared residual of each channel, in its unit.
+    rms: List[float]
+    #: Fits of moments alone: share of the sum of squares that the model explains, for each channel.
+    explained: List[float]
+    #: Fits of moments alone: diameter of the largest cap without samples, and resolution at the highest degree (None at
+    #: degree 0), degrees.
+    largest_gap: float
+    resolved: Optional[float]
+    #: Fits of moments alone: search for the smoothness by cross-validation.
+    gcv: Any
+    #: `spharm_rs.shape.mean` alone: root mean square distance of each model from the mean, (s,), and that of all, in the
+    #: models' unit.
+    distances: Any
+    spread: float
