@@ -1,8 +1,8 @@
-//! The arc tangent in a form that a compiler can vectorise: no calls, no branches.
+//! Computes the arc tangent without calls or branches, so that compilers can vectorise loops over it.
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 
-/// tan(pi / 8), above which pi / 4 is split off.
+/// tan(pi / 8). For larger arguments t, atan(t) is computed as pi / 4 + atan((t - 1) / (t + 1)).
 const TURN: f64 = 0.414_213_562_373_095_03;
 
 /// Numerator of (atan(x) / x - 1) / x^2, as a polynomial in x^2, highest power first (S. Moshier, Cephes, `atan.c`),
@@ -15,7 +15,7 @@ const ABOVE: [f64; 5] = [
     -6.485_021_904_942_025e1,
 ];
 
-/// Denominator, without the leading 1.
+/// Denominator of (atan(x) / x - 1) / x^2, as a polynomial in x^2, without its leading coefficient 1.
 const BELOW: [f64; 5] = [
     2.485_846_490_142_306_3e1,
     1.650_270_098_316_988_5e2,
@@ -24,7 +24,7 @@ const BELOW: [f64; 5] = [
     1.945_506_571_482_614e2,
 ];
 
-/// Returns atan2(y, x) for y >= 0, to some units in the last place; NaN if both are 0.
+/// Returns atan2(y, x) for y >= 0, accurate to a few units in the last place; NaN if both arguments are 0.
 #[inline(always)]
 pub(crate) fn atan2_upper(y: f64, x: f64) -> f64 {
     let size = x.abs();
@@ -58,7 +58,7 @@ mod tests {
                 assert!((found - y.atan2(x)).abs() <= 4.0 * f64::EPSILON * angle.max(1e-300), "{angle} {found}");
             }
         }
-        // Small angles keep their relative accuracy.
+        // Checks that small angles keep their relative accuracy.
         for exponent in 1..300 {
             let y = 0.7 * 10_f64.powi(-exponent);
             assert!((atan2_upper(y, 1.3) / y.atan2(1.3) - 1.0).abs() < 4.0 * f64::EPSILON);

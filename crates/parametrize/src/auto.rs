@@ -1,4 +1,4 @@
-//! The default method: [`cald`](crate::cald()), falling back to [`stretch`](crate::stretch()).
+//! Maps a surface by the default method: [`cald`](crate::cald()), and [`stretch`](crate::stretch()) if cald fails.
 
 use spharm_monitor::{Monitor, Silent};
 use spharm_surface::Mesh;
@@ -8,13 +8,13 @@ use crate::error::ParametrizeError;
 use crate::report::{Parametrization, Warning};
 use crate::stretch::{StretchParams, stretch};
 
-/// Maps a closed surface to the sphere by [`cald`](crate::cald()), or by least stretch if cald finds no one-to-one map;
-/// the report then has [`Warning::FellBack`].
+/// Maps a closed surface to the sphere by [`cald`](crate::cald()). If cald finds no one-to-one map, the surface is
+/// mapped by [`stretch`](crate::stretch()) instead, and the report contains [`Warning::FellBack`].
 ///
 /// # Errors
 ///
-/// [`ParametrizeError::BadSurface`], [`ParametrizeError::Argument`] and [`ParametrizeError::Interrupted`] as `cald`;
-/// otherwise the error of the last method tried.
+/// [`ParametrizeError::BadSurface`], [`ParametrizeError::Argument`] and [`ParametrizeError::Interrupted`] as for
+/// `cald`; otherwise the error of the last method tried.
 pub fn auto(surface: &Mesh, params: &CaldParams, monitor: &dyn Monitor) -> Result<Parametrization, ParametrizeError> {
     match cald(surface, params, monitor) {
         Err(first @ (ParametrizeError::NotBijective { .. } | ParametrizeError::NoPlace { .. })) => {

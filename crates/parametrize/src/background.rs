@@ -1,8 +1,8 @@
-//! Runs long calls to other libraries that can't be interrupted.
+//! Runs long, uninterruptible calls to other libraries so that the caller can still be cancelled.
 //!
-//! A sparse factorisation for a mesh of 160,000 vertices takes about a second and can't be cancelled. Here it runs on
-//! its own thread while the caller checks the monitor. On cancellation the thread is left behind, and ends when its
-//! work is done.
+//! A sparse factorisation for a mesh of 160,000 vertices takes about a second and can't be cancelled. Such a call runs
+//! on its own thread while the caller checks the monitor. On cancellation the caller returns at once; the thread runs
+//! until the call ends, and its result is discarded.
 
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -13,8 +13,8 @@ use spharm_monitor::{Interrupted, Monitor};
 /// Interval between checks of the monitor.
 const INTERVAL: Duration = Duration::from_millis(50);
 
-/// Runs `work`, on its own thread if it is `long`. Returns early, and leaves that thread behind, if the monitor asks to
-/// stop.
+/// Runs `work`, on its own thread if it is `long`. If the monitor asks to stop, returns at once and leaves the thread
+/// running.
 pub(crate) fn abandonable<T: Send + 'static>(
     long: bool,
     monitor: &dyn Monitor,
@@ -25,19 +25,19 @@ pub(crate) fn abandonable<T: Send + 'static>(
         return Ok(work());
     }
     let (done, result) = sync_channel(1);
-    // If no thread can be started, the work can still be done on this one.
+    // If no thread can be started, `work` runs on the current thread.
     let work = Arc::new(Mutex::new(Some(work)));
     let take = |work: &Mutex<Option<_>>| work.lock().unwrap_or_else(PoisonError::into_inner).take();
     let theirs = Arc::clone(&work);
     let run = move || {
         if let Some(work) = take(&theirs) {
-            // After an interruption nobody receives the result.
+            // After an interruption the receiver no longer exists, so an error of `send` is ignored.
             let _ = done.send(work());
         }
     };
     let Ok(worker) = std::thread::Builder::new().name("factorisation".to_owned()).spawn(run) else {
         let work = take(&work);
-        // The thread wasn't started, so it hasn't taken the work.
+        // The thread wasn't started, so `work` is still available.
         return work.map_or(Err(Interrupted), |work| Ok(work()));
     };
     loop {

@@ -1,4 +1,4 @@
-//! Evaluates energies and derivatives of many triangles at once, in vector registers.
+//! Evaluates energies and derivatives of many triangles at once in SIMD registers.
 
 use multiversion::multiversion;
 
@@ -7,18 +7,18 @@ use crate::energy::{Energy, Shape};
 use crate::geometry::Vec3;
 use crate::local::{INPUTS, NUMBERS, derivatives, value};
 
-/// Triangles per batch.
+/// Number of triangles per batch.
 pub(crate) const BATCH: usize = 64;
 
-/// Up to [`BATCH`] triangles, one array per number: nine coordinates, three cotangents, the area.
+/// Inputs of up to [`BATCH`] triangles, one array per input: nine coordinates, three cotangents, the area.
 pub(crate) struct Batch([[f64; BATCH]; INPUTS]);
 
-/// Results of a batch, one array per number.
+/// Results of a batch: one array per number of [`derivatives`](Batch::derivatives), with an entry for each triangle.
 pub(crate) type Numbers = [[f64; BATCH]; NUMBERS];
 
 impl Batch {
-    /// Returns a batch filled with a regular triangle, so that unused lanes don't produce exceptional numbers, which
-    /// are slow.
+    /// Returns a batch in which every lane holds a regular triangle. Unused lanes then produce no subnormal, infinite
+    /// or NaN results, which are slow to compute.
     pub(crate) fn new() -> Self {
         let sound = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.5, 0.5, 0.5, 1.0];
         Self(sound.map(|number| [number; BATCH]))
@@ -38,7 +38,7 @@ impl Batch {
         self.0[12][lane] = shape.area;
     }
 
-    /// Computes the energies of the first `count` triangles.
+    /// Computes the energies of the first `count` triangles; later entries of `out` are unspecified.
     pub(crate) fn values(&self, energy: Energy, count: usize, out: &mut [f64; BATCH]) {
         match energy {
             Energy::Balanced { area, shape, bound } => {
@@ -48,7 +48,7 @@ impl Batch {
         }
     }
 
-    /// Computes values, gradients and Hessians of the first `count` triangles.
+    /// Computes values, gradients and Hessians of the first `count` triangles; later entries of `out` are unspecified.
     pub(crate) fn derivatives(&self, energy: Energy, count: usize, out: &mut Numbers) {
         match energy {
             Energy::Balanced { area, shape, bound } => {
@@ -74,7 +74,7 @@ impl Batch {
     }
 }
 
-/// Lanes computed together, so that short batches cost less.
+/// Number of lanes computed together. A batch's number of triangles is rounded up to a multiple of this.
 const LANES: usize = 8;
 
 #[inline(always)]

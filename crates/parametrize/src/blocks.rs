@@ -1,30 +1,31 @@
-//! A symmetric matrix of 2 x 2 blocks, one for each pair of neighbours in a triangulation, and its assembly from
-//! triangles.
+//! Assembles a symmetric sparse matrix of 2 x 2 blocks from triangles, with a block for each vertex and each ordered
+//! pair of neighbouring vertices.
 //!
-//! Rows are stored completely, not only below the diagonal. Rows are then independent, so products with vectors and
-//! sums over triangles run on all cores and give the same bits for any number of them.
+//! Both triangles of the symmetric matrix are stored, so each row can be processed independently of the others.
+//! Products with vectors and sums over triangles therefore run on all cores and give the same bits for any number of
+//! cores.
 
 use rayon::prelude::*;
 
 use crate::local::NUMBERS;
 
-/// Numbers kept per triangle: the gradient and the lower triangle of the Hessian.
+/// Numbers kept per triangle: the gradient (6) and the lower triangle of the Hessian (21).
 pub(crate) const KEPT: usize = NUMBERS - 1;
 
-/// Rows per task.
+/// Number of matrix rows per parallel task.
 const ROWS: usize = 1024;
 
-/// The sparsity pattern: the position of each block.
+/// The sparsity pattern of the matrix, and the position of each triangle's blocks in it.
 pub(crate) struct Pattern {
     /// Start of each row in `columns`; one more entry than rows.
     pub(crate) starts: Vec<u32>,
-    /// The row's own index first, then its neighbours, ascending.
+    /// Vertex of each block: in each row the row's own vertex first, then its neighbours in ascending order.
     pub(crate) columns: Vec<u32>,
-    /// Start of each row in `corners`; one more entry than rows.
+    /// Start of each vertex's entries in `corners`; one more entry than vertices.
     around: Vec<u32>,
-    /// The corners at a vertex, each encoded as three times the triangle plus the corner.
+    /// The triangle corners at each vertex, encoded as three times the triangle's index plus the corner's number.
     corners: Vec<u32>,
-    /// For each corner, the positions in the row of the triangle's two other corners, in order.
+    /// For each entry of `corners`, the positions of the triangle's two other vertices within the matrix row.
     places: Vec<[u32; 2]>,
 }
 
@@ -57,7 +58,7 @@ impl Pattern {
             row.extend(corners.iter().flat_map(|&corner| others(corner)));
             row.sort_unstable();
             row.dedup();
-            // Every neighbour is in the row.
+            // The search always succeeds: the row contains every neighbour.
             let place = |w: u32| 1 + row.binary_search(&w).unwrap_or(0) as u32;
             places.extend(corners.iter().map(|&corner| others(corner).map(place)));
             columns.push(v as u32);
@@ -72,17 +73,18 @@ impl Pattern {
         self.starts.len() - 1
     }
 
-    /// Returns the range of a row's blocks.
+    /// Returns the index range of a row's blocks.
     pub(crate) fn range(&self, row: usize) -> std::ops::Range<usize> {
         self.starts[row] as usize..self.starts[row + 1] as usize
     }
 
-    /// Returns the vertex itself and its neighbours.
+    /// Returns the vertices of a row's blocks: the vertex itself, then its neighbours.
     pub(crate) fn columns_of(&self, v: u32) -> &[u32] {
         &self.columns[self.range(v as usize)]
     }
 
-    /// Sums the triangles' numbers: the gradient (two per vertex) and the blocks, both by rows.
+    /// Sums the triangles' gradients into `gradient` (two numbers per vertex) and their Hessians into `blocks`, row by
+    /// row.
     pub(crate) fn sum(&self, local: &[[f64; KEPT]], gradient: &mut [[f64; 2]], blocks: &mut [[f64; 4]]) {
         let mut tasks = Vec::with_capacity(self.rows().div_ceil(ROWS));
         let mut rest = blocks;
@@ -112,7 +114,7 @@ impl Pattern {
     }
 }
 
-/// Adds the block of corners i and j of a triangle.
+/// Adds to `block` the 2 x 2 part of a triangle's Hessian that belongs to corners i and j.
 fn add_block(block: &mut [f64; 4], numbers: &[f64; KEPT], i: usize, j: usize) {
     let entry = |row: usize, column: usize| {
         let (high, low) = (row.max(column), row.min(column));

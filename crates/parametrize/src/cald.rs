@@ -1,15 +1,15 @@
-//! Control of area and length distortion (L. Shen and F. Makedon, "Spherical mapping for processing of 3D closed
-//! surfaces", Image and Vision Computing 24, 2006).
+//! Maps a surface with equal areas and bounded length distortion: control of area and length distortion (L. Shen and F.
+//! Makedon, "Spherical mapping for processing of 3D closed surfaces", Image and Vision Computing 24, 2006).
 //!
-//! The goal is theirs: equal areas with bounded length distortion, by local and global smoothing from a one-to-one map.
-//! Local smoothing moves single vertices in their stars; global smoothing moves all of them at once. Here both descend
-//! the same energy, area distortion plus a share of shape distortion (`energy.rs`), so neither undoes the other, and no
-//! step may flip a triangle. The share of shape is lowered from stage to stage until areas are equal enough, but no
-//! further: the rest of it keeps the map smooth, and a fit over a smooth map needs fewer degrees.
+//! As in the paper, local and global smoothing start from a one-to-one map. Local smoothing moves single vertices
+//! within the triangles around them; global smoothing moves all vertices at once. Unlike in the paper, both descend the
+//! same energy, area distortion plus a weighted shape distortion (`energy.rs`), so neither undoes the other, and no
+//! step may flip a triangle. The weight of shape distortion is lowered from stage to stage until areas are equal
+//! enough, but no further: the remaining weight keeps the map smooth, and a fit over a smooth map needs fewer degrees.
 //!
-//! If more area distortion is allowed, it is spent on residual-adaptive areas (`residual_areas.rs`): a higher sampling
-//! density where a model's residual is large, in rounds, as long as the error of a fit decreases. The error of a fit
-//! over such a map is a fifth to a half smaller than over one with the surface's own areas.
+//! If the allowed area distortion isn't used up, the rest is spent on residual-adaptive areas (`residual_areas.rs`):
+//! rounds increase the sampling density where a model's residual is large, as long as the error of a fit decreases. The
+//! error of a fit over such a map is a fifth to a half smaller than over a map with the surface's own areas.
 
 use std::time::Instant;
 
@@ -24,48 +24,49 @@ use crate::error::ParametrizeError;
 use crate::report::{Note, Parametrization};
 use crate::residual_areas::{adapted, degree_for, residual};
 
-/// Shares of shape distortion in the energy, by stage.
+/// Weight of shape distortion in the energy, by stage.
 const STAGES: [f64; 13] = [0.3, 0.212, 0.15, 0.11, 0.08, 0.056, 0.04, 0.028, 0.02, 0.014, 0.01, 0.007, 0.005];
 
-/// Weight of the term that bounds lengths, relative to the share of shape. At ten times this weight, areas of figures
-/// with arms suffer (homer: 0.15 instead of 0.08).
+/// Weight of the term that bounds lengths, relative to the weight of shape distortion. At ten times this value, the
+/// area distortion of figures with arms nearly doubles (homer: 0.15 instead of 0.08).
 const BOUND: f64 = 0.02;
 
-/// Share of the allowed area distortion that may be spent on shape.
+/// Share of the allowed area distortion that may be spent on lower shape distortion.
 const FOR_SHAPE: f64 = 0.75;
 
-/// Targeted area distortion, relative to the allowed one; the last smoothing still changes areas slightly.
+/// Area distortion at which the adaptation aims, relative to the allowed one. The margin is for the last smoothing,
+/// which still changes areas slightly.
 const AIM: f64 = 0.98;
 
-/// Most area distortion spent on shape: beyond it, a fit loses more than it gains.
+/// Largest area distortion spent on lower shape distortion. Beyond it, the error of a fit increases.
 const MOST_FOR_SHAPE: f64 = 0.3;
 
-/// Rounds of adapting the target areas.
+/// Largest number of rounds that adapt the target areas.
 const ROUNDS: usize = 8;
 
-/// Bounds of a round's change of areas relative to the last ones, as the root mean square of the logarithms of the
-/// factors: the largest change, and the smallest one worth a round.
+/// The largest change of target areas in a round, and the smallest one worth a round, as the root mean square of the
+/// logarithms of the factors by which areas are multiplied.
 const STEP: f64 = 0.2;
 const SMALLEST_STEP: f64 = 0.03;
 
-/// A residual below this share of the surface's radius isn't worth distortion, and can't be distinguished from the
+/// Residual, relative to the surface's radius, below which areas aren't adapted. It can't be distinguished from the
 /// error of the fit itself.
 const NEGLIGIBLE: f64 = 3e-5;
 
-/// A round is kept if it brings the residual below this share of the previous one; a sphere gains nothing from it.
+/// A round is kept if the residual falls below this share of the previous one. For a sphere, no round is kept.
 const WORTHWHILE: f64 = 0.99;
 
 /// Settings of [`cald`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct CaldParams {
-    /// Allowed area distortion, as the root mean square of the log area ratio, from 0 to 1. It may be spent on shape
-    /// and on residual-adaptive areas. 0 for areas as equal as possible; default 0.1.
+    /// Allowed area distortion, as the root mean square of the log area ratio, from 0 to 1; 0 for areas as equal as
+    /// possible. Default 0.1. It is spent on lower shape distortion and on residual-adaptive areas.
     pub area: f64,
-    /// Degree of the model whose residual the areas adapt to; below 2 they don't adapt. Default `None`: the degree with
-    /// half as many basis functions as there are vertices, at most 100. A model never gets more basis functions than
-    /// two thirds of the number of vertices.
+    /// Degree of the model whose residual the areas adapt to; below 2, areas aren't adapted. Default `None`: the
+    /// degree, at most 100, with half as many basis functions as the surface has vertices. In any case the model has at
+    /// most two thirds as many basis functions as there are vertices.
     pub degree: Option<usize>,
-    /// Most Newton steps in each stage. Default 30.
+    /// Largest number of Newton steps in each stage. Default 30.
     pub steps: usize,
     /// Seed of the sphere's initial rotation; other seeds give other maps of the same quality. Default 0.
     pub seed: u64,
@@ -78,8 +79,8 @@ impl Default for CaldParams {
 }
 
 impl CaldParams {
-    /// Returns settings for a map that only serves a fit of degree `max_degree`: area distortion is allowed (up to 0.8)
-    /// as long as the fit over the map benefits.
+    /// Returns settings for a map that only serves as the domain of a fit of degree `max_degree`: up to 0.8 of area
+    /// distortion is allowed as long as it lowers the error of the fit.
     #[must_use]
     pub fn for_degree(max_degree: usize) -> Self {
         Self { area: 0.8, degree: Some(max_degree), ..Self::default() }
@@ -123,11 +124,11 @@ pub fn cald(surface: &Mesh, params: &CaldParams, monitor: &dyn Monitor) -> Resul
 }
 
 /// Spends the remaining area distortion on residual-adaptive areas, as long as the error of a fit decreases. Returns
-/// the largest factor by which a target area grew; `None`, with the map unchanged, if no distortion remains or nothing
-/// was gained.
+/// the largest factor by which a target area grew. Returns `None` and leaves the map unchanged if no distortion remains
+/// or the error didn't decrease.
 ///
-/// Each round multiplies the areas by factors derived from the residual of the last fit. A round that costs more
-/// distortion than is allowed, or gains nothing, is undone and tried again with smaller factors.
+/// Each round multiplies the target areas by factors derived from the residual of the last fit. A round that exceeds
+/// the allowed distortion, or doesn't lower the residual, is undone and tried again with smaller factors.
 fn adapt_areas(
     domain: &Domain,
     descent: &mut Descent,
@@ -136,7 +137,8 @@ fn adapt_areas(
     params: &CaldParams,
     monitor: &dyn Monitor,
 ) -> Result<Option<f64>, ParametrizeError> {
-    // Squares of distortions are nearly additive.
+    // The squares of the distortions spent and left are taken to sum to the square of the allowed one, which is nearly
+    // true.
     let left = |descent: &Descent| {
         let spent = descent.area_distortion(domain);
         (AIM * params.area * AIM * params.area - spent * spent).max(0.0).sqrt()

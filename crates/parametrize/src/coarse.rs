@@ -1,17 +1,19 @@
-//! The coarse space of the two-grid preconditioner: a few hundred to ten thousand patches that rotate as rigid bodies.
+//! Builds the coarse space of the two-grid preconditioner: up to ten thousand patches that rotate as rigid bodies.
 //!
-//! A smoother hardly reduces displacements that barely change any triangle. These are rotations of the sphere, patch by
-//! patch, blended into each other. So each coarse unknown is the rotation vector (three numbers) of a patch: the
-//! vertices within `R` edges of its seed. Vertex v moves by
+//! A smoother hardly reduces displacements that barely deform any triangle, such as a rotation of a patch of the sphere
+//! that fades into the rotations of neighbouring patches. The coarse unknowns are therefore the rotation vectors
+//! omega_k (three numbers) of patches. Patch k consists of the vertices within `R` edges of a seed vertex. Vertex v
+//! moves by
 //!
 //! ```text
 //! x_v = F_v sum over patches k of phi_k(v) omega_k x p_v,      phi_k(v) ~ 1 - distance(v, seed k) / (R + 1)
 //! ```
 //!
-//! with F_v the frame of its tangent plane and the phi_k(v) scaled to sum to 1, so that the space contains rotations of
-//! the entire sphere exactly. (This is smoothed aggregation with the rigid modes of elasticity, P. Vanek, J. Mandel, M.
-//! Brezina, Computing 56, 1996, with hat functions of the distance instead of smoothing by the matrix.) Patches depend
-//! on the triangulation alone and are computed once; the coarse matrix is P^T H P, factored by faer.
+//! with F_v the frame of the tangent plane at p_v, and the phi_k(v) scaled to sum to 1, so that the space contains
+//! rotations of the entire sphere exactly. (This is smoothed aggregation with the rigid modes of elasticity, P. Vanek,
+//! J. Mandel, M. Brezina, Computing 56, 1996, with hat functions of the distance instead of smoothing by the matrix.)
+//! Patches depend only on the triangulation and are computed once. With P the matrix that maps all omega_k to all x_v,
+//! and H the Hessian, the coarse matrix is P^T H P; faer factors it.
 
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor};
@@ -21,31 +23,32 @@ use crate::geometry::{Vec3, add, dot, scale};
 use crate::local::frame;
 use crate::sparse_cholesky::{Factor, Symbolic};
 
-/// Smallest distance between seeds, minus one; larger if there would be too many patches.
+/// Smallest radius R of a patch, in edges. R is larger on meshes that would otherwise have too many patches.
 const LEAST_RADIUS: usize = 4;
 
-/// Approximate largest number of patches: their matrix is factored in each step.
+/// Approximate largest number of patches. It is limited because the coarse matrix is factored repeatedly.
 const MOST_PATCHES: usize = 10_000;
 
 /// A vertex with more neighbours than this gets its own patch, and other patches don't extend to it. Otherwise each of
 /// the many patches among its neighbours would contain it, and they would all be neighbours of each other.
 const HUB: usize = 64;
 
-/// Relative shift of the diagonal. A patch of one vertex has no effect when it rotates about that vertex.
+/// Shift of the coarse matrix's diagonal, relative to the trace of the diagonal block. Without it the matrix can be
+/// singular: a patch of a single vertex doesn't move when it rotates about that vertex.
 const SHIFT: f64 = 1e-9;
 
-/// Marks an entry without a known position in a row.
+/// Marks a missing position or patch.
 const NOWHERE: u32 = u32::MAX;
 
 /// Patches of a triangulation, and the analysed pattern of their matrix.
 pub(crate) struct Coarse {
-    /// Start of each vertex's weights; one more entry than vertices.
+    /// Start of each vertex's entries in `weights`; one more entry than vertices.
     starts: Vec<u32>,
-    /// (patch, weight).
+    /// The patches that contain each vertex: (patch, weight).
     weights: Vec<(u32, f32)>,
-    /// Start of each patch's vertices; one more entry than patches.
+    /// Start of each patch's entries in `members`; one more entry than patches.
     members_of: Vec<u32>,
-    /// (vertex, weight).
+    /// The vertices of each patch: (vertex, weight).
     members: Vec<(u32, f32)>,
     /// Start of each patch's neighbours in `columns`; one more entry than patches.
     rows: Vec<u32>,
@@ -57,7 +60,7 @@ impl Coarse {
     /// Covers a triangulation with patches. Returns `None` if faer runs out of memory in the symbolic analysis.
     pub(crate) fn new(pattern: &Pattern, monitor: &dyn Monitor) -> Result<Option<Self>, Interrupted> {
         let n = pattern.rows();
-        // There is about one seed per R^2 vertices if their distances are above R.
+        // Seeds are more than R edges apart, so there is about one seed per R^2 vertices.
         let radius = LEAST_RADIUS.max((n as f64 / MOST_PATCHES as f64).sqrt().ceil() as usize);
         let found = balls(pattern, radius);
         monitor.check()?;
@@ -107,8 +110,8 @@ impl Coarse {
         Ok(symbolic.map(|symbolic| Self { starts, weights, members_of, members, rows, columns, symbolic }))
     }
 
-    /// Returns the factor of the coarse matrix for a Hessian and the map's [`turns`]; `None` if the matrix isn't
-    /// definite.
+    /// Returns the factor of the coarse matrix, given the blocks of the Hessian and the [`turns`] of each vertex;
+    /// `None` if the matrix isn't positive definite.
     pub(crate) fn factor(
         &self,
         pattern: &Pattern,
@@ -132,7 +135,7 @@ impl Coarse {
         self.symbolic.factor(&self.rows, &self.columns, values, monitor)
     }
 
-    /// Computes a row of the coarse matrix. `places` is scratch, restored afterwards.
+    /// Computes a row of the coarse matrix. `places` is scratch memory, which is restored before returning.
     fn row(
         &self,
         k: usize,
@@ -169,7 +172,7 @@ impl Coarse {
         row
     }
 
-    /// Adds the coarse solution for a residual to a vector.
+    /// Solves the coarse system for a residual and adds the solution to `x`.
     pub(crate) fn correct(&self, factor: &Factor, turns: &[[Vec3; 2]], residual: &[[f64; 2]], x: &mut [[f64; 2]]) {
         let patches = self.rows.len() - 1;
         let gather = |k: usize| {
@@ -193,17 +196,19 @@ impl Coarse {
     }
 }
 
-/// Returns the rows of omega -> (omega x p) in the frame of p: u . (omega x p) = omega . (p x u).
+/// Returns the two rows of the matrix that maps omega to omega x p in the frame (u, w) of p's tangent plane, using u .
+/// (omega x p) = omega . (p x u).
 pub(crate) fn turns(p: Vec3) -> [Vec3; 2] {
     let [u, w] = frame(p);
     [w, scale(u, -1.0)]
 }
 
-/// Covers all vertices by balls of a radius, in edges, around seeds that are further apart: (patch, vertex, weight).
+/// Covers all vertices by patches: balls of a radius, in edges, around seeds that are farther apart than the radius.
+/// Returns (patch, vertex, weight).
 fn balls(pattern: &Pattern, radius: usize) -> Vec<(u32, u32, f32)> {
     let n = pattern.rows();
     let mut found = Vec::with_capacity(3 * n);
-    // For each vertex, the last patch that has reached it.
+    // The last patch that has reached each vertex.
     let mut reached = vec![NOWHERE; n];
     let (mut shell, mut next) = (Vec::new(), Vec::new());
     let mut patch = 0;
@@ -242,7 +247,7 @@ mod tests {
     use spharm_monitor::Silent;
     use spharm_surface::generate::bipyramid;
 
-    /// Returns the number of blocks in the coarse matrix of a fan, per vertex.
+    /// Returns the number of blocks in the coarse matrix of a fan, divided by the number of vertices.
     fn blocks(sides: u32) -> f64 {
         let pattern = Pattern::new(sides as usize + 2, &bipyramid(sides).faces);
         let coarse = Coarse::new(&pattern, &Silent).unwrap().unwrap();

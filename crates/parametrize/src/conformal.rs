@@ -1,12 +1,14 @@
-//! Least angle distortion, with the Moebius transformation of least area distortion.
+//! Maps a surface with least angle distortion, and among these maps selects the one of least area distortion.
 //!
-//! The energy is the harmonic one of X. Gu et al. (IEEE Trans. Med. Imaging 23, 2004) divided by the area triangle by
-//! triangle (K. Hormann and G. Greiner, MIPS, 2000). It has the same minimum on a smooth surface, and is infinite if a
-//! triangle turns over, which the harmonic energy alone doesn't detect. It is invariant under Moebius transformations
-//! of the sphere. Each of those is a rotation and a boost, and the boost is chosen to minimise the mean squared log
-//! area ratio. A conformal map makes the end of an arm exponentially small in the arm's length. The map approaches that
-//! with a weight on equal areas that is lowered from stage to stage. It stops, with a note in the report, where cells
-//! would become too small for 64-bit numbers.
+//! The energy is the harmonic energy of X. Gu et al. (IEEE Trans. Med. Imaging 23, 2004) divided by the area, triangle
+//! by triangle (K. Hormann and G. Greiner, MIPS, 2000). It has the same minimum on a smooth surface. Unlike the
+//! harmonic energy, it is infinite if a triangle flips. It is invariant under Moebius transformations of the sphere.
+//! Each of these is a rotation followed by a boost (see [`boost`]), and the boost is chosen to minimise the mean
+//! squared log area ratio.
+//!
+//! A conformal map makes the end of an arm exponentially small in the arm's length. The map approaches this limit with
+//! a weight on equal areas that is lowered from stage to stage, and stops where triangles would become too small for
+//! 64-bit numbers.
 
 use std::time::Instant;
 
@@ -22,16 +24,16 @@ use crate::error::ParametrizeError;
 use crate::geometry::{Vec3, dot, orientation, scale, solid_angle, sub, unit};
 use crate::report::{Parametrization, Warning};
 
-/// Weights of equal areas, by stage.
+/// Weight of equal areas in the energy, by stage.
 const STAGES: [f64; 6] = [0.3, 0.1, 0.03, 0.01, 1e-3, 1e-4];
 
-/// Final rounds of centring and descent.
+/// Final rounds, each of which applies the best boost and then descends the conformal energy.
 const ROUNDS: usize = 2;
 
 /// Settings of [`conformal`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct ConformalParams {
-    /// Most Newton steps in each stage. Default 20.
+    /// Largest number of Newton steps in each stage. Default 20.
     pub steps: usize,
     /// Seed of the sphere's initial rotation. Default 0.
     pub seed: u64,
@@ -47,7 +49,7 @@ impl Default for ConformalParams {
 ///
 /// # Errors
 ///
-/// As [`cald`](crate::cald()), without `Argument` and `Solver`.
+/// As [`cald`](crate::cald()), except for `Argument` and `Solver`.
 pub fn conformal(
     surface: &Mesh,
     params: &ConformalParams,
@@ -72,14 +74,15 @@ pub fn conformal(
     Ok(found)
 }
 
-/// Applies the boost of the sphere by c, |c| < 1: areas towards c expand, areas away from it contract.
+/// Applies a boost, the Moebius transformation given by a vector c, |c| < 1: areas towards c expand, the opposite ones
+/// contract.
 fn boost(c: Vec3, x: Vec3) -> Vec3 {
     let d = sub(x, c);
     unit(sub(scale(d, (1.0 - dot(c, c)) / dot(d, d)), c))
 }
 
-/// Returns the mean squared log area ratio after a boost; infinite if it flips a triangle, which is possible because
-/// great circles don't map to great circles.
+/// Returns the mean squared log area ratio after a boost; infinite if the boost flips a triangle. It can flip triangles
+/// because it doesn't map great circles to great circles.
 fn distortion(domain: &Domain, map: &[Vec3], c: Vec3) -> f64 {
     const CHUNK: usize = 4096;
     let moved: Vec<Vec3> = map.par_iter().map(|&x| boost(c, x)).collect();
@@ -102,7 +105,8 @@ fn distortion(domain: &Domain, map: &[Vec3], c: Vec3) -> f64 {
     sums.iter().sum::<f64>() / (4.0 * std::f64::consts::PI)
 }
 
-/// Applies the boost of least area distortion that flips nothing; returns whether it is the unconstrained optimum.
+/// Applies the boost of least area distortion among those that flip no triangle. Returns `false` if a boost of still
+/// less distortion would have flipped triangles.
 fn centre(domain: &Domain, map: &mut [Vec3], monitor: &dyn Monitor) -> Result<bool, Interrupted> {
     let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     let mut blocked = false;
@@ -119,7 +123,7 @@ fn centre(domain: &Domain, map: &mut [Vec3], monitor: &dyn Monitor) -> Result<bo
             return Ok(false);
         }
         let slope = probes.map(|(a, b)| (a - b) / (2.0 * h));
-        // Curvatures along the axes suffice, since the function is close to isotropic.
+        // Curvatures along the three axes suffice, since the function is nearly isotropic.
         let curvature = probes.map(|(a, b)| ((a + b - 2.0 * here) / (h * h)).max(0.1));
         let mut c = [0, 1, 2].map(|i| -slope[i] / curvature[i]);
         let length = dot(c, c).sqrt();

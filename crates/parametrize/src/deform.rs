@@ -1,42 +1,42 @@
-//! An icosphere deformed onto the surface (after M. Chung and S. Robbins).
+//! Deforms an icosphere onto the surface (after M. Chung and S. Robbins).
 //!
-//! The result is a surface with the icosphere's vertices and triangles; vertices with the same index correspond. It
-//! gives the subjects of a study a shared sampling, with springs that keep the triangles similar.
+//! The result is a surface with the icosphere's vertices and triangles. Vertices with the same index correspond across
+//! surfaces, so the subjects of a study share a sampling. Springs keep the triangles close to equilateral.
 //!
 //! # Method
 //!
 //! In the original method a mesh is pulled towards the surface through space (D. MacDonald, N. Kabani, D. Avis, A.
 //! Evans, NeuroImage 12, 2000; S. Robbins, MSc thesis, McGill, 2003). Where a surface is far from convex, as at an arm
-//! or a fold, the nearest point is on the wrong side and the mesh gets stuck or intersects itself. The original starts
-//! close to the surface, which a general tool can't. So this method begins with a one-to-one map of the surface onto
-//! the sphere (from any of this crate's methods), which determines the position of each vertex of the icosphere, and
-//! moves the vertices *on* the surface, coarse to fine:
+//! or a fold, the nearest point can lie on the wrong side, and the mesh gets stuck or intersects itself. The original
+//! method avoids this by starting close to the surface, which isn't possible for arbitrary surfaces. Therefore this
+//! method starts from a one-to-one map of the surface onto the sphere (by any of this crate's methods), which
+//! determines the position of each vertex of the icosphere, and moves the vertices *on* the surface, coarse to fine:
 //!
-//! 1. a coarse icosphere's vertices take the positions that the map gives them;
-//! 2. in sweeps, each vertex is moved by its forces, then to the surface's nearest point, which the map takes back to
-//!    the sphere. It is moved only if all triangles around it stay positively oriented on the sphere, by an exact
-//!    predicate, and well shaped on the surface. So the mesh always winds around the surface exactly once, and no
-//!    vertex jumps over a fold to a sheet that is near only in space;
-//! 3. each triangle is split in four, at its edges' midpoints on the sphere, and step 2 is repeated.
+//! 1. The vertices of a coarse icosphere take the positions that the map gives them.
+//! 2. In sweeps, each vertex is displaced by its forces and projected to the nearest point of the surface, and the map
+//!    gives its new position on the sphere. The move is made only if all triangles around the vertex stay positively
+//!    oriented on the sphere, by an exact predicate, and well shaped on the surface. The mesh therefore winds around
+//!    the surface exactly once, and no vertex jumps to another sheet of a fold that is near only in space.
+//! 3. Each triangle is split in four at the midpoints of its edges on the sphere, and step 2 is repeated.
 //!
-//! The forces on vertex i with neighbours j are as follows. l_ij is the length of the path on the surface that is the
-//! image of the arc from i to j (a chord would miss a fold that a coarse triangle spans), and t_ij the direction in
-//! which the path leaves i:
+//! The forces on vertex i with neighbours j are as follows. l_ij is the length of a path on the surface: the image of
+//! the arc from i to j. (A straight chord would miss a fold that a coarse triangle spans.) t_ij is the direction in
+//! which the path leaves i.
 //!
-//! - *stretch*: mean over j of (l_ij - L_ij) t_ij, springs of rest length L_ij, which is the icosphere's own edge
-//!   length scaled by the square root of the areas' ratio;
-//! - *bending*: U_i - mean of U_j, U_i = mean of l_ij t_ij, which smooths changes of the spacing. The shape is
-//!   determined by the surface alone: vertices are projected back onto it, so only the part of a force along the
-//!   surface moves them.
+//! - *stretch*: mean over j of (l_ij - L_ij) t_ij, springs of rest length L_ij. L_ij is the icosphere's own edge
+//!   length, scaled by the square root of the ratio of the areas.
+//! - *bending*: U_i - mean of U_j, with U_i = mean of l_ij t_ij, which smooths changes of the spacing. It doesn't
+//!   change the shape: vertices are projected back onto the surface, so only the tangential part of a force moves them.
 //!
-//! Finally, triangles that intersect each other (chords that cross where a fold is narrower than the triangles) are
-//! searched with a bounding-volume hierarchy, and the vertices around them are smoothed until there are none, which
+//! Finally, triangles that intersect each other are searched for with a bounding-volume hierarchy. They occur where a
+//! fold is narrower than the triangles. The vertices around them are smoothed until no intersection is left, which
 //! moves these vertices slightly off the surface. Remaining intersections are reported; more subdivisions help, unless
 //! the given surface intersects itself.
 //!
 //! # Cost
 //!
-//! O(vertices log triangles) per sweep; 40,962 vertices take about ten seconds on two cores. Memory is linear.
+//! O(vertices log triangles) per sweep; 40,962 vertices take about ten seconds on two cores. Memory is linear in the
+//! number of vertices.
 
 mod ground;
 mod rings;
@@ -59,12 +59,12 @@ use rings::Rings;
 /// Settings of [`deform`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct DeformParams {
-    /// The icosphere's subdivisions, 0 to 10; `None` (default) for the smallest number, at most 7, that gives at least
-    /// as many vertices as the surface has.
+    /// Number of subdivisions of the icosphere, 0 to 10. `None` (default) chooses the smallest number, at most 7, that
+    /// gives at least as many vertices as the surface has.
     pub subdivisions: Option<u32>,
-    /// Weight of the stretch. Default 0.5.
+    /// Weight of the stretch force. Default 0.5.
     pub stretch: f64,
-    /// Weight of the bending. Default 0.1.
+    /// Weight of the bending force. Default 0.1.
     pub bending: f64,
     /// Sweeps over the vertices at each level. Default 15.
     pub sweeps: usize,
@@ -76,14 +76,14 @@ impl Default for DeformParams {
     }
 }
 
-/// Largest number of subdivisions: 10 million vertices.
+/// Largest number of subdivisions; it gives 10 million vertices.
 const MOST: u32 = 10;
-/// The coarsest level.
+/// Number of subdivisions of the coarsest level.
 const COARSEST: u32 = 3;
-/// The shape (see [`Level::shape`]) below which triangles must not fall or get worse, since springs under pressure
-/// would flatten them.
+/// Smallest shape measure (see [`Level::shape`]) that a move may cause. A triangle that is already worse must not get
+/// worse still. Without this limit, springs under pressure would flatten triangles.
 const SHAPE: f64 = 0.4;
-/// Most rounds of smoothing around intersecting triangles.
+/// Largest number of rounds that smooth the mesh around intersecting triangles.
 const ROUNDS: usize = 30;
 
 /// Number of vertices of a sweep between checks of the monitor.
@@ -125,7 +125,7 @@ pub fn deform(
     let mut sweeps = 0;
     for level in coarsest..=finest {
         if level > coarsest {
-            // An icosphere's vertices are the first ones of the next icosphere, in the same order.
+            // The vertices of an icosphere are the first vertices of the next finer icosphere, in the same order.
             on_sphere = subdivide_sphere(&on_sphere);
             reference = icosphere(level);
             mesh = Level::new(&reference, &on_sphere.vertices, &ground, pieces(finest - level), monitor)?;
@@ -151,7 +151,7 @@ pub fn deform(
     Ok(found)
 }
 
-/// Returns the number of pieces in which to measure an edge that will be split `splits` times.
+/// Returns the number of pieces in which to measure the path of an edge that will be split `splits` times.
 fn pieces(splits: u32) -> u32 {
     2 << splits.min(6)
 }
@@ -159,10 +159,10 @@ fn pieces(splits: u32) -> u32 {
 /// The mesh at one level.
 struct Level {
     positions: Vec<Vec3>,
-    /// Directions of the vertices by the map; all triangles are positively oriented.
+    /// The vertices' positions on the sphere, given by the map; all triangles are positively oriented.
     on_sphere: Vec<Vec3>,
     rings: Rings,
-    /// Rest lengths of the springs, in the order of the rings.
+    /// Rest lengths of the springs, in the order of the neighbours in `rings`.
     rest: Vec<f64>,
     /// Number of pieces in which an edge's path is measured.
     pieces: u32,
@@ -184,8 +184,8 @@ impl Level {
         Ok(Self { positions, on_sphere: on_sphere.to_vec(), rings, rest, pieces })
     }
 
-    /// Moves each vertex once: all forces are computed from the positions before the sweep, then the moves are made in
-    /// order.
+    /// Moves each vertex at most once. All forces are computed from the positions before the sweep; then the moves are
+    /// made in the order of the vertices.
     fn sweep(&mut self, ground: &Ground<'_>, params: &DeformParams, monitor: &dyn Monitor) -> Result<(), Interrupted> {
         let n = self.positions.len();
         let paths: Vec<Vec<Vec3>> = in_chunks(n, monitor, |v| self.paths(v, ground))?;
@@ -218,7 +218,7 @@ impl Level {
         Ok(())
     }
 
-    /// Returns the paths to a vertex's neighbours.
+    /// Returns the path to each neighbour of a vertex, as its length times its initial direction.
     fn paths(&self, v: usize, ground: &Ground<'_>) -> Vec<Vec3> {
         let to = |&w: &u32| {
             let pair = |points: &[Vec3]| [points[v], points[w as usize]];
@@ -227,8 +227,8 @@ impl Level {
         self.rings.of(v).iter().map(to).collect()
     }
 
-    /// Returns the worst shape of the triangles around a vertex: 4 sqrt3 area over the sum of squared edges, 1 for
-    /// equal edges.
+    /// Returns the smallest shape measure of the triangles around a vertex: 4 sqrt(3) area / (sum of squared edge
+    /// lengths), which is 1 for an equilateral triangle.
     fn shape(&self, v: usize) -> f64 {
         let ring = self.rings.of(v);
         let of = |k: usize| {
@@ -260,8 +260,8 @@ fn in_chunks<T: Send>(n: usize, monitor: &dyn Monitor, f: impl Fn(usize) -> T + 
     Ok(values)
 }
 
-/// Smooths around self-intersections until there are none. Returns the number of intersecting pairs of triangles that
-/// remain, and the number of vertices moved.
+/// Smooths the mesh around self-intersections until there are none, or for [`ROUNDS`] rounds. Returns the number of
+/// intersecting pairs of triangles that remain, and the number of vertices moved.
 fn separate(mesh: &mut Mesh, rings: &Rings, monitor: &dyn Monitor) -> Result<(usize, usize), Interrupted> {
     monitor.begin(Stage::counted("self-intersections", "rounds"), 0);
     let mut moved = vec![false; mesh.vertices.len()];

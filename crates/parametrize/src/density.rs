@@ -1,11 +1,11 @@
-//! The energies as functions of q and r (`energy.rs`), with their first and second derivatives.
+//! Evaluates the integrands F(q, r) of the energies (`energy.rs`), with their first and second derivatives.
 
-/// F and its derivatives: F, F_q, F_r, F_qq, F_qr, F_rr.
+/// An integrand F; `at` returns F, F_q, F_r, F_qq, F_qr, F_rr.
 pub(crate) trait Density: Copy {
     fn at(self, q: f64, r: f64) -> [f64; 6];
 }
 
-/// a (r + 1/r) / 2 + b q / r + c (q / r)^3.
+/// F(q, r) = a (r + 1/r) / 2 + b q / r + c (q / r)^3 with a = `area`, b = `shape` and c = `bound`.
 #[derive(Clone, Copy)]
 pub(crate) struct Balanced {
     pub(crate) area: f64,
@@ -17,7 +17,7 @@ impl Density for Balanced {
     #[inline(always)]
     fn at(self, q: f64, r: f64) -> [f64; 6] {
         let s = 1.0 / r;
-        // Derivatives of shape x + bound x^3 with respect to x = q / r.
+        // First and second derivative of shape x + bound x^3 with respect to x = q / r.
         let x = q * s;
         let slope = self.shape + 3.0 * self.bound * x * x;
         let bend = 6.0 * self.bound * x;
@@ -33,7 +33,7 @@ impl Density for Balanced {
     }
 }
 
-/// q / r^2 + `shrink` q.
+/// F(q, r) = q / r^2 + `shrink` q.
 #[derive(Clone, Copy)]
 pub(crate) struct Stretch {
     pub(crate) shrink: f64,

@@ -1,4 +1,4 @@
-//! The part shared by the methods for meshes: from a mesh to a map by a sequence of energies.
+//! Builds a map and minimises a sequence of energies over it; shared by all methods for meshes.
 
 use std::time::Instant;
 
@@ -15,11 +15,11 @@ use crate::newton::Newton;
 use crate::report::Parametrization;
 use crate::star::{Classes, sweep};
 
-/// The stage in which [`Descent::descend`] counts its steps. Their number isn't known in advance.
+/// The monitor's stage for [`Descent::descend`], in Newton steps. Their number isn't known in advance.
 pub(crate) const SMOOTHING: Stage = Stage::counted("smoothing", "steps");
 
-/// If less than this share of the Newton step is taken, single vertices block it, and a sweep over them helps more than
-/// another step.
+/// If less than this share of a Newton step can be taken, single vertices block the step. A sweep over single vertices
+/// then helps more than another Newton step.
 const BLOCKED: f64 = 0.2;
 
 /// A map under optimisation.
@@ -34,7 +34,7 @@ pub(crate) struct Descent {
 }
 
 impl Descent {
-    /// Builds a map from a tetrahedron.
+    /// Builds an initial map from a tetrahedron, coarse to fine.
     pub(crate) fn start(domain: &Domain, growth: Growth, monitor: &dyn Monitor) -> Result<Self, ParametrizeError> {
         let (map, iterations, hierarchy) = embed(&domain.positions, &domain.faces, &domain.areas, growth, monitor)?;
         let newton = Newton::new(map.len(), hierarchy.faces.clone(), hierarchy.shapes.clone(), monitor)?;
@@ -43,8 +43,8 @@ impl Descent {
         Ok(Self { map, iterations, converged: false, hierarchy, newton, classes })
     }
 
-    /// Descends an energy until a step would gain less than `tolerance` of the energy's excess over its least value on
-    /// a smooth surface, or until `steps` steps are done.
+    /// Minimises an energy. Stops when the estimated gain of another step is below `tolerance` times the excess of the
+    /// energy over that of an isometry, or after `steps` steps.
     pub(crate) fn descend(
         &mut self,
         energy: Energy,
@@ -73,7 +73,7 @@ impl Descent {
         Ok(())
     }
 
-    /// Sets the target area of each triangle (sum 4 pi).
+    /// Sets the target area of each triangle; the areas must sum to 4 pi.
     pub(crate) fn set_areas(&mut self, areas: &[f64]) {
         set_areas(&mut self.hierarchy.shapes, areas);
         if let Some(newton) = &mut self.newton {
@@ -90,7 +90,7 @@ impl Descent {
         (domain.faces.iter().zip(&domain.areas).map(log).sum::<f64>() / domain.faces.len() as f64).sqrt()
     }
 
-    /// Returns the map with its report, if the map is one to one.
+    /// Returns the map and its report, or an error if the map isn't one to one.
     pub(crate) fn finish(
         self,
         method: &'static str,

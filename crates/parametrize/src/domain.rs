@@ -1,4 +1,4 @@
-//! The surface in the form that the methods expect: checked, wound outwards, with area 4 pi.
+//! Checks a surface and brings it into the form that the methods expect: wound outwards, with area 4 pi.
 
 use spharm_surface::Mesh;
 use spharm_surface::range::{scaled_meshes, times};
@@ -9,10 +9,11 @@ use crate::flaws::Flaws;
 use crate::geometry::{Vec3, area, scale};
 use crate::handles::shortest_loops;
 
-/// Largest number of handles whose loops are listed in a message.
+/// Largest number of handles for which an error message lists the lengths of the loops.
 const MOST_LOOPS: usize = 5;
 
-/// Largest number of vertices of a mesh for which loops are searched only for a message, which takes a second.
+/// Largest number of vertices of a mesh for which loops are searched for an error message. The search takes a second at
+/// this size.
 const MOST_VERTICES: usize = 50_000;
 
 /// A closed surface of genus zero without defects.
@@ -23,7 +24,7 @@ pub(crate) struct Domain {
     pub(crate) faces: Vec<[u32; 3]>,
     /// Areas of the triangles; they sum to 4 pi.
     pub(crate) areas: Vec<f64>,
-    /// Whether the mesh winds inwards, so that its sphere must be mirrored.
+    /// Whether the given mesh winds inwards. `faces` are then reversed relative to it.
     inward: bool,
 }
 
@@ -40,7 +41,7 @@ impl Domain {
         let corners = |face: &[u32; 3]| face.map(|v| mesh.vertices[v as usize]);
         let total: f64 = mesh.faces.iter().map(|face| area(corners(face))).sum();
         let factor = (4.0 * std::f64::consts::PI / total).sqrt();
-        // Relative to a point of the surface, so that a surface far from the origin doesn't lose digits.
+        // Positions are relative to a vertex of the surface, so that a surface far from the origin loses no digits.
         let [x, y, z] = mesh.vertices[0];
         let positions: Vec<Vec3> =
             mesh.vertices.iter().map(|&[a, b, c]| scale([a - x, b - y, c - z], factor)).collect();
@@ -50,9 +51,9 @@ impl Domain {
         Ok(Self { positions, faces: mesh.faces.iter().map(turned).collect(), areas, inward })
     }
 
-    /// Returns the sphere of a mesh, from the map of its domain.
+    /// Returns the sphere of the given mesh, from the map of this domain: the mesh's triangles over the vectors `unit`.
     ///
-    /// A surface that winds inwards keeps its triangles, and so does its sphere; the map mirrors neither.
+    /// If the mesh winds inwards, so does its sphere: neither is mirrored.
     pub(crate) fn sphere(&self, mesh: &Mesh, unit: Vec<Vec3>) -> Mesh {
         let mut sphere = Mesh::new(unit, mesh.faces.clone());
         sphere.meta.anatomical_structure_primary = mesh.meta.anatomical_structure_primary.clone();
@@ -61,8 +62,7 @@ impl Domain {
     }
 }
 
-/// Rejects meshes that can't be mapped to the sphere one to one, or only by chance. Their coordinates have been divided
-/// by 2^exponent.
+/// Rejects meshes that have handles or defects. The coordinates of `mesh` have been divided by 2^exponent.
 fn check(mesh: &Mesh, exponent: i32) -> Result<(), ParametrizeError> {
     let found = Flaws::of(mesh)?;
     let handles = found.handles();
@@ -78,8 +78,8 @@ fn check(mesh: &Mesh, exponent: i32) -> Result<(), ParametrizeError> {
     Err(ParametrizeError::BadSurface { problems: problems.join("; "), handles, remedy })
 }
 
-/// Describes the number of handles and, if the mesh is small enough to find them quickly, the lengths of the loops
-/// along which it could be cut.
+/// Describes the number of handles. If the mesh is small and has no other defects, includes the lengths of the loops
+/// along which the handles could be cut.
 fn with_lengths(mesh: &Mesh, handles: usize, clean: bool, exponent: i32) -> String {
     let text = match handles {
         1 => "the surface has a handle (genus 1)".to_owned(),

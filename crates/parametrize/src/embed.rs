@@ -1,11 +1,12 @@
-//! Builds, coarse to fine, a map without flips of any closed surface of genus zero (E. Praun and H. Hoppe, SIGGRAPH
-//! 2003).
+//! Builds a map without flipped triangles of any closed surface of genus zero, coarse to fine (E. Praun and H. Hoppe,
+//! SIGGRAPH 2003).
 //!
-//! The [`Hierarchy`] is coarsened to a tetrahedron, which is placed on the sphere as a regular one. Then the vertices
-//! are reinserted, each into the kernel of its ring. The kernel is never empty, since the vertex that it was collapsed
-//! into sees the entire ring. Then the vertex and its neighbours are relaxed. Each time the mesh has doubled, sweeps
-//! and Newton steps optimise the entire map, so that large features get their areas while there are few vertices to
-//! move.
+//! The [`Hierarchy`] is coarsened to a tetrahedron, which is placed on the sphere as a regular tetrahedron. Then the
+//! vertices are reinserted in reverse order, each inside the kernel of the ring of its neighbours: the region from
+//! which the entire ring is visible. The kernel is never empty, since the entire ring is visible from the neighbour
+//! that the vertex was collapsed into. Then the vertex and its neighbours are relaxed. Whenever the number of vertices
+//! has doubled, sweeps and Newton steps optimise the entire map, so that large features get their areas while there are
+//! few vertices to move.
 
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor, Stage};
@@ -17,27 +18,27 @@ use crate::hierarchy::Hierarchy;
 use crate::newton::Newton;
 use crate::star::{Classes, Star, relax_all, sweep};
 
-/// Optimisation settings while the map is built.
+/// Settings of the optimisation that runs while the map is built.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Growth {
     /// The energy to minimise.
     pub(crate) energy: Energy,
-    /// Newton steps at each doubling.
+    /// Largest number of Newton steps each time the number of vertices has doubled.
     pub(crate) steps: usize,
     /// Seed of the sphere's initial rotation.
     pub(crate) seed: u64,
 }
 
-/// Number of vertices from which Newton steps pay off; below, sweeps suffice.
+/// Number of vertices from which Newton steps pay off. On smaller meshes, sweeps suffice.
 const NEWTON_FROM: usize = 100;
 
-/// Number of vertices from which vertices are reinserted in groups.
+/// Number of vertices from which vertices are reinserted in groups, in parallel.
 const GROUPS_FROM: usize = 1000;
 
 /// Number of vertices between checks of the monitor.
 const CHUNK: usize = 64;
 
-/// Maps a closed surface of area 4 pi. Returns the map, the number of Newton steps, and the refined hierarchy.
+/// Maps a closed surface of area 4 pi. Returns the map, the number of Newton steps, and the fully refined hierarchy.
 pub(crate) fn embed(
     positions: &[Vec3],
     faces: &[[u32; 3]],
@@ -76,7 +77,7 @@ pub(crate) fn embed(
     Ok((map, iterations, hierarchy))
 }
 
-/// Reinserts vertices one at a time, and relaxes each and its neighbours at once.
+/// Reinserts vertices one at a time, relaxing each vertex and its neighbours before the next one.
 fn one_by_one(
     hierarchy: &mut Hierarchy,
     map: &mut [Vec3],
@@ -97,8 +98,8 @@ fn one_by_one(
     Ok(())
 }
 
-/// Reinserts groups of vertices that have no triangle in common. Only these vertices are relaxed; the sweeps that
-/// follow move all.
+/// Reinserts groups of vertices that have no triangle in common. Only the reinserted vertices are relaxed; the sweeps
+/// that follow move all vertices.
 fn by_groups(
     hierarchy: &mut Hierarchy,
     map: &mut [Vec3],
@@ -125,7 +126,7 @@ fn by_groups(
     Ok(())
 }
 
-/// Places a vertex in the kernel of its ring.
+/// Places a vertex in the kernel of its ring, then relaxes the vertex and its neighbours.
 fn insert(hierarchy: &Hierarchy, map: &mut [Vec3], v: u32, into: u32, energy: Energy) -> Result<(), ParametrizeError> {
     let ring: Vec<u32> = hierarchy.ring(v).iter().map(|&(w, _)| w).collect();
     let place = Star::of(hierarchy, map, v).place(energy, map[into as usize]);
@@ -139,7 +140,7 @@ fn insert(hierarchy: &Hierarchy, map: &mut [Vec3], v: u32, into: u32, energy: En
     Ok(())
 }
 
-/// Roughly optimises a level of the hierarchy. Returns the number of Newton steps.
+/// Optimises the map of one level of the hierarchy approximately. Returns the number of Newton steps.
 fn settle(
     hierarchy: &Hierarchy,
     map: &mut [Vec3],
@@ -184,8 +185,8 @@ fn settle(
     Ok(taken)
 }
 
-/// Returns a regular tetrahedron, rotated according to the seed: triangle 0 1 2 is counter-clockwise seen from outside,
-/// and 3 lies behind it.
+/// Returns the vertices of a regular tetrahedron, rotated according to the seed. Triangle 0 1 2 is counter-clockwise
+/// seen from outside, and vertex 3 is opposite it.
 fn tetrahedron(seed: u64) -> [Vec3; 4] {
     let corners = [[-1.0, 1.0, -1.0], [1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, -1.0, 1.0]];
     // A unit quaternion from four random numbers; seed 0 gives no rotation.

@@ -1,14 +1,14 @@
-//! The energies that maps minimise.
+//! Defines the energies that maps minimise.
 //!
-//! A triangle of the surface with area A (the areas sum to 4 pi) maps to a spherical triangle of solid angle W. With s1
-//! >= s2 the singular values of the linear map between the flat triangles,
+//! A triangle of the surface with area A (the areas sum to 4 pi) maps to a spherical triangle of solid angle W. Let s1
+//! >= s2 be the singular values of the linear map between the flat triangles,
 //!
 //! ```text
 //! q = (s1^2 + s2^2) / 2 = sum over corners of cot(angle) |opposite edge on the sphere|^2 / (4 A)
 //! r = W / A,                                        about s1 s2 for small triangles
 //! ```
 //!
-//! and each energy is the sum over triangles of A F(q, r), where
+//! Each energy is the sum over triangles of A F(q, r), where
 //!
 //! | energy | F(q, r) | least where |
 //! |---|---|---|
@@ -17,21 +17,22 @@
 //! | [`Energy::CONFORMAL`] | q / r | angles are kept (the MIPS of Hormann and Greiner, 2000) |
 //! | [`Energy::STRETCH`] | q / r^2 + e q | L2 stretch is least (Sander et al. 2001) |
 //!
-//! Each goes to infinity as a triangle loses its area, so that a descent from a map without flips stays free of flips.
-//! Cotangents are scale-free, so a triangle of a coarsened mesh can be assigned more area than its own.
+//! Each energy goes to infinity as a triangle loses its area, so a descent from a map without flipped triangles never
+//! flips one. Cotangents don't depend on scale, so a triangle of a coarsened mesh can be assigned a larger area than
+//! its own.
 
 use crate::density::Density;
 use crate::geometry::{Vec3, add, norm, sub};
 
-/// Smallest slack in the triangle inequality, in mean edge lengths. Thinner triangles are treated as slightly less thin
-/// (N. Sharp and K. Crane, SGP 2020, intrinsic mollification), since otherwise their cotangents would dominate all
-/// others.
+/// Smallest slack in the triangle inequality, relative to the mean edge length. The edges of thinner triangles are
+/// lengthened to reach it (N. Sharp and K. Crane, SGP 2020, intrinsic mollification); otherwise the large cotangents of
+/// such triangles would dominate the energy.
 const SLACK: f64 = 1e-3;
 
-/// A triangle of the surface, reduced to the quantities that the energies need.
+/// The area and the cotangents of a triangle of the surface.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Shape {
-    /// A, the triangle's share of 4 pi.
+    /// A, the triangle's target area on the sphere; the areas of all triangles sum to 4 pi.
     pub(crate) area: f64,
     /// Cotangents of the angles at the corners.
     pub(crate) cotangents: [f64; 3],
@@ -42,7 +43,7 @@ impl Shape {
         Self::of_lengths([norm(sub(b, c)), norm(sub(c, a)), norm(sub(a, b))], area)
     }
 
-    /// Computes the shape from the lengths of the edges, each opposite its corner.
+    /// Computes the cotangents from the lengths of the edges; edge k is opposite corner k.
     pub(crate) fn of_lengths(mut l: [f64; 3], area: f64) -> Self {
         let mean = (l[0] + l[1] + l[2]) / 3.0;
         let slack = l[0] + l[1] + l[2] - 2.0 * l[0].max(l[1]).max(l[2]);
@@ -63,40 +64,40 @@ impl Shape {
     }
 }
 
-/// Smallest area assigned to a triangle, as a share of the mean; smaller triangles would have no effect on the map.
+/// Smallest area assigned to a triangle, relative to the mean. A smaller area would have no effect on the map.
 const LEAST_AREA: f64 = 1e-7;
 
-/// Returns the smallest area assigned to a triangle, for `triangles` triangles.
+/// Returns the smallest area assigned to a triangle of a mesh of `triangles` triangles.
 pub(crate) fn least_area(triangles: usize) -> f64 {
     LEAST_AREA * 4.0 * std::f64::consts::PI / triangles as f64
 }
 
-/// Sets the area of each triangle.
+/// Sets the target area of each triangle.
 pub(crate) fn set_areas(shapes: &mut [Shape], areas: &[f64]) {
     let least = least_area(shapes.len());
     shapes.iter_mut().zip(areas).for_each(|(shape, area)| shape.area = area.max(least));
 }
 
-/// One of the energies.
+/// An energy, by its integrand F(q, r).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Energy {
     /// a (r + 1/r) / 2 + b q / r + c (q / r)^3.
     Balanced {
-        /// a
+        /// The coefficient a.
         area: f64,
-        /// b
+        /// The coefficient b.
         shape: f64,
-        /// c
+        /// The coefficient c.
         bound: f64,
     },
     /// q / r^2 + `shrink` q.
     Stretch {
-        /// Weight of the term that keeps parts of the map from growing without bound when nothing there is stretched.
+        /// Weight of the term that limits the growth of parts of the map in which nothing is stretched.
         shrink: f64,
     },
 }
 
-/// Runs an expression with the density of an energy.
+/// Evaluates an expression with the [`Density`](crate::density::Density) of an energy.
 macro_rules! with_density {
     ($energy:expr, $density:ident => $body:expr) => {
         match $energy {
@@ -125,13 +126,13 @@ impl Energy {
         Self::Balanced { area, shape, bound }
     }
 
-    /// Returns F for an isometry.
+    /// Returns F(1, 1), the value of F for an isometry.
     pub(crate) fn least(self) -> f64 {
         with_density!(self, density => density.at(1.0, 1.0)[0])
     }
 }
 
-/// Moves from p on the sphere along a tangent vector, then projects back onto the sphere.
+/// Returns p + tangent, projected back onto the unit sphere.
 pub(crate) fn retract(p: Vec3, tangent: Vec3) -> Vec3 {
     crate::geometry::unit(add(p, tangent))
 }

@@ -1,4 +1,4 @@
-//! The one error type of this crate.
+//! Defines the error type of this crate.
 
 use std::io;
 use std::path::PathBuf;
@@ -7,7 +7,7 @@ use spharm_surface::SurfaceError;
 
 /// Errors of parameterisation.
 ///
-/// Each message is one line: what was expected, what was found, what to do.
+/// Each message is one line that says what was expected, what was found and, where possible, what to do.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ParametrizeError {
@@ -16,19 +16,19 @@ pub enum ParametrizeError {
     BadSurface {
         /// The problems with their counts, one phrase each, joined by semicolons.
         problems: String,
-        /// Handles of a closed surface, its genus; 0 if it isn't closed.
+        /// Number of handles (the genus) of a closed surface; 0 if the surface isn't closed.
         handles: usize,
-        /// Advice.
+        /// What the user can do about the problems.
         remedy: &'static str,
     },
 
-    /// The map has folds.
+    /// The map isn't one to one: it has folds.
     #[error(
         "the {method} map is not one to one: {flipped} of {triangles} triangles are flipped and {degenerate} have no \
          area; {remedy}"
     )]
     NotBijective {
-        /// The method.
+        /// The method that made the map.
         method: &'static str,
         /// Number of flipped triangles.
         flipped: usize,
@@ -36,28 +36,28 @@ pub enum ParametrizeError {
         degenerate: usize,
         /// Number of all triangles.
         triangles: usize,
-        /// Advice.
+        /// What the user can do about the folds.
         remedy: &'static str,
     },
 
-    /// A vertex can't be inserted: the cells around it on the sphere are smaller than f64 resolves.
+    /// A vertex can't be placed on the sphere: the triangles around it are smaller than f64 resolves.
     #[error(
         "vertex {vertex} (counted from 0) can't be placed on the sphere: the triangles around it are smaller than \
          64-bit numbers resolve; repair the thin triangles there, or remesh the surface"
     )]
     NoPlace {
-        /// The vertex.
+        /// Index of the vertex.
         vertex: usize,
     },
 
-    /// Values that can't be filled in from any others.
+    /// Some vertices without a value aren't connected by edges to any vertex with a value.
     #[error("{vertices} vertices have no value, and some of them aren't connected to a vertex with one")]
     Unfilled {
         /// Number of vertices without a value.
         vertices: usize,
     },
 
-    /// The operating system reported an error.
+    /// The operating system couldn't read a file.
     #[error("{}: cannot read: {cause}", path.display())]
     Io {
         /// The file.
@@ -77,12 +77,12 @@ pub enum ParametrizeError {
         found: String,
     },
 
-    /// A volume whose file doesn't specify the size of its voxels.
+    /// The volume's file doesn't specify the size of its voxels.
     #[error("{}: {format} doesn't say how large its voxels are", path.display())]
     NoVoxelSize {
         /// The file.
         path: PathBuf,
-        /// Its format, with an article.
+        /// The file's format, with an article.
         format: &'static str,
     },
 
@@ -91,11 +91,11 @@ pub enum ParametrizeError {
     VertexMap {
         /// The file.
         path: PathBuf,
-        /// Number of vertices: the one size that isn't 1.
+        /// Number of vertices: the only dimension of the file that isn't 1.
         vertices: usize,
     },
 
-    /// The volume doesn't have the label, or has several and none was chosen.
+    /// The volume doesn't have the chosen label, or it has several labels and none was chosen.
     #[error(
         "{}: {}; the volume's labels: {there}; choose one of them",
         path.display(),
@@ -104,13 +104,13 @@ pub enum ParametrizeError {
     NoLabel {
         /// The file.
         path: PathBuf,
-        /// The label that was chosen.
+        /// The chosen label, if any.
         label: Option<i64>,
         /// The labels of the volume, with their numbers of voxels.
         there: String,
     },
 
-    /// A label whose surface isn't closed and of genus zero.
+    /// The label isn't a single ball of voxels: its surface isn't a single closed surface of genus zero.
     #[error(
         "{}: label {label} is not a single ball of voxels: {problems}; {}",
         path.display(),
@@ -123,9 +123,9 @@ pub enum ParametrizeError {
         label: i64,
         /// The problems with their counts, one phrase each, joined by semicolons.
         problems: String,
-        /// Number of handles among the problems, which can be cut if there are no other problems.
+        /// Number of handles. They can be cut if the label has no other problems.
         handles: usize,
-        /// Whether a repair can make it one ball.
+        /// Whether a repair can turn the label into one ball.
         repairable: bool,
     },
 
@@ -133,11 +133,11 @@ pub enum ParametrizeError {
     #[error(transparent)]
     Surface(SurfaceError),
 
-    /// An error of the fit whose residual the areas adapt to.
+    /// An error of the least-squares fit that adapts the areas.
     #[error(transparent)]
     Solver(#[from] spharm_solver::SolverError),
 
-    /// Rounded to 32-bit numbers, the sphere would have folds.
+    /// The sphere would have folds after rounding to 32-bit numbers.
     #[error("32-bit numbers would flip {flipped} of the sphere's triangles; write a format of 64-bit numbers")]
     SinglePrecision {
         /// Triangles that would be flipped or degenerate.

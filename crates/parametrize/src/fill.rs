@@ -1,26 +1,25 @@
 //! Fills in missing vertex values from the known values around them.
 //!
-//! The continuation is harmonic on the graph of the mesh's edges: each filled value is the mean of its neighbours', so
-//! that it lies between the values at the edge of the gap, and a model over the whole sphere has values to follow
-//! there. (Without values, a least-squares model of high degree isn't determined in a hole and oscillates without
-//! bound.)
+//! The filled values are harmonic on the graph of the mesh's edges: each is the mean of its neighbours' values, and
+//! lies between the smallest and largest known values around the gap. Without them, a least-squares model of high
+//! degree isn't determined inside the gap and can oscillate there without bound.
 
 use spharm_monitor::Monitor;
 
 use crate::ParametrizeError;
 use crate::sparse_cholesky::Symbolic;
 
-/// Marks a known vertex in the list of unknowns' indices.
+/// Marks a vertex with a known value in the list that assigns each vertex its unknown.
 const KNOWN: u32 = u32::MAX;
 
-/// Fills in the values of the vertices that `known`, (n), doesn't mark. `values` are (n, c) row-major; values at these
-/// vertices are never read.
+/// Fills in the values of the vertices for which `known`, (n), is false. `values` are (n, c) row-major; the values at
+/// these vertices are overwritten without being read.
 ///
-/// Cost: a sparse factorisation with m unknowns, one per missing vertex, O(m^1.5) flops.
+/// Cost: O(m^1.5) flops for a sparse factorisation with m unknowns, one per missing vertex.
 ///
 /// # Errors
 ///
-/// [`ParametrizeError::Unfilled`] if an unknown vertex isn't connected by edges to a known one;
+/// [`ParametrizeError::Unfilled`] if a vertex without a value isn't connected by edges to a vertex with a value;
 /// [`ParametrizeError::Interrupted`].
 ///
 /// # Panics
@@ -68,7 +67,7 @@ pub fn fill_in(
     Ok(())
 }
 
-/// Returns the neighbours of each unknown vertex, without duplicates.
+/// Returns the neighbours of each vertex without a value, without duplicates.
 fn neighbours(places: &[u32], unknown: usize, faces: &[[u32; 3]]) -> Vec<Vec<u32>> {
     let mut neighbours: Vec<Vec<u32>> = vec![Vec::new(); unknown];
     for face in faces {
@@ -80,7 +79,7 @@ fn neighbours(places: &[u32], unknown: usize, faces: &[[u32; 3]]) -> Vec<Vec<u32
         }
     }
     for (row, around) in neighbours.iter_mut().enumerate() {
-        // A triangle that uses a vertex twice makes it its own neighbour.
+        // A triangle that uses a vertex twice makes the vertex its own neighbour, which is removed here.
         around.retain(|&v| places[v as usize] != row as u32);
         around.sort_unstable();
         around.dedup();
@@ -88,7 +87,7 @@ fn neighbours(places: &[u32], unknown: usize, faces: &[[u32; 3]]) -> Vec<Vec<u32
     neighbours
 }
 
-/// Whether every unknown vertex is connected to a known one.
+/// Whether every vertex without a value is connected to one with a value.
 fn reaches_all(neighbours: &[Vec<u32>], places: &[u32]) -> bool {
     let is_edge = |around: &Vec<u32>| around.iter().any(|&v| places[v as usize] == KNOWN);
     let mut reached: Vec<bool> = neighbours.iter().map(is_edge).collect();
@@ -115,10 +114,10 @@ mod tests {
     fn filled_values_are_their_neighbours_mean_and_known_ones_stay() {
         let sphere = icosphere(3);
         let known: Vec<bool> = sphere.vertices.iter().map(|p| p[2] < 0.6 && p[0] < 0.95).collect();
-        // What is unknown is never read.
+        // Unknown values are NaN, which would spread if they were read.
         let value = |(p, known): (&[f64; 3], &bool)| if *known { [p[0], 4.0] } else { [f64::NAN, f64::NAN] };
         let mut values = sphere.vertices.iter().zip(&known).map(value).collect::<Vec<_>>().into_flattened();
-        // A triangle with a corner twice changes nothing.
+        // A triangle that uses a vertex twice must not change the result.
         let mut faces = sphere.faces.clone();
         let of_unknown = faces.iter().find(|face| !known[face[0] as usize]).unwrap();
         faces.push([of_unknown[0], of_unknown[0], of_unknown[1]]);

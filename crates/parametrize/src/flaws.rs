@@ -1,4 +1,4 @@
-//! Reasons, other than handles, why a mesh can't be mapped to the sphere.
+//! Finds the reasons, other than handles, why a mesh can't be mapped to the sphere.
 
 use spharm_surface::Mesh;
 use spharm_surface::topology::Topology;
@@ -8,15 +8,15 @@ use crate::geometry::{Vec3, area, norm, sub};
 
 /// Defects of a mesh.
 pub(crate) struct Flaws {
-    /// Descriptions of the problems as phrases, without handles.
+    /// Descriptions of the problems as phrases; handles aren't among them.
     pub(crate) problems: Vec<String>,
-    /// Advice on them.
+    /// What the user can do about the problems.
     pub(crate) remedy: &'static str,
     genus: Option<i64>,
 }
 
 impl Flaws {
-    /// Checks the triangles and their topology.
+    /// Checks a mesh's coordinates, indices, topology and areas.
     ///
     /// # Errors
     ///
@@ -40,8 +40,8 @@ impl Flaws {
         let mut problems = without_handles.problems();
         let flat = mesh.faces.iter().filter(|face| !has_area(face.map(|v| mesh.vertices[v as usize]))).count();
         let flat = flat.saturating_sub(topology.degenerate_faces);
-        // Two sheets may touch in a vertex, as at the seam of a surface that was cut. This is a defect only if a
-        // triangle is flat because of it. On open meshes the topology reports such vertices itself.
+        // Two sheets may touch at a vertex, as along the seam of a surface that was cut. Such duplicates are a defect
+        // only if they make a triangle flat. On open meshes, `Topology` reports duplicate vertices itself.
         if flat > 0 && topology.duplicate_vertices > 0 && topology.boundary_edges == 0 {
             problems.push(counted(topology.duplicate_vertices, "vertex lies", "vertices lie", "exactly on others"));
         }
@@ -62,14 +62,14 @@ impl Flaws {
     }
 }
 
-/// Returns "1 vertex has" or "2 vertices have", followed by `rest`.
+/// Returns `count` followed by `one` or `many`, such as "1 vertex has" or "2 vertices have", and by `rest`.
 fn counted(count: usize, one: &str, many: &str, rest: &str) -> String {
     format!("{count} {} {rest}", if count == 1 { one } else { many })
 }
 
-/// Whether a triangle has an area that f64 distinguishes from 0.
+/// Whether a triangle's area is distinguishable from 0 in f64.
 fn has_area(corners: [Vec3; 3]) -> bool {
     let longest = (0..3).map(|i| norm(sub(corners[i], corners[(i + 1) % 3]))).fold(0.0, f64::max);
-    // Relative to the triangle's own size: a tiny triangle is no defect, three points in a line are.
+    // Measured relative to the triangle's own size: a tiny triangle is valid, three points on a line are not.
     area(corners) > 1e-12 * longest * longest
 }

@@ -1,4 +1,4 @@
-//! The three-vector operations needed here, and areas.
+//! Three-vector operations used in this crate, and areas of triangles.
 
 pub(crate) use spharm_surface::geometry::{Vec3, add, cross, dot, orientation, scale, solid_angle, sub};
 
@@ -6,12 +6,12 @@ pub(crate) fn norm(a: Vec3) -> f64 {
     dot(a, a).sqrt()
 }
 
-/// a / |a|.
+/// Returns a / |a|.
 pub(crate) fn unit(a: Vec3) -> Vec3 {
     scale(a, 1.0 / norm(a))
 }
 
-/// Area of a flat triangle.
+/// Returns the area of a flat triangle.
 pub(crate) fn area([a, b, c]: [Vec3; 3]) -> f64 {
     0.5 * norm(cross(sub(b, a), sub(c, a)))
 }

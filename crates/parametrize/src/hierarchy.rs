@@ -1,18 +1,20 @@
-//! The progressive mesh (H. Hoppe, SIGGRAPH 1996): half-edge collapses from the surface down to a tetrahedron, which
-//! can be undone one at a time.
+//! Coarsens a mesh to a tetrahedron by half-edge collapses, which can be undone one at a time: the progressive mesh (H.
+//! Hoppe, SIGGRAPH 1996).
 //!
-//! A collapse v -> u removes vertex v: the two triangles on edge vu vanish, and the others around v get u in its place.
-//! It is allowed if u and v have exactly two common neighbours, which keeps the mesh a sphere. A triangulated sphere of
-//! more than four vertices always has such an edge (E. Steinitz), so the tetrahedron is always reached.
+//! A collapse v -> u removes vertex v: the two triangles on edge vu vanish, and the other triangles around v get u in
+//! place of v. It is allowed if u and v have exactly two common neighbours, because the mesh then remains a sphere. A
+//! triangulated sphere of more than four vertices always has such an edge (E. Steinitz), so the tetrahedron is always
+//! reached.
 //!
-//! The order is chosen for well-shaped coarse meshes, not for their similarity to the surface: the next vertex is the
-//! one whose removal leaves the smallest and roundest triangles at vertices of low valence. The area around a collapsed
+//! The order of collapses aims at well-shaped coarse meshes, not at similarity to the surface. The next vertex is the
+//! one whose removal leaves the smallest and roundest triangles at vertices of low valence. The area around a removed
 //! vertex is distributed over the triangles that replace it, so each coarse mesh carries the entire surface's area in
-//! the right places: a map that equalises areas reserves the area of an arm before the arm exists.
+//! the right places. A map that equalises areas therefore reserves the area of an arm before the arm's vertices are
+//! inserted.
 //!
-//! O(n log n): a heap of vertices by cost, which is recomputed when a vertex reaches the top. Vertices of many
-//! triangles stay until they have fewer, since computing the cost takes time quadratic in their number; there is always
-//! a vertex of five or fewer triangles that can be removed.
+//! Cost: O(n log n). A heap orders the vertices by cost, and a cost is recomputed when its vertex reaches the top.
+//! Computing the cost takes time quadratic in the vertex's number of triangles, so vertices of many triangles aren't
+//! removed until they have fewer. There is always a vertex with at most five triangles that can be removed.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -30,15 +32,15 @@ const CHUNK: u64 = 256;
 /// A triangulated sphere that can be coarsened and refined. Vertices and triangles keep their indices.
 pub(crate) struct Hierarchy {
     positions: Vec<Vec3>,
-    /// Corners of each triangle; meaningless if the triangle is removed.
+    /// Corners of each triangle; meaningless for a removed triangle.
     pub(crate) faces: Vec<[u32; 3]>,
-    /// Area and cotangents of each triangle.
+    /// Target area and cotangents of each triangle.
     pub(crate) shapes: Vec<Shape>,
-    /// The triangles around each vertex, in no particular order (but always the same); empty if the vertex is removed.
+    /// The triangles around each vertex, in an arbitrary but reproducible order; empty for a removed vertex.
     pub(crate) around: Vec<Vec<u32>>,
     hubs: Hubs,
     collapses: Vec<Collapse>,
-    /// Current number of vertices.
+    /// Number of vertices that aren't removed.
     pub(crate) present: usize,
 }
 
@@ -46,11 +48,11 @@ pub(crate) struct Hierarchy {
 pub(crate) struct Collapse {
     vertex: u32,
     into: u32,
-    /// The triangles around the vertex before the collapse, the two that vanish first.
+    /// The triangles around the vertex before the collapse, with corners and shape; the two that vanish come first.
     faces: Vec<(u32, [u32; 3], Shape)>,
 }
 
-/// Finite costs in ascending order; ties are ordered by vertex.
+/// A vertex's cost and index. Ordered by cost, which is finite, then by index.
 #[derive(PartialEq)]
 struct Entry(f64, u32);
 
@@ -69,7 +71,8 @@ impl Ord for Entry {
 }
 
 impl Hierarchy {
-    /// Creates the finest level: the surface itself, with each triangle's target area on the sphere, 4 pi in total.
+    /// Creates the finest level: the surface itself. `areas` are the triangles' target areas on the sphere, 4 pi in
+    /// total.
     pub(crate) fn new(positions: &[Vec3], faces: &[[u32; 3]], areas: &[f64]) -> Self {
         let least = least_area(faces.len());
         let shape = |(face, &area): (&[u32; 3], &f64)| Shape::new(face.map(|v| positions[v as usize]), area.max(least));
@@ -88,11 +91,10 @@ impl Hierarchy {
         }
     }
 
-    /// Returns the neighbours of a vertex in cyclic order, counter-clockwise, each with the triangle between it and the
-    /// next.
+    /// Returns the neighbours of a vertex counter-clockwise, each with the triangle between it and the next neighbour.
     pub(crate) fn ring(&self, v: u32) -> Vec<(u32, u32)> {
         let around = &self.around[v as usize];
-        // (from, to, triangle) for the triangle (v, from, to).
+        // (from, to, f) for each triangle f = (v, from, to).
         let spokes: Vec<(u32, u32, u32)> = around
             .iter()
             .map(|&f| {
@@ -129,8 +131,8 @@ impl Hierarchy {
         self.hubs.is_neighbour(v, w).unwrap_or_else(look)
     }
 
-    /// Collapses vertices down to a tetrahedron, one step of the monitor each. Returns its four vertices, as a triangle
-    /// and the apex behind it.
+    /// Collapses vertices until a tetrahedron is left, reporting each as a step to the monitor. Returns the
+    /// tetrahedron's vertices: those of one triangle, then the one opposite it.
     pub(crate) fn coarsen(&mut self, monitor: &dyn Monitor) -> Result<[u32; 4], Interrupted> {
         let entry = |v: u32| self.best(v).map(|(cost, _)| Reverse(Entry(cost, v)));
         let all: Vec<_> = (0..self.positions.len() as u32).into_par_iter().filter_map(entry).collect();
@@ -140,7 +142,7 @@ impl Hierarchy {
         let mut unreported = 0;
         while self.present > 4 {
             let Some(Reverse(Entry(queued, v))) = heap.pop() else { break };
-            // Costs grow as neighbours are removed, so they are recomputed only here.
+            // Costs grow as neighbours are removed, so it suffices to recompute the cost of the vertex at the top.
             let Some((cost, u)) = self.best(v) else {
                 is_queued[v as usize] = false;
                 continue;
@@ -157,7 +159,7 @@ impl Hierarchy {
                 monitor.step(CHUNK);
                 unreported = 0;
             }
-            // Vertices that couldn't be removed before may be removable now.
+            // The removal can make it possible to remove neighbours that couldn't be removed before.
             for w in ring {
                 if is_queued[w as usize] {
                     continue;
@@ -179,7 +181,8 @@ impl Hierarchy {
         [face[0], face[1], face[2], apex]
     }
 
-    /// Returns the best neighbour to collapse a vertex into, with the cost.
+    /// Returns the cost of removing a vertex, and the neighbour to collapse it into. `None` if it can't be removed, or
+    /// has more than [`HUB`] triangles.
     fn best(&self, v: u32) -> Option<(f64, u32)> {
         if self.around[v as usize].len() > HUB {
             return None;
@@ -190,7 +193,7 @@ impl Hierarchy {
         let mut best: Option<(f64, u32)> = None;
         for i in 0..k {
             let u = ring[i].0;
-            // Common neighbours other than the two beside u on the ring.
+            // Rejects u if it shares with v another neighbour than the two beside u on the ring.
             let beside = [ring[(i + 1) % k].0, ring[(i + k - 1) % k].0];
             if ring.iter().any(|&(w, _)| w != u && !beside.contains(&w) && self.is_neighbour(u, w)) {
                 continue;
@@ -223,8 +226,8 @@ impl Hierarchy {
             || faces[2..].iter().map(|&(f, corners, _)| (f, corners.map(|w| if w == vertex { into } else { w })));
         let flat = |corners: [u32; 3]| corners.map(|w| self.positions[w as usize]);
         let sum: f64 = kept().map(|(_, corners)| area(flat(corners))).sum();
-        // A small share for each, since otherwise a triangle that happens to be thin in space would get no area on the
-        // sphere.
+        // A tenth of the area is distributed evenly. Otherwise a triangle that happens to be thin in space would get no
+        // area on the sphere.
         let even = 0.1 / (faces.len() - 2) as f64;
         let new: Vec<_> = kept()
             .map(|(f, corners)| {
@@ -242,7 +245,7 @@ impl Hierarchy {
         self.present -= 1;
     }
 
-    /// Reinserts the vertex removed last, and returns it and the vertex that it was collapsed into.
+    /// Reinserts the vertex that was removed last. Returns it and the vertex that it was collapsed into.
     pub(crate) fn refine(&mut self) -> Option<(u32, u32)> {
         let collapse = self.collapses.pop()?;
         Some(self.undo(collapse))
@@ -266,12 +269,12 @@ impl Hierarchy {
         (vertex, into)
     }
 
-    /// Removes the last `count` collapses from the list and returns them in groups, to be undone one after another by
+    /// Removes the last `count` collapses from the list and returns them in groups, to be undone group by group with
     /// [`refine_group`](Self::refine_group). The collapses in a group have no triangle in common, so their vertices
     /// aren't neighbours.
     pub(crate) fn groups(&mut self, count: usize) -> Vec<Vec<Collapse>> {
         let last = self.collapses.split_off(self.collapses.len() - count.min(self.collapses.len()));
-        // For each triangle, the first group that may modify it.
+        // For each triangle, the first group in which a collapse may modify it.
         let mut free = vec![0_u32; self.faces.len()];
         let mut groups: Vec<Vec<Collapse>> = Vec::new();
         for collapse in last.into_iter().rev() {
@@ -286,7 +289,7 @@ impl Hierarchy {
         groups
     }
 
-    /// Reinserts the vertices of a group, and returns each with the vertex that it was collapsed into.
+    /// Reinserts the vertices of a group. Returns each with the vertex that it was collapsed into.
     pub(crate) fn refine_group(&mut self, group: Vec<Collapse>) -> Vec<(u32, u32)> {
         group.into_iter().map(|collapse| self.undo(collapse)).collect()
     }

@@ -1,18 +1,18 @@
-//! Operations on vertices of many triangles, in time that doesn't grow with the number of triangles.
+//! Indexes the triangle lists of vertices with many triangles, so that operations on them take constant time.
 //!
 //! The list of the triangles around a vertex is usually short, and is searched linearly. But the pole of a fan, of a
-//! sphere by latitude and longitude or of a turned part has as many triangles as there are meridians, and each of them
-//! is removed and reinserted. The lists of such vertices are indexed, so that each operation takes constant time.
+//! sphere of meridians and parallels, or of a surface of revolution has as many triangles as there are meridians, and
+//! all of them are removed and reinserted. Without an index this would take quadratic time.
 
 use std::collections::HashMap;
 
-/// Vertices with more triangles than this are hubs.
+/// A vertex with more triangles than this gets an index: it becomes a hub.
 pub(crate) const HUB: usize = 64;
 
-/// Hubs remain hubs down to this number of triangles.
+/// A hub keeps its index until it has at most this number of triangles.
 const KEPT: usize = HUB / 2;
 
-/// Counts the entries of lists searched, for tests.
+/// Counts the list entries searched; for tests.
 #[cfg(test)]
 pub(crate) fn looked_at(entries: usize) {
     tests::LOOKED_AT.with(|count| count.set(count.get() + entries));
@@ -22,16 +22,16 @@ pub(crate) fn looked_at(entries: usize) {
 #[cfg(not(test))]
 pub(crate) fn looked_at(_: usize) {}
 
-/// An index for each hub.
+/// The indices of all hubs.
 #[derive(Default)]
 pub(crate) struct Hubs(HashMap<u32, Hub>);
 
-/// The index of a hub's list.
+/// The index of a hub's list of triangles.
 #[derive(Default)]
 struct Hub {
     /// Position of each triangle in the list.
     places: HashMap<u32, usize>,
-    /// Number of triangles shared with each neighbour.
+    /// For each neighbour, the number of triangles that it shares with the hub.
     neighbours: HashMap<u32, u32>,
 }
 
@@ -60,13 +60,13 @@ impl Hub {
 }
 
 impl Hubs {
-    /// Indexes the long lists.
+    /// Builds indices for the lists of more than [`HUB`] triangles.
     pub(crate) fn new(around: &[Vec<u32>], faces: &[[u32; 3]]) -> Self {
         let long = around.iter().zip(0..).filter(|(list, _)| list.len() > HUB);
         Self(long.map(|(list, v)| (v, Hub::new(v, list, faces))).collect())
     }
 
-    /// Adds a triangle to a vertex's list. `faces` contains its corners, and those of all others in the list.
+    /// Adds triangle f to a vertex's list. `faces` has the corners of f and of all triangles in the list.
     pub(crate) fn push(&mut self, vertex: u32, list: &mut Vec<u32>, f: u32, faces: &[[u32; 3]]) {
         list.push(f);
         if let Some(hub) = self.0.get_mut(&vertex) {
@@ -77,7 +77,8 @@ impl Hubs {
         }
     }
 
-    /// Removes a triangle with these corners from a vertex's list. The order of a short list is kept.
+    /// Removes triangle f, which has these corners, from a vertex's list. The order of a list without index is
+    /// preserved.
     pub(crate) fn remove(&mut self, vertex: u32, list: &mut Vec<u32>, f: u32, corners: [u32; 3]) {
         let Some(hub) = self.0.get_mut(&vertex) else {
             looked_at(list.len());
@@ -95,7 +96,7 @@ impl Hubs {
         }
     }
 
-    /// Records that a corner of a vertex's triangle was replaced by another.
+    /// Records that in a triangle of `vertex`, corner `from` was replaced by `to`.
     pub(crate) fn rename(&mut self, vertex: u32, from: u32, to: u32) {
         if let Some(hub) = self.0.get_mut(&vertex) {
             hub.leaves(from);
@@ -124,7 +125,7 @@ pub(crate) mod tests {
         pub(crate) static LOOKED_AT: Cell<usize> = const { Cell::new(0) };
     }
 
-    /// A fan of triangles around vertex 0.
+    /// Returns a fan of triangles around vertex 0: the list of that vertex, and the triangles.
     fn fan(count: u32) -> (Vec<u32>, Vec<[u32; 3]>) {
         ((0..count).collect(), (0..count).map(|k| [0, 1 + k, 1 + (k + 1) % count]).collect())
     }

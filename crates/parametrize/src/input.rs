@@ -1,4 +1,4 @@
-//! Surfaces from files, and samplings of the sphere to resample them on.
+//! Reads surfaces from files, and samplings of the sphere to resample them on.
 
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -14,20 +14,20 @@ use crate::handles::{CutSurface, HandlesReport, cut_handles};
 use crate::method::Source;
 use crate::volume::{Repair, VolumeSurface};
 
-/// A surface from a file.
+/// A surface from a file, after the changes made to it.
 #[derive(Clone, Debug)]
 pub enum Input {
     /// A mesh.
     Mesh(Mesh),
-    /// A mesh that was repaired, and so differs from the file's.
+    /// A repaired mesh, with the changes made.
     Fixed(Mesh, MeshRepair),
-    /// A mesh, or the surface around a label, whose handles were cut; and its kind before the cut.
+    /// A surface whose handles were cut, and the kind of the given surface.
     Cut(CutSurface, Given),
     /// The surface around a label of a volume.
     Label(VolumeSurface),
 }
 
-/// The kind of a surface before its handles were cut.
+/// The kind of a surface whose handles were cut.
 #[derive(Clone, Debug)]
 pub enum Given {
     /// A mesh.
@@ -49,7 +49,7 @@ impl<'a> From<&'a Input> for Source<'a> {
 }
 
 impl Input {
-    /// Cuts the handles of a mesh, or of the surface around a label (as triangles), if it has any.
+    /// Cuts the handles of the surface, if it has any. The surface around a label is cut as triangles.
     ///
     /// # Errors
     ///
@@ -76,7 +76,8 @@ impl Input {
         })
     }
 
-    /// Repairs a mesh, see [`repair`](spharm_surface::repair), if necessary. A label's surface is returned unchanged.
+    /// Repairs a mesh if necessary, see [`repair`](spharm_surface::repair). The surface around a label is returned
+    /// unchanged.
     #[must_use]
     pub fn mended(self) -> Self {
         let Self::Mesh(mesh) = &self else { return self };
@@ -84,13 +85,13 @@ impl Input {
         if found.is_any() { Self::Fixed(mended, found) } else { self }
     }
 
-    /// Returns the repair of a mesh, if any.
+    /// Returns the changes that the repair of a mesh made, if any.
     #[must_use]
     pub fn mesh_repair(&self) -> Option<&MeshRepair> {
         if let Self::Fixed(_, repair) | Self::Cut(_, Given::Fixed(repair)) = self { Some(repair) } else { None }
     }
 
-    /// Returns the label's surface, whether or not its handles were cut.
+    /// Returns the surface around a label, before any cuts; `None` for a mesh.
     #[must_use]
     pub fn label(&self) -> Option<&VolumeSurface> {
         match self {
@@ -100,7 +101,7 @@ impl Input {
         }
     }
 
-    /// Returns the surface as a mesh; none of a label whose handles weren't cut.
+    /// Returns the surface as a mesh; `None` for the surface around a label whose handles weren't cut.
     #[must_use]
     pub fn mesh(&self) -> Option<&Mesh> {
         match self {
@@ -116,8 +117,8 @@ impl Input {
         if let Self::Cut(cut, _) = self { Some(cut) } else { None }
     }
 
-    /// Returns descriptions of the changes to the given surface, for warnings: repairs and cuts, and, if handles were
-    /// `to_be_cut`, that a repair has removed them all.
+    /// Returns descriptions, for warnings, of the changes to the given surface: repairs and cuts. If handles were
+    /// `to_be_cut` but a repair has removed them all, this is included.
     #[must_use]
     pub fn changes(&self, to_be_cut: bool) -> Vec<String> {
         let repair = self.label().and_then(|label| label.repair.as_ref());
@@ -133,13 +134,13 @@ impl Input {
     }
 }
 
-/// A sampling of the sphere for [`resample`](crate::resample()). Parsed from `icosphere:N`, or from the path of a
-/// sphere.
+/// A sampling of the sphere for [`resample`](crate::resample()). It is parsed from `icosphere:N`, or from the path of a
+/// sphere's file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Sampling {
     /// An icosphere with this number of subdivisions, 0 to 10.
     Icosphere(u32),
-    /// A mesh from a file.
+    /// The vertices of a sphere in a file.
     File(PathBuf),
 }
 
@@ -156,14 +157,14 @@ impl FromStr for Sampling {
 }
 
 impl Sampling {
-    /// Bytes per vertex of the sampling that resampling a surface needs.
+    /// Bytes needed to resample a surface, per vertex of the sampling.
     pub const BYTES_PER_VERTEX: u64 = 700;
 
-    /// Returns an estimate of the bytes needed to resample a surface on this sampling: 700 per vertex of the sampling,
-    /// for the sphere, its tree and the resampled meshes. The number of vertices in a file is estimated from its size.
+    /// Returns an estimate of the bytes needed to resample a surface on this sampling, which includes the sphere, its
+    /// search tree and the resampled meshes. For a file, the number of vertices is estimated from the file's size.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        /// A sphere's file has at least 12 bytes per vertex and 24 for its triangles.
+        /// Least bytes per vertex in a sphere's file: 12 for the vertex and 24 for its triangles.
         const FILE: u64 = 36;
         match self {
             Self::Icosphere(subdivisions) => Self::BYTES_PER_VERTEX * icosphere_counts(*subdivisions)[0],

@@ -1,9 +1,9 @@
 //! Maps closed surfaces to the sphere, one to one.
 //!
-//! A SPHARM model is only as good as the map from the surface to the sphere that it is fitted over: where that map
-//! compresses a part of the surface, few samples fall on it and high degrees are wasted there. This crate computes such
-//! maps. With every method, the result is either one to one, as verified by an exact predicate on each spherical
-//! triangle, or an error.
+//! A SPHARM model can only be as good as the map from the surface to the sphere that it is fitted over. If the map
+//! compresses a part of the surface, few samples lie on that part, and high degrees are wasted elsewhere. This crate
+//! computes such maps. The result of every method is either a one-to-one map, as verified by an exact predicate on each
+//! spherical triangle, or an error.
 //!
 //! # Example
 //!
@@ -21,37 +21,38 @@
 //!
 //! # Conventions
 //!
-//! - A sphere has its surface's vertices, in their order, and its triangles; vertices lie on the unit sphere to
+//! - A sphere has the vertices and triangles of its surface, in the same order; its vertices lie on the unit sphere to
 //!   rounding.
-//! - Triangles that wind outwards on the surface also do on the sphere.
-//! - Areas are compared after the surface is scaled to the area of the sphere, 4 pi.
+//! - Triangles that wind outwards on the surface also wind outwards on the sphere.
+//! - For comparisons of areas, the surface is scaled to the area of the sphere, 4 pi.
 //! - The same input and seed give the same bits, for any number of threads.
-//! - Functions that may take longer than a second take a [`Monitor`](spharm_monitor::Monitor) for progress and
-//!   cancellation, as their last parameter.
+//! - Functions that may take longer than a second have a [`Monitor`](spharm_monitor::Monitor) as their last parameter,
+//!   for progress and cancellation.
 //!
 //! # Method
 //!
-//! All methods for meshes begin in the same way: the surface is collapsed to a tetrahedron, which is placed on the
-//! sphere, and the vertices are reinserted inside their kernels (`hierarchy.rs`, `embed.rs`, `star.rs`). From there a
-//! method descends its energy (`energy.rs`) by Newton steps over the whole mesh (`newton.rs`) and by sweeps over single
-//! vertices, and takes no step that flips a triangle. So there are never folds to repair, and the result is verified
-//! independently. Derivatives are in closed form (`local.rs`), and linear systems are solved by conjugate gradients
-//! over two grids (`pcg.rs`, `coarse.rs`), so time and memory are linear in the number of vertices.
+//! All methods for meshes begin in the same way. The surface is coarsened to a tetrahedron, which is placed on the
+//! sphere. Then the vertices are reinserted, each where it flips no triangle (`hierarchy.rs`, `embed.rs`, `star.rs`).
+//! From there, a method minimises its energy (`energy.rs`) by Newton steps over the whole mesh (`newton.rs`) and by
+//! sweeps over single vertices, and takes no step that flips a triangle. The map therefore never has folds; the result
+//! is verified independently. Derivatives are in closed form (`local.rs`). Linear systems are solved by conjugate
+//! gradients with a two-grid preconditioner (`pcg.rs`, `coarse.rs`), so time and memory are linear in the number of
+//! vertices.
 //!
 //! # Modules and methods
 //!
 //! | item | |
 //! |---|---|
-//! | [`parametrize()`], [`auto()`] | the default: `cald`, falling back to `stretch` |
-//! | [`cald()`] | equal areas with little length distortion (Shen and Makedon 2006), residual-adaptive |
+//! | [`parametrize()`], [`auto()`] | the default method: `cald`, or `stretch` if `cald` fails |
+//! | [`cald()`] | equal areas with little length distortion (Shen and Makedon 2006), adapted to the residual of a fit |
 //! | [`conformal()`] | least angle distortion |
 //! | [`stretch()`] | least stretch (Praun and Hoppe 2003) |
 //! | [`deform()`] | an icosphere deformed onto the surface, coarse to fine |
 //! | [`equal_area()`] | equal areas for the surface of a voxel object (Brechbuehler et al. 1995) |
-//! | [`resample()`] | a surface on another sampling of its sphere |
+//! | [`resample()`] | resamples a surface on another sampling of its sphere |
 //! | [`handles`] | cuts and fills surfaces with handles, so that they have genus zero |
-//! | [`Method`] | the methods as values |
-//! | [`fill_in()`] | fills in missing values from those around them |
+//! | [`Method`] | a method with its settings, as a value |
+//! | [`fill_in()`] | fills in missing values from the values around them |
 //! | [`Input`] | a mesh or a label's surface from a file |
 //! | [`volume`] | label volumes: the closed surface around a label, repaired on request |
 //! | [`quality`] | whether a map is one to one, and its distortion of areas, angles and lengths |

@@ -1,4 +1,4 @@
-//! The target surface of the deformation, and its map.
+//! The surface onto which the icosphere is deformed, and the map of that surface.
 
 use spharm_monitor::Monitor;
 use spharm_surface::Mesh;
@@ -9,24 +9,25 @@ use crate::error::ParametrizeError;
 use crate::geometry::{Vec3, add, area, norm, scale, sub, unit};
 use crate::resample::{self, CHUNK, locator, unit_vectors};
 
-/// The given surface and its map.
+/// The given surface and its map to the sphere.
 pub(super) struct Ground<'a> {
     tree: TriangleTree,
     surface: &'a Mesh,
-    /// Directions of its vertices.
+    /// The map: a unit vector for each vertex of the surface.
     sphere: Vec<Vec3>,
     locator: SphereLocator,
-    /// Mean length on the surface of one radian on the sphere.
+    /// Square root of the ratio of the surface's area to that of the unit sphere: mean length on the surface of one
+    /// radian.
     pub(super) scale: f64,
 }
 
 impl<'a> Ground<'a> {
-    /// Prepares the search structures.
+    /// Builds the search structures for a surface and its sphere.
     ///
     /// # Errors
     ///
-    /// [`ParametrizeError::NotBijective`] for a sphere with folds, [`ParametrizeError::Argument`] for one with a vertex
-    /// at the origin.
+    /// [`ParametrizeError::NotBijective`] for a sphere with folds, [`ParametrizeError::Argument`] for a sphere with a
+    /// vertex at the origin.
     pub(super) fn new(surface: &'a Mesh, sphere: &Mesh) -> Result<Self, ParametrizeError> {
         let total: f64 = surface.faces.iter().map(|face| area(face.map(|v| surface.vertices[v as usize]))).sum();
         Ok(Self {
@@ -38,7 +39,7 @@ impl<'a> Ground<'a> {
         })
     }
 
-    /// Returns the surface's points in many directions.
+    /// Returns the points of the surface that the map sends to the given directions.
     pub(super) fn points(&self, directions: &[Vec3], monitor: &dyn Monitor) -> Result<Vec<Vec3>, ParametrizeError> {
         let mut points = Vec::with_capacity(directions.len());
         for chunk in directions.chunks(CHUNK) {
@@ -48,15 +49,16 @@ impl<'a> Ground<'a> {
         Ok(points)
     }
 
-    /// Returns the surface's point in a direction.
+    /// Returns the point of the surface that the map sends to a direction; `None` if no triangle contains the
+    /// direction.
     fn point(&self, direction: Vec3) -> Option<Vec3> {
         let place = self.locator.locate(direction)?;
         let corners = self.locator.corners(&place).into_iter().zip(place.barycentric);
         Some(corners.fold([0.0; 3], |at, (v, w)| add(at, scale(self.surface.vertices[v as usize], w))))
     }
 
-    /// Returns the image of the arc between two directions as a path of `pieces` pieces: its length times its initial
-    /// direction. `from` and `to` are the ends' positions.
+    /// Measures the path on the surface whose image is the arc between two directions, in `pieces` pieces. Returns the
+    /// path's length times its initial direction. `from` and `to` are the positions of its ends.
     pub(super) fn path(&self, ends: [Vec3; 2], [from, to]: [Vec3; 2], pieces: u32) -> Vec3 {
         let (mut last, mut length, mut first) = (from, 0.0, None);
         for k in 1..=pieces {
@@ -74,7 +76,7 @@ impl<'a> Ground<'a> {
         scale(first.unwrap_or([0.0; 3]), length)
     }
 
-    /// Returns the surface's point nearest to a point, and the image of that point on the sphere.
+    /// Returns the surface's nearest point to `point`, and the direction to which the map sends it.
     pub(super) fn nearest(&self, point: Vec3) -> Option<(Vec3, Vec3)> {
         let found = self.tree.nearest(point)?;
         let corners = self.surface.faces[found.triangle as usize];

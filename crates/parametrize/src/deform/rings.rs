@@ -1,4 +1,4 @@
-//! Each vertex's neighbours, in order.
+//! Lists each vertex's neighbours in cyclic order.
 
 use spharm_surface::Mesh;
 

@@ -1,12 +1,13 @@
-//! The initial map: colatitude and azimuth, harmonic along the edges.
+//! Computes the initial map: colatitude and azimuth of each vertex, harmonic on the graph of the edges.
 //!
-//! Two distant vertices become the poles. The colatitude theta is 0 and pi there and, at every other vertex, the mean
-//! of its neighbours' colatitudes, so it increases along a path from north to south. The azimuth phi is the mean of the
-//! neighbours' as well, except at the poles. For a neighbour across the date line (a path from pole to pole, west of
-//! which phi is larger by 2 pi), 2 pi is added or subtracted. Both are sparse positive definite systems over the edges.
+//! Two distant vertices become the poles. The colatitude theta is 0 at the north pole and pi at the south pole. At
+//! every other vertex it is the mean of the neighbours' colatitudes. The azimuth phi at a vertex other than the poles
+//! is the mean of its neighbours' azimuths. The date line is a path from pole to pole, across which phi jumps by 2 pi:
+//! 2 pi is added to or subtracted from the azimuth of a neighbour across the line. Theta and phi are solutions of
+//! sparse positive definite systems with an unknown for each vertex.
 //!
-//! Then theta is stretched by an increasing function so that each zone contains its share of the vertices; harmonic
-//! theta crowds them around the equator, since the poles are points.
+//! Then an increasing function is applied to theta so that the share of vertices in each zone equals the zone's share
+//! of the sphere's area. Without it vertices would crowd around the equator, since each pole is a single vertex.
 
 use std::collections::VecDeque;
 use std::f64::consts::{PI, TAU};
@@ -55,7 +56,8 @@ impl Rings {
             loop {
                 let (quad, k) = (quads.quads[corner as usize / 4], corner as usize % 4);
                 neighbours.push(quad[(k + 1) % 4]);
-                // Across the edge that ends here, which is to the left of the edge that starts here.
+                // Continues across the edge that ends at the vertex, which lies to the left of the edge that starts
+                // there.
                 corner = quads.twins[corner as usize / 4 * 4 + (k + 3) % 4];
                 if corner == start {
                     break;
@@ -74,7 +76,7 @@ impl Rings {
         &self.neighbours[self.starts[vertex] as usize..self.starts[vertex + 1] as usize]
     }
 
-    /// Returns the vertex that is the most edges away, the first in case of ties.
+    /// Returns the vertex that is the largest number of edges away from `from`; the first one in case of ties.
     fn furthest(&self, from: usize) -> usize {
         let mut distance = vec![usize::MAX; self.len()];
         distance[from] = 0;
@@ -125,12 +127,12 @@ fn azimuth(rings: &Rings, theta: &[f64], north: usize, south: usize) -> Result<V
         }
     }
     let line = date_line(rings, theta, north, south);
-    // The azimuth is determined up to a rotation: it is set to 0 where the date line begins.
+    // The azimuth is determined only up to a constant, so the date line's first vertex after the pole gets azimuth 0.
     matrix.push(Triplet::new(line[1], line[1], 1.0));
     for window in line.windows(3) {
         let [before, v, after] = [window[0], window[1], window[2]];
-        // West of the line, seen from outside with north up: counter-clockwise from the previous vertex to the next
-        // one.
+        // The neighbours west of the line (seen from outside, with north up) lie counter-clockwise between the previous
+        // vertex of the line and the next one.
         let ring = rings.of(v);
         let start = ring.iter().position(|&w| w as usize == before).unwrap_or(0);
         let around = (1..ring.len()).map(|k| ring[(start + k) % ring.len()] as usize);
@@ -142,8 +144,9 @@ fn azimuth(rings: &Rings, theta: &[f64], north: usize, south: usize) -> Result<V
     solve(&matrix, &right)
 }
 
-/// Returns a path from pole to pole that always continues to the southernmost neighbour. It ends, since a harmonic
-/// theta has no maximum except at the pole, and a vertex of the path is adjacent only to the next and the previous one.
+/// Returns a path from the north pole to the south pole that always continues to the neighbour of largest theta. It
+/// reaches the south pole, since a harmonic theta has no other maximum. A vertex of the path is adjacent to no vertex
+/// of the path but the next and the previous one.
 fn date_line(rings: &Rings, theta: &[f64], north: usize, south: usize) -> Vec<usize> {
     let mut line = vec![north];
     let mut at = north;
@@ -155,8 +158,8 @@ fn date_line(rings: &Rings, theta: &[f64], north: usize, south: usize) -> Vec<us
     line
 }
 
-/// Returns the map from theta to the z of its zone: piecewise linear and decreasing, such that the share of vertices
-/// above z equals the share of area.
+/// Returns a function from theta to z on the unit sphere, piecewise linear and decreasing, such that the share of
+/// vertices above z equals the share of the sphere's area above z.
 fn even_zones(theta: &[f64]) -> impl Fn(f64) -> f64 {
     const ZONES: usize = 64;
     let mut sorted = theta.to_vec();
@@ -173,7 +176,7 @@ fn even_zones(theta: &[f64]) -> impl Fn(f64) -> f64 {
 }
 
 fn solve(matrix: &[Triplet<usize, usize, f64>], right: &[f64]) -> Result<Vec<f64>, ParametrizeError> {
-    // These systems are solvable unless this program has a defect.
+    // These systems are always solvable, so an error here is a defect of this program.
     let failed = |found: String| ParametrizeError::Argument { what: "surface", expected: "one connected mesh", found };
     let n = right.len();
     let matrix = SparseColMat::try_new_from_triplets(n, n, matrix).map_err(|e| failed(format!("{e:?}")))?;

@@ -1,17 +1,18 @@
 //! Maps a label's surface to the sphere with equal areas (Brechbuehler, Gerig, Kuebler 1995).
 //!
-//! The surface of a voxel object consists of squares. On the sphere each should have the area 4 pi / (number of
-//! squares) and be as square as that allows. There are two steps, each in its own file:
+//! The surface of a voxel object consists of squares. On the sphere, each square should have the area 4 pi / (number of
+//! squares) and a shape as close to a square as possible. There are two steps, each in its own file:
 //!
-//! - `initial`: colatitude and azimuth, harmonic along the edges, from two sparse linear systems (section 3.1 there);
-//! - `optimise`: shortest edges (equivalent to the squarest quadrangles) under the constraints on areas and angles
-//!   (section 3.2).
+//! - `initial`: colatitude and azimuth, harmonic on the graph of the edges, from two sparse linear systems (section 3.1
+//!   of the paper);
+//! - `optimise`: shortest edges, which is equivalent to quadrangles as square as possible, under constraints on areas
+//!   and angles (section 3.2 of the paper).
 //!
-//! Beyond the paper, if voxels aren't cubes, each quadrangle's share of the sphere is its share of the surface in mm^2,
-//! and its proportions are taken into account (`targets`).
+//! This goes beyond the paper if voxels aren't cubes: each quadrangle's share of the sphere is then its share of the
+//! surface in mm^2, and the ratio of its side lengths is taken into account (`targets`).
 //!
-//! Each quadrangle is cut along one diagonal into two triangles, the same ones on surface and sphere, so that both are
-//! positively oriented on the sphere.
+//! In the result each quadrangle is cut along one diagonal into two triangles, which are positively oriented on the
+//! sphere. Surface and sphere have the same triangles.
 //!
 //! C. Brechbuehler, G. Gerig, O. Kuebler, "Parametrization of closed surfaces for 3-D shape description", Computer
 //! Vision and Image Understanding 61 (1995), 154-170.
@@ -37,7 +38,7 @@ use targets::Targets;
 ///
 /// # Errors
 ///
-/// [`BadSurface`](ParametrizeError::BadSurface) for a surface that isn't a single closed one of genus 0;
+/// [`BadSurface`](ParametrizeError::BadSurface) for a surface that isn't a single closed surface of genus 0;
 /// [`NotBijective`](ParametrizeError::NotBijective) if folds remain; [`Argument`](ParametrizeError::Argument) if memory
 /// doesn't suffice for the linear systems; [`Interrupted`](ParametrizeError::Interrupted).
 pub fn equal_area(
@@ -68,8 +69,8 @@ pub fn equal_area(
     Ok(map)
 }
 
-/// Returns the largest relative deviation of a quadrangle's area on the sphere from its target, its share of the
-/// surface's area.
+/// Returns the largest relative deviation of a quadrangle's area on the sphere from its target. The target is the
+/// quadrangle's share of the surface's area.
 ///
 /// # Panics
 ///
@@ -88,8 +89,8 @@ fn quad_area([a, b, c, d]: [Vec3; 4]) -> f64 {
     solid_angle([a, b, c]) + solid_angle([a, c, d])
 }
 
-/// Whether to cut a quadrangle from corner 1 to 3 rather than from 0 to 2: if only that leaves both triangles correctly
-/// oriented, or if its diagonal is shorter.
+/// Returns whether to cut a quadrangle along the diagonal from corner 1 to 3 rather than from 0 to 2. The diagonal that
+/// leaves both triangles positively oriented is preferred; if both diagonals or neither do, the shorter one.
 fn cut_from_second(positions: &[Vec3], quad: &[u32; 4]) -> bool {
     let [a, b, c, d] = quad.map(|v| positions[v as usize]);
     let good = |triangles: [[Vec3; 3]; 2]| triangles.into_iter().all(|t| orientation(t) > 0.0);

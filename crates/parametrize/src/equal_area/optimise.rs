@@ -1,30 +1,30 @@
-//! The constrained optimisation.
+//! Solves the constrained optimisation problem of the equal-area map.
 //!
 //! > minimise  sum over edges w_ij |x_i - x_j|^2   over unit vectors x_i
 //! > subject to  A_q = a_q for each of the Q quadrangles,
 //! >             s >= S0 in each corner,
 //!
-//! where A_q is a quadrangle's solid angle, a_q its target and w_ij the weights (`targets.rs`; 4 pi / Q and 1 for cubic
-//! voxels), and s the determinant of a corner and its two neighbours in the quadrangle, divided by a_q: 1 in a
-//! rectangle, 0 if an angle becomes straight. Among quadrangles of equal area the square has the shortest edges, so
-//! short edges mean little distortion of lengths and angles. (Brechbuehler et al. maximise the sum of the cosines of
-//! the edges, which is the same function.)
+//! where A_q is a quadrangle's solid angle, a_q its target area and w_ij the weights (`targets.rs`). For cubic voxels
+//! a_q = 4 pi / Q and w_ij = 1. s belongs to a corner of a quadrangle: it is the determinant of the corner and its two
+//! neighbours in the quadrangle, divided by a_q. It is 1 in a rectangle, and 0 if the angle at the corner is pi. Among
+//! quadrangles of equal area the square has the shortest edges, so short edges mean little distortion of lengths and
+//! angles. (Brechbuehler et al. maximise the sum of the cosines of the edges, which is equivalent.)
 //!
 //! # Method
 //!
-//! An augmented Lagrangian (Nocedal and Wright, Numerical Optimization, 2006, section 17.3): rounds of minimising
+//! An augmented Lagrangian (Nocedal and Wright, Numerical Optimization, 2006, section 17.3). Each round minimises
 //!
 //! > L = sum w_ij |x_i - x_j|^2 / 2a + sum_q (m_q c_q + rho/2 c_q^2) + kappa/2 sum max(0, S0 - s)^2,
 //!
-//! c_q = A_q / a_q - 1 and a the mean area, then m_q += rho c_q, and a larger rho if the constraints don't improve.
-//! Each round takes a few Gauss-Newton steps with Levenberg's damping in the tangent planes: 2 unknowns per vertex, and
-//! a sparse positive definite system that couples the vertices of a quadrangle, analysed once (faer's Cholesky). A step
-//! is taken only if L decreases. The penalty on angles is finite, so that folds can unfold.
+//! with c_q = A_q / a_q - 1 and a the mean area, then sets m_q += rho c_q, and doubles rho if the largest |c_q| hasn't
+//! halved. A round takes up to five Gauss-Newton steps with Levenberg's damping in the tangent planes. A step solves a
+//! sparse positive definite system with 2 unknowns per vertex and a pattern that is analysed once (faer's Cholesky). It
+//! is taken only if L decreases. The penalty on angles is finite, so a map with folds has a finite L and can unfold.
 //!
 //! # Cost
 //!
-//! Linear in the number of vertices except for the Cholesky factor, of n log n entries: 0.6 s for 2,400 vertices, 20 s
-//! of processor time and 370 MB for 57,674.
+//! Linear in the number of vertices n, except for the Cholesky factor, which has O(n log n) entries. 2,400 vertices
+//! take 0.6 s; 57,674 vertices take 20 s of processor time and 370 MB.
 
 use faer::linalg::solvers::Solve;
 use faer::sparse::linalg::solvers::{Llt, SymbolicLlt};
@@ -40,23 +40,23 @@ use crate::geometry::{Vec3, add, cross, dot, norm, orientation, scale, solid_ang
 
 /// The smallest s that isn't penalised.
 const S0: f64 = 0.2;
-/// The angles' penalty kappa: the initial value, and the maximum if folds remain.
+/// The weight kappa of the penalty on angles: the initial value, and the maximum, reached only if folds persist.
 const KAPPA: (f64, f64) = (20.0, 1e4);
-/// The constraints' weight rho: the initial value and the maximum.
+/// The weight rho of the area constraints: the initial value and the maximum.
 const RHO: (f64, f64) = (1.0, 1e3);
-/// Steps per round.
+/// Largest number of Gauss-Newton steps per round.
 const STEPS: usize = 5;
-/// Number of vertices from which a factorisation takes long.
+/// Number of vertices from which the factorisation runs on its own thread, so that it can be interrupted.
 const LONG: usize = 20_000;
 
 /// Settings of [`equal_area`](crate::equal_area()).
 #[derive(Clone, Debug, PartialEq)]
 pub struct EqualAreaParams {
-    /// Largest relative deviation of a quadrangle's area from its target at which to stop. Default 1e-3.
+    /// Largest relative deviation of a quadrangle's area from its target that is accepted as converged. Default 1e-3.
     pub tolerance: f64,
-    /// Relative change of the sum of squared edge lengths over a round at which to stop. Default 1e-3.
+    /// Relative change of the sum of squared edge lengths over a round that is accepted as converged. Default 1e-3.
     pub change: f64,
-    /// Most rounds of optimisation, of a few steps each. Default 100.
+    /// Largest number of rounds, of up to five steps each. Default 100.
     pub rounds: usize,
 }
 
@@ -66,7 +66,7 @@ impl Default for EqualAreaParams {
     }
 }
 
-/// The final state.
+/// The optimised positions, the number of steps, and whether the tolerances were met.
 pub(super) struct Found {
     pub(super) positions: Vec<Vec3>,
     pub(super) steps: usize,
@@ -139,9 +139,9 @@ fn moved(positions: &[Vec3], step: &[Vec3]) -> Vec<Vec3> {
 /// Quantities used by the convergence test.
 #[derive(Debug)]
 struct State {
-    /// Largest deviation of an area.
+    /// Largest relative deviation of a quadrangle's area from its target.
     worst: f64,
-    /// Number of quadrangles that no diagonal cuts into two correctly oriented triangles.
+    /// Number of quadrangles that neither diagonal cuts into two positively oriented triangles.
     folded: usize,
     /// Sum of weighted squared edge lengths.
     length: f64,
@@ -190,14 +190,14 @@ impl<'a> Lagrangian<'a> {
             let edges = self.length(q, p);
             let short = |k: usize| (S0 - self.sine(q, &p, k)).max(0.0);
             let angles: f64 = (0..4).map(|k| short(k).powi(2)).sum();
-            // Every edge belongs to two quadrangles.
+            // Every edge belongs to two quadrangles, so each contributes half of the edge's term.
             edges / (4.0 * self.area) + self.multipliers[q] * c + 0.5 * self.rho * c * c + 0.5 * self.kappa * angles
         };
-        // In order, so that the sum doesn't depend on the number of threads.
+        // Summed in the order of the quadrangles, so that the result doesn't depend on the number of threads.
         (0..self.quads.len()).into_par_iter().with_min_len(512).map(of).collect::<Vec<f64>>().iter().sum()
     }
 
-    /// Returns s at a corner.
+    /// Returns s at corner k of quadrangle q.
     fn sine(&self, q: usize, p: &[Vec3; 4], k: usize) -> f64 {
         let (before, at, after) = (p[(k + 3) % 4], p[k], p[(k + 1) % 4]);
         dot(at, cross(sub(after, at), sub(before, at))) / self.targets.areas[q]
@@ -233,7 +233,8 @@ impl<'a> Lagrangian<'a> {
         let tangent = |g: [Vec3; 4]| -> [f64; 8] { std::array::from_fn(|i| dot(bases[i / 2][i % 2], g[i / 2])) };
         let mut part = Part { gradient: [0.0; 8], matrix: [0.0; 36] };
 
-        // Edges: half of each, gradient ((w_k + w_{k-1}) p_k - w_k p_{k+1} - w_{k-1} p_{k-1}) / 2a.
+        // Edges: this quadrangle's half of each edge's term; gradient ((w_k + w_{k-1}) p_k - w_k p_{k+1} - w_{k-1}
+        // p_{k-1}) / 2a.
         let weight = 1.0 / (2.0 * self.area);
         let sides = self.targets.weights[q];
         let both = |k: usize| sides[k] + sides[(k + 3) % 4];
@@ -255,7 +256,7 @@ impl<'a> Lagrangian<'a> {
             }
         }
 
-        // Area.
+        // Area constraint.
         let target = self.targets.areas[q];
         let c = self.constraint(q, p);
         let (one, two) = (solid_angle_gradient([p[0], p[1], p[2]]), solid_angle_gradient([p[0], p[2], p[3]]));
@@ -264,7 +265,7 @@ impl<'a> Lagrangian<'a> {
         part.add_gradient(self.multipliers[q] + self.rho * c, &area);
         part.add_square(self.rho, &area);
 
-        // Angles.
+        // Penalty on angles.
         for k in 0..4 {
             let short = S0 - self.sine(q, &p, k);
             if short > 0.0 {
@@ -325,7 +326,7 @@ fn solid_angle_gradient([a, b, c]: [Vec3; 3]) -> [Vec3; 3] {
     [of(b, c), of(c, a), of(a, b)]
 }
 
-/// The linear system of a step, with its pattern analysed.
+/// The linear system of a Gauss-Newton step; its sparsity pattern is analysed once.
 struct System<'a> {
     quads: &'a [[u32; 4]],
     pattern: SymbolicSparseColMat<usize>,
@@ -359,8 +360,8 @@ impl<'a> System<'a> {
         Ok(Self { quads, pattern, order, analysis, values: Vec::with_capacity(entries.len()) })
     }
 
-    /// Returns the damped Gauss-Newton step of each vertex, in space; `None` if the matrix isn't positive definite to
-    /// rounding.
+    /// Returns the damped Gauss-Newton step of each vertex as a vector in space; `None` if the matrix isn't numerically
+    /// positive definite.
     fn step(
         &mut self,
         parts: &[Part],
@@ -391,7 +392,7 @@ impl<'a> System<'a> {
             add(scale(e, solution[2 * v]), scale(f, solution[2 * v + 1]))
         });
         let step: Vec<Vec3> = step.collect();
-        // Beyond about this length the tangent planes don't approximate the sphere.
+        // For steps longer than about 0.5, the tangent planes don't approximate the sphere, so steps are shortened.
         let longest = step.iter().map(|&d| norm(d)).fold(0.0, f64::max);
         let shrink = (0.5 / longest).min(1.0);
         Ok(longest.is_finite().then(|| step.into_iter().map(|d| scale(d, shrink)).collect()))

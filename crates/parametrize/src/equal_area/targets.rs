@@ -1,27 +1,28 @@
-//! Targets that follow from a quadrangle's physical size: its share of the sphere, and the lengths of its sides.
+//! Computes targets from the physical size of the quadrangles: areas on the sphere, and weights of the edges.
 //!
-//! A face of a voxel is a rectangle with sides h and h'. Its target area on the sphere is its share of the surface's
-//! area. If faces are squares, the sum over edges of |x_i - x_j|^2, which the optimisation minimises, is the Dirichlet
-//! energy of the map; on a rectangle the term of a side of length h has the weight h' / h. With both, a map doesn't
-//! depend on the direction in which voxels are long. For cubes all weights are exactly 1 and all targets exactly 4 pi /
-//! Q.
+//! A face of a voxel is a rectangle with sides h and h'. Its target area on the sphere is 4 pi times its share of the
+//! surface's area. The optimisation minimises the sum over edges of w_ij |x_i - x_j|^2. If all faces are squares and
+//! w_ij = 1, this is the Dirichlet energy of the map; on rectangles the edge of length h needs the weight h' / h. With
+//! these areas and weights, the map doesn't depend on the direction in which voxels are longest. For cubes all weights
+//! are exactly 1 and all targets exactly 4 pi / Q, with Q the number of quadrangles.
 
 use std::f64::consts::PI;
 
 use crate::geometry::{Vec3, cross, norm, sub};
 use crate::volume::QuadMesh;
 
-/// Sides and areas that differ by less than this, relatively, are treated as equal, since the matrices in files have
-/// 32-bit numbers.
+/// Sides, or areas, with a relative difference below this are treated as equal, since voxel sizes in files are 32-bit
+/// numbers.
 const EQUAL: f64 = 1e-5;
 
-/// Bounds of a target area, relative to the mean, and of a weight, for surfaces that aren't made of voxels.
+/// Bounds of a target area, relative to the mean area; `WEIGHT` has the bounds of a weight. Faces of voxels are never
+/// outside of these bounds; quadrangles of other surfaces can be.
 const AREA: (f64, f64) = (1e-6, f64::INFINITY);
 const WEIGHT: (f64, f64) = (1e-2, 1e2);
 
 /// Target areas and weights of a surface's quadrangles.
 pub(super) struct Targets {
-    /// Solid angle of each quadrangle (Q); the sum is 4 pi.
+    /// Target solid angle of each quadrangle (Q); the sum is 4 pi.
     pub(super) areas: Vec<f64>,
     /// Weight of each side's squared length (Q); side k goes from corner k to the next.
     pub(super) weights: Vec<[f64; 4]>,
@@ -43,7 +44,7 @@ impl Targets {
             std::array::from_fn(|k| {
                 let across = 0.5 * (l[(k + 1) % 4] + l[(k + 3) % 4]);
                 let weight = across / l[k];
-                // NaN if both are 0.
+                // The ratio is NaN if both lengths are 0.
                 if weight.is_nan() { 1.0 } else { weight.clamp(WEIGHT.0, WEIGHT.1) }
             })
         };

@@ -1,12 +1,12 @@
-//! A closed surface of polygons, represented by half-edges, that can be cut along loops.
+//! Represents a closed surface of polygons by half-edges, and cuts it along loops.
 //!
-//! Half-edge 3 f + k runs from corner k of triangle f to corner k + 1, with its triangle to the left. A cut along a
-//! loop of edges gives the corners on its left new vertices, and closes each of the two resulting rims with a *cap*: a
-//! polygon with the same number of half-edges as the loop. So the complex stays closed, its genus decreases by one with
-//! each loop that doesn't separate it, and later loops, which run along edges alone, never cross a cap. Triangles and
-//! original vertices keep their indices.
+//! Half-edge 3 f + k runs from corner k of triangle f to corner k + 1, with triangle f on its left. A cut along a loop
+//! of edges gives the corners on the loop's left new vertices. Each of the two resulting rims is closed by a *cap*: a
+//! polygon with the same number of half-edges as the loop. The complex therefore stays closed, and a cut along a loop
+//! that doesn't separate it lowers its genus by one. Later loops run along edges only, so they never cross a cap.
+//! Triangles and original vertices keep their indices.
 //!
-//! It needs 36 bytes per half-edge and 44 per vertex; a cut takes time proportional to the number of corners around the
+//! Memory: 36 bytes per half-edge and 44 per vertex. A cut takes time proportional to the number of corners around the
 //! loop.
 
 use spharm_surface::Mesh;
@@ -18,20 +18,20 @@ pub(super) const NONE: u32 = u32::MAX;
 
 /// The half-edges of a closed, oriented surface.
 pub(super) struct Complex {
-    /// Positions of the vertices; copies follow the original ones.
+    /// Positions of the vertices: the original ones, then the copies.
     pub(super) positions: Vec<Vec3>,
-    /// The original vertex that each vertex is a copy of; original ones refer to themselves.
+    /// The original vertex of each vertex: for a copy the vertex that it was copied from, otherwise the vertex itself.
     pub(super) own: Vec<u32>,
-    /// A half-edge from each vertex.
+    /// For each vertex, a half-edge that starts at it.
     outgoing: Vec<u32>,
-    /// The vertex that each half-edge starts at.
+    /// For each half-edge, the vertex that it starts at.
     from: Vec<u32>,
     next: Vec<u32>,
     previous: Vec<u32>,
     twin: Vec<u32>,
     face: Vec<u32>,
     length: Vec<f64>,
-    /// A half-edge of each face.
+    /// For each face, one of its half-edges.
     first: Vec<u32>,
     /// Number of original triangles.
     triangles: usize,
@@ -40,17 +40,17 @@ pub(super) struct Complex {
 /// A loop of edges that visits no vertex twice.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Loop {
-    /// Its half-edges; each starts where the previous one ends.
+    /// The loop's half-edges; each starts where the previous one ends.
     pub(super) edges: Vec<u32>,
-    /// The sum of their lengths.
+    /// Sum of the half-edges' lengths.
     pub(super) length: f64,
 }
 
-/// The two rims of a cut. Half-edges i of both start at the same position, and those of `right` follow the loop.
+/// The two rims of a cut. The loop's edge i belongs to half-edge i of both rims.
 pub(super) struct Rims {
-    /// The half-edges of the cap on the loop's left: half-edge i leads to the start of half-edge i - 1.
+    /// The half-edges of the cap on the loop's left; they run against the loop, from half-edge i to half-edge i - 1.
     pub(super) left: Vec<u32>,
-    /// The half-edges of the cap on the loop's right.
+    /// The half-edges of the cap on the loop's right; they run along the loop.
     pub(super) right: Vec<u32>,
 }
 
@@ -123,7 +123,7 @@ impl Complex {
         self.length[h as usize]
     }
 
-    /// Returns the half-edges from a vertex, counter-clockwise.
+    /// Returns the half-edges that start at a vertex, counter-clockwise.
     pub(super) fn around(&self, vertex: u32) -> impl Iterator<Item = u32> + '_ {
         let start = self.outgoing[vertex as usize];
         let turn = move |&h: &u32| {
@@ -139,12 +139,12 @@ impl Complex {
         std::iter::successors(Some(start), move |&h| Some(self.next[h as usize]).filter(|&next| next != start))
     }
 
-    /// Returns the original triangles over the current vertices.
+    /// Returns the original triangles, with the vertices that they have after the cuts.
     pub(super) fn own_triangles(&self) -> impl Iterator<Item = [u32; 3]> + '_ {
         self.from[..3 * self.triangles].as_chunks().0.iter().copied()
     }
 
-    /// Cuts along a loop. The vertices on its left become copies.
+    /// Cuts along a loop. The corners on the loop's left get copies of the loop's vertices.
     pub(super) fn cut(&mut self, cut: &Loop) -> Rims {
         let edges = &cut.edges;
         let count = edges.len();
@@ -169,7 +169,7 @@ impl Complex {
         let (left, right) = (self.half_edges(), self.half_edges() + count as u32);
         let faces = self.first.len() as u32;
         self.first.extend([left, right]);
-        // The left cap's half-edges run against the loop, the right one's along it.
+        // The half-edges of the left cap run against the loop, those of the right cap along the loop.
         for (i, &edge) in edges.iter().enumerate() {
             let copy = self.to(edge);
             self.from.push(copy);

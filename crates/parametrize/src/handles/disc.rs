@@ -1,21 +1,23 @@
-//! A triangulated disc for a rim with any number of vertices.
+//! Triangulates a disc whose rim has a given number of vertices.
 //!
-//! The disc has rings around a centre, each with fewer vertices than the one outside it, so that triangles are nearly
-//! equilateral if the rim's edges are nearly equal: m vertices on the rim give 0.18 m rings and 0.09 m^2 vertices
-//! inside. All rings are regular polygons, so that no triangle is flat, whatever the lengths of the seam's edges, and
-//! neighbouring rings are joined in the order of their angles. No edge inside the disc joins two vertices of the rim.
+//! The disc consists of rings around a centre; each ring has fewer vertices than the next ring outside. Triangles are
+//! nearly equilateral if the rim's edges have nearly equal lengths: m vertices on the rim give 0.18 m rings and 0.09
+//! m^2 vertices inside. All rings are regular polygons, so no triangle is flat, whatever the lengths of the seam's
+//! edges. Neighbouring rings are joined in the order of their angles. No edge inside the disc joins two vertices of the
+//! rim.
 
 use std::f64::consts::{PI, TAU};
 
 /// A triangulation of the unit disc.
 pub(super) struct Disc {
-    /// Number of vertices on the rim, which come first.
+    /// Number of vertices on the rim. They are the first ones of `points`.
     pub(super) rim: usize,
-    /// Number of vertices of the ring next to the rim, which follow the rim's; 1, the centre, if there is no ring.
+    /// Number of vertices of the ring next to the rim. They follow those of the rim. 1, the centre, if there is no
+    /// ring.
     pub(super) ring: usize,
-    /// The distance between rings.
+    /// Distance between consecutive rings; the rim has radius 1.
     pub(super) spacing: f64,
-    /// All vertices.
+    /// Positions of all vertices.
     pub(super) points: Vec<[f64; 2]>,
     /// Triangles, counter-clockwise.
     pub(super) triangles: Vec<[u32; 3]>,

@@ -1,21 +1,23 @@
-//! The shape of a filling.
+//! Computes the shape of a filling.
 //!
-//! Two surfaces x(u) over the unit disc u, whose rim is the seam, are computed:
+//! Two surfaces x(u) over the unit disc u are computed. The rim of the disc is mapped to the seam.
 //!
-//! - *flat*: Laplace(x) = 0 with the seam as boundary values, a soap film up to the parameterisation. It shows on which
-//!   side of the surface the seam is spanned, and the speed s = |dx/dn| of x inwards from the rim.
+//! - *flat*: Laplace(x) = 0 with the seam as boundary values: a soap film, up to its parameterisation. It determines on
+//!   which side of the surface the film over the seam lies, and the speed s = |dx/dn| of x inwards from the rim.
 //! - *smooth*: least integral of |grad Laplace(x)|^2, hence Laplace^3(x) = 0. x and its first two derivatives are
-//!   prescribed along the rim, by two rings of points of the surface itself on the other side of the seam, at distances
-//!   given by s. So the filling continues the surface with its tangents and curvatures, and closes as a dome: for a
-//!   tube of radius 1, rho (15 - 10 rho^2 + 3 rho^4) / 8 wide and (5 - 6 rho^2 + rho^4) / 8 high.
+//!   prescribed along the rim, by two rings of points of the surface on the other side of the seam, at distances given
+//!   by s. The filling therefore continues the surface with its tangents and curvatures, and closes as a dome. For a
+//!   tube of radius 1 the dome has radius rho (15 - 10 rho^2 + 3 rho^4) / 8 and height (5 - 6 rho^2 + rho^4) / 8, with
+//!   rho = |u|.
 //!
-//! A kink at the seam would cost a model far more than the dome's area, since its error there decreases only as 1/L.
-//! The domes of the two sides lie within each other's tube, each beyond the seam, and meet only at the seam.
+//! A kink at the seam would increase the error of a model of degree L far more than the dome's additional area does,
+//! since the error at a kink decreases only as 1/L. The dome of each side of the cut lies inside the tube of the other
+//! side, and the two domes meet only at the seam.
 //!
-//! The discretisation uses the cotangents of the disc's own triangles, which are well shaped, not of the surface's (L.
-//! Kobbelt et al., "Interactive multi-resolution modeling on arbitrary meshes", SIGGRAPH 1998; M. Botsch and L.
-//! Kobbelt, "An intuitive framework for real-time freeform modeling", SIGGRAPH 2004). It is solved by sparse Cholesky,
-//! O(n^1.5).
+//! The discretisation uses the cotangents of the disc's own triangles, since these are well shaped, unlike those of the
+//! surface (L. Kobbelt et al., "Interactive multi-resolution modeling on arbitrary meshes", SIGGRAPH 1998; M. Botsch
+//! and L. Kobbelt, "An intuitive framework for real-time freeform modeling", SIGGRAPH 2004). The linear systems are
+//! solved by sparse Cholesky, O(n^1.5).
 
 use spharm_monitor::{Interrupted, Monitor};
 
@@ -23,10 +25,11 @@ use super::disc::Disc;
 use crate::geometry::{Vec3, add, norm, scale, sub};
 use crate::sparse_cholesky::{Factor, Symbolic};
 
-/// The matrices of a disc, used for both sides of a cut.
+/// The matrices of a disc; both sides of a cut use the same ones.
 pub(super) struct Fairing<'a> {
     disc: &'a Disc,
-    /// Cotangent weights of the edges at each vertex, followed by those of the rings outside.
+    /// Cotangent weights of the edges at each vertex: first the disc's vertices, then those of the two rings outside
+    /// the rim.
     weights: Vec<Vec<(u32, f64)>>,
     areas: Vec<f64>,
     film: Option<Factor>,
@@ -70,8 +73,8 @@ impl<'a> Fairing<'a> {
         rim.iter().copied().chain(inner).collect()
     }
 
-    /// Returns the positions of all vertices of the filling that continues two rings outside of the rim, the nearer one
-    /// first, at the distances given by [`steps`](Self::steps).
+    /// Returns the positions of all vertices of the smooth filling. `outside` are two rings of points that the filling
+    /// continues, the ring nearer to the rim first, at the distances given by [`steps`](Self::steps).
     pub(super) fn smooth(&self, flat: &[Vec3], outside: &[Vec3]) -> Vec<Vec3> {
         let (rim, all) = (self.disc.rim, self.disc.points.len());
         let known = |v: u32| {
@@ -93,14 +96,14 @@ impl<'a> Fairing<'a> {
         }
     }
 
-    /// Returns, at each vertex of the rim, the flat filling's distance from the rim to the next ring.
+    /// Returns, for each vertex of the rim, the distance on the flat filling from the rim to the next ring.
     pub(super) fn steps(&self, flat: &[Vec3]) -> Vec<f64> {
         self.disc.at_ring(flat).iter().zip(flat).map(|(inwards, rim)| norm(sub(*inwards, *rim))).collect()
     }
 }
 
-/// Returns differences of the Laplacians at the ends of each edge among the first `count` vertices, with the edge's
-/// weight.
+/// For each edge among the first `count` vertices, returns the edge's weight and the difference of the Laplacians at
+/// its ends, as (vertex, coefficient).
 fn gradients(weights: &[Vec<(u32, f64)>], areas: &[f64], count: usize) -> impl Iterator<Item = (f64, Vec<(u32, f64)>)> {
     let edges = (0..count).flat_map(move |v| {
         let others = weights[v].iter().copied();
@@ -118,14 +121,14 @@ fn gradients(weights: &[Vec<(u32, f64)>], areas: &[f64], count: usize) -> impl I
     })
 }
 
-/// Returns the Laplacian at a vertex: the weights of its neighbours, and its own.
+/// Returns the coefficients of the Laplacian at a vertex: those of its neighbours, then its own.
 fn stencil(weights: &[Vec<(u32, f64)>], v: usize) -> impl Iterator<Item = (u32, f64)> + '_ {
     let own: f64 = weights[v].iter().map(|(_, w)| w).sum();
     weights[v].iter().copied().chain(std::iter::once((v as u32, -own)))
 }
 
-/// Returns half the sums of cotangents opposite each edge, and a third of the area of the triangles around each vertex,
-/// with two rings outside of the rim.
+/// Returns, for each edge, half the sum of the cotangents of the angles opposite it, and for each vertex a third of the
+/// area of the triangles around it. Includes two rings outside the rim.
 fn weights(disc: &Disc) -> (Vec<Vec<(u32, f64)>>, Vec<f64>) {
     let (rim, all) = (disc.rim as u32, disc.points.len() as u32);
     let ring = |number: f64| {
@@ -162,7 +165,8 @@ fn weights(disc: &Disc) -> (Vec<Vec<(u32, f64)>>, Vec<f64>) {
     (weights, areas)
 }
 
-/// Factors a symmetric matrix given by its entries; repeated entries are summed.
+/// Factors a symmetric matrix given as (row, column, value); repeated entries are summed. `None` if the matrix can't be
+/// factored.
 fn factor(n: usize, mut entries: Vec<(u32, u32, f64)>, monitor: &dyn Monitor) -> Result<Option<Factor>, Interrupted> {
     entries.sort_by_key(|&(row, column, _)| (row, column));
     let (mut starts, mut columns, mut values) = (vec![0; n + 1], Vec::new(), Vec::new());
@@ -195,7 +199,7 @@ mod tests {
     use super::*;
     use spharm_monitor::Silent;
 
-    /// The end of a tube of radius 1.
+    /// The smooth filling at the end of a tube of radius 1 is the dome given in the header.
     #[test]
     fn a_tube_is_closed_by_the_dome_in_closed_form() {
         let rim: Vec<Vec3> =

@@ -1,4 +1,4 @@
-//! Fills both sides of a cut.
+//! Fills the holes on both sides of a cut.
 
 use spharm_monitor::{Interrupted, Monitor};
 use spharm_surface::nearest::TriangleTree;
@@ -8,37 +8,40 @@ use super::fair::Fairing;
 use super::report::Kind;
 use crate::geometry::{Vec3, add, area, cross, dot, norm, scale, sub};
 
-/// Number of sweeps that smooth the directions in which a filling continues the surface, since loops of edges zigzag.
+/// Number of sweeps that smooth the directions in which a filling continues the surface. They are needed because loops
+/// of edges zigzag.
 const SWEEPS: usize = 2;
 
-/// The rim of a cut: one loop, with the vertices of both sides.
+/// The rim of a cut: one loop, with separate vertices for its two sides.
 pub(super) struct Rim<'a> {
-    /// Vertices on the right of the loop, in its order.
+    /// Vertices on the right of the loop, in the loop's order.
     pub(super) right: &'a [u32],
-    /// Vertices on its left, at the same positions.
+    /// Vertices on the left of the loop, at the same positions as those on the right.
     pub(super) left: &'a [u32],
-    /// Positions of the vertices.
+    /// Positions of the rim's vertices.
     pub(super) places: &'a [Vec3],
-    /// Unit normals of the surface at the vertices, on the side from which its triangles are counter-clockwise.
+    /// Unit normals of the surface at the rim's vertices, pointing to the side from which triangles are
+    /// counter-clockwise.
     pub(super) normals: &'a [Vec3],
     /// The surface before it was cut.
     pub(super) surface: &'a TriangleTree,
 }
 
-/// The fillings of the two sides.
+/// The fillings of the two sides of a cut.
 pub(super) struct Filling {
-    /// New vertices.
+    /// Positions of the new vertices.
     pub(super) vertices: Vec<Vec3>,
-    /// Triangles over the rim's vertices and the new ones.
+    /// Triangles over the rim's vertices and the new vertices.
     pub(super) faces: Vec<[u32; 3]>,
-    /// The side of the surface on which the loop is spanned, assuming that the triangles' normals point outwards.
+    /// The side of the surface on which the film over the loop lies, assuming that the triangles' normals point
+    /// outwards.
     pub(super) kind: Kind,
-    /// Area of both fillings.
+    /// Total area of the two fillings.
     pub(super) area: f64,
 }
 
 impl Rim<'_> {
-    /// Fills both sides; new vertices are numbered from `first`.
+    /// Fills both sides; new vertices get indices from `first` on.
     pub(super) fn fill(&self, first: u32, monitor: &dyn Monitor) -> Result<Filling, Interrupted> {
         let count = self.places.len();
         let lengths: Vec<f64> = (0..count).map(|i| norm(sub(self.places[(i + 1) % count], self.places[i]))).collect();
@@ -49,8 +52,8 @@ impl Rim<'_> {
         let beyond = self.beyond(&inwards);
         let (kind, steps) = (self.kind(&lengths, &inwards), fairing.steps(&flat));
         let mut filling = Filling { vertices: Vec::new(), faces: Vec::new(), kind, area: 0.0 };
-        // The loop's left cap faces the other way, so its filling continues in the direction opposite to the right
-        // one's.
+        // The two sides face each other, so the filling of the left side continues in the direction opposite to that of
+        // the right side.
         for (rim, sign) in [(self.right, 1.0), (self.left, -1.0)] {
             let positions = fairing.smooth(&flat, &self.outside(&beyond, &steps, sign));
             let new = first + filling.vertices.len() as u32;
@@ -65,8 +68,8 @@ impl Rim<'_> {
         Ok(filling)
     }
 
-    /// Returns, at each vertex, the direction that continues the surface from the right of the loop to its left:
-    /// perpendicular to the loop, in the tangent plane.
+    /// Returns, at each vertex of the loop, the unit vector along which the surface continues from the right of the
+    /// loop to its left: perpendicular to the loop, in the tangent plane.
     fn beyond(&self, inwards: &[Vec3]) -> Vec<Vec3> {
         let count = self.places.len();
         let around = |i: usize| ((i + count - 1) % count, (i + 1) % count);
@@ -90,8 +93,8 @@ impl Rim<'_> {
         beyond
     }
 
-    /// Returns two rings of points of the surface, one and two steps from the loop, on its right if `sign` is 1,
-    /// otherwise on its left.
+    /// Returns two rings of points of the surface, at one and two `steps` from the loop: on the loop's right if `sign`
+    /// is 1, on its left if -1.
     fn outside(&self, beyond: &[Vec3], steps: &[f64], sign: f64) -> Vec<Vec3> {
         let ring = |number: f64| {
             let points = self.places.iter().zip(beyond).zip(steps);
@@ -110,7 +113,7 @@ impl Rim<'_> {
     }
 }
 
-/// Returns a / |a|; zero stays zero.
+/// Returns a / |a|, or zero if a is zero.
 fn unit(a: Vec3) -> Vec3 {
     spharm_surface::geometry::unit(a)
 }

@@ -1,18 +1,19 @@
-//! The greedy system of loops, and the homology class of every edge.
+//! Computes the greedy system of loops, and the homology class of every half-edge.
 //!
-//! J. Erickson and K. Whittlesey, "Greedy optimal homotopy and homology generators", SODA 2005: T is the tree of
-//! shortest paths from a base point, and C the maximum spanning tree of the dual graph among edges outside of T, where
-//! the weight of an edge e = ab is the length of the shortest loop through it, d(a) + |e| + d(b). On a surface of genus
-//! g, 2 g edges are left over. Their loops generate the homology and are the shortest loops through the base point that
-//! do. O(n log n) time.
+//! The algorithm is that of J. Erickson and K. Whittlesey, "Greedy optimal homotopy and homology generators", SODA
+//! 2005. T is the tree of shortest paths from a base point. The weight of an edge e = ab outside T is the length of the
+//! shortest loop through the base point and e, d(a) + |e| + d(b). C is the maximum spanning tree of the dual graph
+//! among the edges outside T. On a surface of genus g, 2 g edges belong to neither T nor C. Their loops generate the
+//! homology, and are the shortest loops through the base point that generate it. O(n log n) time.
 //!
 //! A closed path that visits no vertex twice separates the surface if and only if it is homologous to zero (orientable
-//! surfaces, integer coefficients). Each left-over edge i is assigned a number r_i and each edge of T zero. The edges
-//! of C are assigned numbers from the leaves of C to its root, so that the numbers around each face sum to zero. The
-//! numbers along a closed path of class (k_1, ..., k_2g) then sum to k_1 r_1 + ... + k_2g r_2g. With random 64-bit
-//! numbers, modulo 2^64, a sum of zero means class zero except with a probability of about 2^-64, and a class takes 8
-//! bytes per edge instead of 2 g numbers. A nonzero sum proves that the loop doesn't separate, so chance never leads to
-//! a wrong cut; it could only hide a loop.
+//! surfaces, integer coefficients). To test this, each edge i in neither T nor C is assigned a number r_i, and each
+//! edge of T zero. The edges of C are assigned numbers from the leaves of C to its root, such that the numbers around
+//! each face sum to zero. The numbers along a closed path of class (k_1, ..., k_2g) then sum to k_1 r_1 + ... + k_2g
+//! r_2g. The r_i are random 64-bit numbers and sums are modulo 2^64. A sum of zero therefore means class zero, except
+//! with a probability of about 2^-64, and a class takes 8 bytes per edge instead of 2 g numbers. A nonzero sum proves
+//! that the path doesn't separate the surface, so an unlucky choice never causes a wrong cut; it could only hide a
+//! loop.
 
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
@@ -23,13 +24,13 @@ use super::complex::{Complex, NONE};
 
 /// Classes of half-edges, and the generators.
 pub(super) struct Homology {
-    /// The number of each half-edge, the negative of its twin's.
+    /// The number of each half-edge; twins have opposite numbers.
     class: Vec<u64>,
-    /// The half-edges left over, 2 g of them, one for each pair of twins.
+    /// The generators: the 2 g edges in neither tree, each as one of its half-edges.
     pub(super) generators: Vec<u32>,
 }
 
-/// Role of an edge.
+/// The set that an edge belongs to: T, C or the generators.
 #[derive(Clone, Copy, PartialEq)]
 enum Place {
     Path,
@@ -38,7 +39,7 @@ enum Place {
 }
 
 impl Homology {
-    /// Computes the classes of a connected complex, with the generators from a base point.
+    /// Computes the generators of a connected complex from a base point, and the number of each half-edge.
     pub(super) fn of(complex: &Complex, base: u32) -> Self {
         let (distance, arriving) = shortest_paths(complex, base);
         let mut place = vec![Place::Generator; complex.half_edges() as usize];
@@ -51,7 +52,7 @@ impl Homology {
         }
         let through =
             |h: u32| distance[complex.from(h) as usize] + complex.length(h) + distance[complex.to(h) as usize];
-        // Lengths are nonnegative, so their bit patterns have the same order.
+        // The bit patterns of nonnegative floats have the same order as the floats.
         let mut others: Vec<(u64, u32)> = (0..complex.half_edges())
             .filter(|&h| h < complex.twin(h))
             .filter(|&h| arriving[complex.to(h) as usize] != h && arriving[complex.from(h) as usize] != complex.twin(h))
@@ -73,13 +74,14 @@ impl Homology {
         Self { class, generators }
     }
 
-    /// Returns the number of a half-edge.
+    /// Returns the number of a half-edge, which is summed along paths.
     pub(super) fn class(&self, h: u32) -> u64 {
         self.class[h as usize]
     }
 }
 
-/// Returns Dijkstra's distances, and for each vertex the half-edge by which the shortest path arrives.
+/// Runs Dijkstra's algorithm from `base`. Returns the distance of each vertex, and the last half-edge of the shortest
+/// path to it.
 fn shortest_paths(complex: &Complex, base: u32) -> (Vec<f64>, Vec<u32>) {
     let mut distance = vec![f64::INFINITY; complex.vertices()];
     let mut arriving = vec![NONE; complex.vertices()];
@@ -102,15 +104,15 @@ fn shortest_paths(complex: &Complex, base: u32) -> (Vec<f64>, Vec<u32>) {
     (distance, arriving)
 }
 
-/// Returns the numbers of the half-edges: zero on paths, random on generators, and on the dual tree those that make
-/// each face's sum zero.
+/// Returns the numbers of the half-edges: zero on the tree of paths, random on generators, and on the dual tree the
+/// numbers that make each face's sum zero.
 fn classes(complex: &Complex, place: &[Place], generators: &[u32]) -> Vec<u64> {
     let mut class = vec![0_u64; place.len()];
     for (&h, i) in generators.iter().zip(1_u64..) {
         class[h as usize] = mix(i);
         class[complex.twin(h) as usize] = mix(i).wrapping_neg();
     }
-    // Each face with the half-edge towards the root; parents come before their children.
+    // Each face with its half-edge towards the root of the dual tree, parents before children.
     let mut order = vec![(0, NONE)];
     let mut reached = vec![false; complex.faces()];
     reached[0] = true;
@@ -134,7 +136,7 @@ fn classes(complex: &Complex, place: &[Place], generators: &[u32]) -> Vec<u64> {
     class
 }
 
-/// Splitmix64's finaliser, which gives the same numbers on every machine.
+/// The finaliser of SplitMix64, which gives the same numbers on every machine.
 fn mix(i: u64) -> u64 {
     let mut x = i.wrapping_mul(0x9e37_79b9_7f4a_7c15);
     x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

@@ -1,17 +1,17 @@
-//! Cuts surfaces with handles along short loops and fills them, so that they have genus zero.
+//! Cuts surfaces with handles along short loops and fills the cuts, so that the surfaces have genus zero.
 //!
-//! A sphere has no handles, so a surface of genus g has no map to it. Cut along g loops that together don't separate
-//! it, it becomes a sphere with 2 g holes; filled, a closed surface of genus zero. The given vertices and triangles are
-//! kept, in their order, so that the given surface can be recovered from the model of the cut one: by dropping the
-//! fillings and welding the seam's copies ([`Seam`]).
+//! A surface of genus g > 0 has no one-to-one map to the sphere. Cut along g loops that together don't separate it, it
+//! becomes a sphere with 2 g holes. Filling the holes gives a closed surface of genus zero. The given vertices and
+//! triangles are kept, in their order. The given surface can therefore be recovered from a model of the cut surface: by
+//! dropping the fillings and welding the copies of vertices along the seam ([`Seam`]).
 //!
 //! - `rounds`, using `homology` and `search`: chooses the loops to cut. Each handle has loops around it and loops
-//!   through it; the shorter one is cut.
+//!   through it; the shortest is cut.
 //! - `complex`: makes the cuts.
-//! - `disc`, `fair`, `filling`: make the fillings, smooth across the seam.
+//! - `disc`, `fair`, `filling`: make the fillings, which continue the surface smoothly across the seam.
 //!
-//! O(n log n) for the first handle and for each round of many; fillings have 0.09 m^2 vertices on either side of a loop
-//! of m vertices.
+//! Cost: O(n log n) for a single handle; with many handles, O(n log n) for each round. Each of the two fillings of a
+//! loop with m vertices has 0.09 m^2 vertices.
 
 mod complex;
 mod disc;
@@ -37,10 +37,10 @@ use crate::error::ParametrizeError;
 use crate::flaws::Flaws;
 use crate::geometry::{Vec3, add, area, scale};
 
-/// Cuts a closed surface along short loops, one for each of its handles, and fills both sides of each. A surface of
-/// genus zero is returned unchanged.
+/// Cuts a closed surface along short loops, one for each handle, and fills both sides of each cut. A surface of genus
+/// zero is returned unchanged.
 ///
-/// The same surface gives the same bits, for any number of threads.
+/// The result has the same bits for any number of threads.
 ///
 /// # Errors
 ///
@@ -85,7 +85,7 @@ pub fn cut_handles(surface: &Mesh, monitor: &dyn Monitor) -> Result<CutSurface, 
         cut.faces.extend(filling.faces.iter().map(|face| face.map(renumber)));
         cut.vertices.extend(filling.vertices);
     }
-    // A model of anything but a sphere would be silently wrong.
+    // Checked because a wrong topology would make a model silently wrong.
     let topology = Topology::of(&cut);
     if !topology.is_sphere() {
         return Err(left_over(topology.problems().join("; ")));
@@ -95,7 +95,7 @@ pub fn cut_handles(surface: &Mesh, monitor: &dyn Monitor) -> Result<CutSurface, 
     Ok(CutSurface { surface: cut, seam: Some(seam), report })
 }
 
-/// Returns the lengths of the shortest loops that don't separate a surface, as found by the first round: at most one
+/// Returns the lengths of short loops that don't separate the surface, as found by the first round of cuts: at most one
 /// for each handle.
 pub(crate) fn shortest_loops(surface: &Mesh, genus: usize) -> Vec<f64> {
     let found = rounds::round(&Complex::new(surface), &Silent).unwrap_or_default();
@@ -106,8 +106,8 @@ fn left_over(problems: String) -> ParametrizeError {
     ParametrizeError::BadSurface { problems, handles: 0, remedy: "remesh the surface, or cut its handles by hand" }
 }
 
-/// Returns the fillings of all cuts. The new vertices of each are numbered from the number of the complex's vertices
-/// on.
+/// Returns the fillings of all cuts. In each filling, the new vertices are numbered from the complex's number of
+/// vertices on.
 fn fillings(
     complex: &Complex,
     surface: &Mesh,
@@ -127,7 +127,7 @@ fn fillings(
     filled.collect()
 }
 
-/// Returns the vertices on the right of a cut, in the loop's order. Some of them may be copies made by later cuts.
+/// Returns the vertices on the right of a cut, in the loop's order. They may include copies made by later cuts.
 fn right_rim(complex: &Complex, rims: &Rims) -> Vec<u32> {
     rims.right.iter().map(|&h| complex.from(h)).collect()
 }
@@ -137,7 +137,7 @@ fn left_rim(complex: &Complex, rims: &Rims) -> Vec<u32> {
     rims.left.iter().map(|&h| complex.to(h)).collect()
 }
 
-/// Returns unit normals at the vertices, outwards if the triangles wind outwards.
+/// Returns unit normals at the vertices; they point outwards if the triangles wind outwards.
 fn normals(surface: &Mesh) -> Vec<Vec3> {
     let mut normals = vec![[0.0; 3]; surface.vertices.len()];
     for face in &surface.faces {

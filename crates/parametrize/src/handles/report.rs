@@ -1,24 +1,25 @@
-//! Report on the cuts.
+//! Reports on the cuts of handles.
 
 use serde::Serialize;
 use spharm_surface::{Mesh, Seam};
 
-/// A surface of genus zero, cut from one with handles.
+/// A surface of genus zero, made by cutting the handles of another surface.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct CutSurface {
-    /// The surface's vertices in their order, copies of those on the seams, and the fillings' vertices; its triangles
-    /// in their order, over copies on one side of each seam, and the fillings' triangles.
+    /// The cut surface. Vertices: those of the given surface in their order, then the copies along the seams, then
+    /// those of the fillings. Triangles: those of the given surface in their order, on one side of each seam with
+    /// copied vertices, then those of the fillings.
     pub surface: Mesh,
-    /// The copies and the fillings; `None` if there was no handle.
+    /// The relation to the given surface; `None` if the given surface had no handle.
     pub seam: Option<Seam>,
     /// Report on the cuts.
     pub report: HandlesReport,
 }
 
 impl CutSurface {
-    /// Records the seam in the metadata of a sphere that has this surface's vertices and triangles, so that models over
-    /// it can be converted back to the original surface. A sphere with another sampling is left unchanged.
+    /// Records the seam in the metadata of a sphere with this surface's vertices and triangles, so that models over the
+    /// sphere can be converted back to the given surface. A sphere with other triangles is left unchanged.
     pub fn mark(&self, sphere: &mut Mesh) {
         let same = sphere.vertices.len() == self.surface.vertices.len() && sphere.faces == self.surface.faces;
         if let Some(seam) = self.seam.as_ref().filter(|_| same) {
@@ -27,19 +28,19 @@ impl CutSurface {
     }
 }
 
-/// The cuts and the parts added.
+/// The cuts made, and the area and vertices added.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct HandlesReport {
-    /// Handles of the given surface.
+    /// Number of handles of the given surface.
     pub genus_before: usize,
-    /// Handles of the cut surface: 0.
+    /// Number of handles of the cut surface: 0.
     pub genus_after: usize,
-    /// Area of the fillings of both sides of all cuts, in the surface's unit squared.
+    /// Total area of all fillings, in the square of the surface's unit.
     pub area_added: f64,
-    /// Area of the given surface.
+    /// Area of the given surface, in the square of its unit.
     pub area: f64,
-    /// Vertices of the fillings.
+    /// Number of vertices of the fillings.
     pub vertices_added: usize,
     /// The loops, one for each handle, in the order of the cuts.
     pub loops: Vec<CutLoop>,
@@ -49,23 +50,24 @@ pub struct HandlesReport {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct CutLoop {
-    /// Whether it goes around a handle or a tunnel.
+    /// Whether the cut severs a handle or plugs a tunnel.
     pub kind: Kind,
     /// Length of the loop, in the surface's unit.
     pub length: f64,
-    /// Number of its vertices.
+    /// Number of vertices of the loop.
     pub vertices: usize,
-    /// Area of the two fillings.
+    /// Total area of the two fillings, in the square of the surface's unit.
     pub area_added: f64,
-    /// Mean of its vertices' positions.
+    /// Mean of the positions of the loop's vertices.
     pub centre: [f64; 3],
 }
 
-/// The side of the surface on which a loop is spanned (T. K. Dey, F. Fan and Y. Wang, "An efficient computation of
-/// handle and tunnel loops via Reeb graphs", ACM Trans. Graph. 32, 2013).
+/// The side of the surface on which the film over a loop lies (after T. K. Dey, F. Fan and Y. Wang, "An efficient
+/// computation of handle and tunnel loops via Reeb graphs", ACM Trans. Graph. 32, 2013).
 ///
-/// Theirs is a property of the loop's class, computed from a graph; this one is the side towards which a film over the
-/// loop leaves the surface, on average. If the film stays on one side of the surface the two agree.
+/// In the paper the kind is a property of the loop's homology class, computed from a graph. Here it is the side towards
+/// which a film over the loop leaves the surface, on average. The two agree if the film stays on one side of the
+/// surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Kind {
@@ -76,7 +78,7 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// Returns the other kind.
+    /// Returns `Tunnel` for `Handle`, and `Handle` for `Tunnel`.
     pub(super) fn other(self) -> Self {
         match self {
             Self::Handle => Self::Tunnel,

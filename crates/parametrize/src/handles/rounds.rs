@@ -1,19 +1,20 @@
 //! Chooses the loops to cut.
 //!
-//! Loops are cut in rounds, until the genus is zero. A round computes the generators of the current complex, and near
-//! each of their edges a loop that is the shortest through its own points. These loops are taken shortest first, and a
-//! loop that meets an earlier one is left out. Together, the remaining loops may separate the surface, if several run
-//! around the same handle. They are the edges of a graph whose nodes are the pieces that would result. The loops left
-//! uncut are a spanning tree of this graph, made of the longest loops, so that the pieces stay connected. At least the
-//! shortest loop is cut.
+//! Loops are cut in rounds until the genus is zero. A round computes the generators of the current complex and, near
+//! each of them, a loop that no shorter loop replaces (see `search`). The loops are considered in order of length, and
+//! a loop that meets an earlier one is dropped. Together, the remaining loops may still separate the surface, for
+//! instance if several run around the same handle. They form the edges of a graph whose nodes are the pieces into which
+//! they would cut the surface. A spanning tree of this graph, made of the longest loops, is left uncut, so that the
+//! surface stays connected. The shortest loop is always cut.
 //!
-//! It is guaranteed that no cut loop is longer than any loop along edges through eight of its points that doesn't
-//! separate the surface as it was in that round. In practice the shortest loop of all is found if one of the searches
-//! reaches it; to be certain would take a search from every vertex (Erickson and Har-Peled 2004), n times as long.
+//! Guarantee: consider the loops along edges that pass through one of eight points of a cut loop and don't separate the
+//! surface of that round. None of them is shorter than the cut loop. In practice the shortest loop of all is found if
+//! one of the searches reaches it. To be certain, a search from every vertex would be needed (Erickson and Har-Peled
+//! 2004), which takes n times as long.
 //!
-//! A round takes O(n log n) for the generators, and for each of them a few searches of the surface within half a loop's
-//! length. Hundreds of small handles are cut in two or three rounds; in the worst case, if all loops meet, one per
-//! round.
+//! Cost: a round takes O(n log n) for the generators. For each generator it searches the surface a few times, within
+//! half a loop's length. Hundreds of small handles are cut in two or three rounds. In the worst case, if all loops
+//! meet, each round cuts one handle.
 
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor, Stage};
@@ -29,14 +30,14 @@ pub(super) struct Cut {
     pub(super) rims: Rims,
 }
 
-/// Returns disjoint loops, shortest first, that together don't separate a complex; at least one if it has a handle.
+/// Returns disjoint loops, shortest first, that together don't separate the complex; at least one if it has a handle.
 pub(super) fn round(complex: &Complex, monitor: &dyn Monitor) -> Result<Vec<Loop>, Interrupted> {
     let base = (0..complex.vertices() as u32).find(|&v| complex.around(v).next().is_some()).unwrap_or(0);
     let homology = Homology::of(complex, base);
     Ok(without_separating(complex, disjoint(complex, candidates(complex, &homology, monitor)?)))
 }
 
-/// Returns loops near all generators, shortest first, without duplicates.
+/// Returns the loops found near the generators, shortest first, without duplicates.
 fn candidates(complex: &Complex, homology: &Homology, monitor: &dyn Monitor) -> Result<Vec<Loop>, Interrupted> {
     let near = |search: &mut Search, &generator: &u32| {
         monitor.check()?;
@@ -50,16 +51,17 @@ fn candidates(complex: &Complex, homology: &Homology, monitor: &dyn Monitor) -> 
     Ok(loops.into_iter().map(|(_, _, found)| found).collect())
 }
 
-/// Returns the sort key of a loop: its length, then its edges, independent of direction and starting point.
+/// Returns a loop with its sort key: its length, then its edges. The key doesn't depend on direction and starting
+/// point.
 fn key(complex: &Complex, found: Loop) -> (u64, Vec<u32>, Loop) {
     let mut edges: Vec<u32> = found.edges.iter().map(|&h| h.min(complex.twin(h))).collect();
     edges.sort_unstable();
-    // Summed in the order of the edges' indices, so that the result doesn't depend on direction or starting point.
+    // Summed in the order of the edges' indices, so that the length doesn't depend on direction and starting point.
     let length: f64 = edges.iter().map(|&h| complex.length(h)).sum();
     (length.to_bits(), edges, Loop { length, ..found })
 }
 
-/// Cuts until the genus, initially `genus`, is zero.
+/// Cuts handles until the genus is zero; it is `genus` at the beginning. `None` if no loop was found.
 pub(super) fn cut_all(
     complex: &mut Complex,
     genus: usize,
@@ -81,7 +83,7 @@ pub(super) fn cut_all(
     Ok(Some(cuts))
 }
 
-/// Returns the loops of a list that meet no earlier one.
+/// Returns the loops that share no vertex with an earlier loop of the list.
 fn disjoint(complex: &Complex, mut loops: Vec<Loop>) -> Vec<Loop> {
     let mut met = vec![false; complex.vertices()];
     loops.retain(|found| {
@@ -95,8 +97,8 @@ fn disjoint(complex: &Complex, mut loops: Vec<Loop>) -> Vec<Loop> {
     loops
 }
 
-/// Returns those of disjoint loops, in their order, that leave the surface in one piece; loops at the end of the list
-/// are dropped first.
+/// Returns the disjoint loops, in their order, that can be cut without separating the surface. Loops at the end of the
+/// list are dropped first.
 fn without_separating(complex: &Complex, loops: Vec<Loop>) -> Vec<Loop> {
     let mut cut = vec![false; complex.half_edges() as usize];
     for &h in loops.iter().flat_map(|found| &found.edges) {

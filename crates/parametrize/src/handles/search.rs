@@ -1,9 +1,9 @@
 //! Searches for the shortest loop through a vertex that doesn't separate the surface.
 //!
-//! It runs Dijkstra's algorithm from the vertex v. A shortest loop through v in its class consists of two shortest
-//! paths and an edge ab between their ends, of length d(a) + |ab| + d(b), which is at least twice the larger of the two
-//! distances. So the search ends when twice the distance reaches the length of the shortest loop found, and visits only
-//! the vertices within half that length.
+//! The search runs Dijkstra's algorithm from the vertex v. A shortest loop through v in its homology class consists of
+//! two shortest paths and an edge ab between their ends. Its length d(a) + |ab| + d(b) is at least twice the larger of
+//! d(a) and d(b). The search therefore ends when twice the distance reaches the length of the shortest loop found, and
+//! visits only the vertices within half that length.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -11,13 +11,13 @@ use std::collections::BinaryHeap;
 use super::complex::{Complex, Loop, NONE};
 use super::homology::Homology;
 
-/// Number of evenly spread points of a loop through which no shorter loop may pass.
+/// Number of evenly spread points of a loop that are tested for a shorter loop through them.
 const POINTS: usize = 8;
 
-/// Working memory: 21 bytes per vertex; only entries touched by a search are cleared.
+/// Working memory, 21 bytes per vertex. Only the entries touched by the last search are cleared.
 pub(super) struct Search {
     distance: Vec<f64>,
-    /// Sum of the numbers along the shortest path.
+    /// For each vertex, the sum of the half-edges' numbers (see `homology`) along the shortest path to it.
     class: Vec<u64>,
     arriving: Vec<u32>,
     settled: Vec<bool>,
@@ -37,7 +37,7 @@ impl Search {
         }
     }
 
-    /// Returns a loop near a vertex that is the shortest one through each of [`POINTS`] of its own vertices.
+    /// Returns a loop near a vertex. No shorter loop passes through any of [`POINTS`] evenly spread vertices of it.
     pub(super) fn near(&mut self, complex: &Complex, homology: &Homology, vertex: u32) -> Option<Loop> {
         let mut found = self.through(complex, homology, vertex, f64::INFINITY)?;
         loop {
@@ -52,8 +52,9 @@ impl Search {
         }
     }
 
-    /// Returns the shortest loop through a vertex that is shorter than `limit` and doesn't separate. If its two paths
-    /// begin with the same edges, these are left out, which makes it shorter still.
+    /// Returns the shortest loop through a vertex, among those that are shorter than `limit` and don't separate the
+    /// surface. If the two paths of the loop begin with the same edges, these are removed, which shortens the loop
+    /// further.
     fn through(&mut self, complex: &Complex, homology: &Homology, base: u32, limit: f64) -> Option<Loop> {
         self.clear();
         self.reach(base, 0.0, 0, NONE);
@@ -101,7 +102,8 @@ impl Search {
         self.queue.clear();
     }
 
-    /// Returns the loop formed by an edge between two paths, without the part that the paths have in common.
+    /// Returns the loop formed by an edge and the paths to its two ends, without the part that the paths have in
+    /// common.
     fn loop_over(&self, complex: &Complex, closing: u32) -> Loop {
         let path = |mut vertex: u32| {
             let mut edges = Vec::new();
