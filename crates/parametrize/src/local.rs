@@ -1,17 +1,18 @@
-//! Energy, gradient and positive semidefinite Hessian of one triangle, in closed form.
+//! Computes energy, gradient and positive semidefinite Hessian of one triangle, in closed form.
 //!
-//! The unknowns are two per corner, in the [`frame`] of its tangent plane. Value and gradient are exact on the sphere.
-//! The Hessian is that of the flat triangle between the corners, which is accurate up to the square of its size, with
-//! its negative eigenvalues raised to zero. In complex numbers the linear map between flat triangles is z -> alpha z +
-//! beta conj(z), with
+//! Each corner has two unknowns, its coordinates in the [`frame`] of the tangent plane. Value and gradient are exact on
+//! the sphere. The Hessian is that of the flat triangle between the corners, with its negative eigenvalues raised to
+//! zero; its relative error is of the order of the triangle's squared size. In complex numbers the linear map between
+//! the flat triangles is z -> alpha z + beta conj(z), with
 //!
 //! ```text
 //! q = |alpha|^2 + |beta|^2,   r = |alpha|^2 - |beta|^2,   s1, s2 = |alpha| +- |beta|
 //! ```
 //!
-//! so an energy F(q, r) = G(u, v) depends on u = |alpha|^2 and v = |beta|^2 alone. Its Hessian with respect to alpha
-//! and beta is diagonal except for a 2 x 2 block: the entries are 2 G_u and 2 G_v across alpha and beta (twist and
-//! flip), and along them
+//! so an energy F(q, r) = G(u, v) depends only on u = |alpha|^2 and v = |beta|^2. Split the changes of alpha and beta
+//! into components along alpha and beta, which change their lengths, and across, which change their arguments. The
+//! Hessian is then diagonal except for a 2 x 2 block. The entries across alpha and across beta are 2 G_u (twist) and 2
+//! G_v (flip). The block of the components along alpha and beta is
 //!
 //! ```text
 //! | 2 G_u + 4 u G_uu     4 sqrt(u v) G_uv |
@@ -22,13 +23,14 @@
 //! decomposition. alpha and beta are linear in the corners: alpha = sum of w_j conj(i e_j) / (4 A), beta = sum of w_j i
 //! e_j / (4 A), with w_j the corners on the sphere and e_j the edge opposite corner j on the surface.
 //!
-//! About 500 flops per triangle. Everything is inlined and free of branches, so that loops over triangles are
-//! vectorised.
+//! Cost: about 500 flops per triangle. Everything is inlined and free of branches, so that compilers can vectorise
+//! loops over triangles.
 
 use crate::angle::atan2_upper;
 use crate::density::Density;
 
-/// Numbers per triangle: the value, six numbers of the gradient, and the lower triangle of the Hessian row by row.
+/// Number of results per triangle: the value, six numbers of the gradient, and the lower triangle of the Hessian by
+/// rows.
 pub(crate) const NUMBERS: usize = 28;
 
 /// Number of inputs of a triangle's derivatives: three corners, three cotangents, an area.
@@ -66,7 +68,7 @@ fn positive(x: f64) -> f64 {
     if x > 0.0 { x } else { 0.0 }
 }
 
-/// Returns two unit vectors that span the plane perpendicular to p, depending only on p (T. Duff et al., "Building an
+/// Returns two unit vectors that span the plane perpendicular to p. They depend only on p (T. Duff et al., "Building an
 /// orthonormal basis, revisited", JCGT 6, 2017).
 #[inline(always)]
 pub(crate) fn frame([x, y, z]: Vec3) -> [Vec3; 2] {
@@ -76,7 +78,7 @@ pub(crate) fn frame([x, y, z]: Vec3) -> [Vec3; 2] {
     [[1.0 + sign * x * x * a, sign * b, -sign * x], [b, sign + y * y * a, -y]]
 }
 
-/// Quantities shared by value, gradient and Hessian.
+/// Quantities that value, gradient and Hessian have in common.
 struct Triangle {
     ab: Vec3,
     bc: Vec3,
@@ -93,12 +95,12 @@ fn triangle([a, b, c]: [Vec3; 3], [x, y, z]: [f64; 3], area: f64) -> Triangle {
     let volume = -dot(a, cross(ab, ca));
     let rest = 1.0 + dot(a, b) + dot(b, c) + dot(c, a);
     let q = (x * dot(bc, bc) + y * dot(ca, ca) + z * dot(ab, ab)) / (4.0 * area);
-    // For a flipped triangle r is meaningless, but finite.
+    // For a flipped triangle r is finite but meaningless; callers reject such triangles by `volume`.
     let r = 2.0 * atan2_upper(positive(volume), rest) / area;
     Triangle { ab, bc, ca, volume, rest, q, r }
 }
 
-/// Returns one triangle's energy; infinite if the triangle is flipped or flat, up to rounding.
+/// Returns one triangle's energy; infinite if the triangle is flipped or, up to rounding, flat.
 #[inline(always)]
 pub(crate) fn value<D: Density>(density: D, p: [Vec3; 3], cotangents: [f64; 3], area: f64) -> f64 {
     let t = triangle(p, cotangents, area);
@@ -106,11 +108,11 @@ pub(crate) fn value<D: Density>(density: D, p: [Vec3; 3], cotangents: [f64; 3], 
     if t.volume > 0.0 { value } else { f64::INFINITY }
 }
 
-/// Returns four rows of derivatives for a corner: of |alpha|, |alpha| times its argument, |beta|, and |beta| times its
-/// argument, with respect to the corner's two unknowns.
+/// Returns the derivatives with respect to a corner's two unknowns of four numbers: |alpha|, |alpha| times the argument
+/// of alpha, |beta|, and |beta| times the argument of beta.
 #[inline(always)]
 fn rows(alpha: [f64; 2], beta: [f64; 2], across: [f64; 2], plane: [Vec3; 2], frame: [Vec3; 2]) -> [[f64; 2]; 4] {
-    // conj(alpha) conj(i e) / 4 A, and conj(beta) (i e) / 4 A, with alpha and beta of length 1.
+    // a = conj(alpha) conj(i e) / (4 A) and b = conj(beta) i e / (4 A), with alpha and beta scaled to length 1.
     let a = [alpha[0] * across[0] - alpha[1] * across[1], -alpha[0] * across[1] - alpha[1] * across[0]];
     let b = [beta[0] * across[0] + beta[1] * across[1], beta[0] * across[1] - beta[1] * across[0]];
     let [u, w] = frame;
@@ -124,9 +126,9 @@ fn rows(alpha: [f64; 2], beta: [f64; 2], across: [f64; 2], plane: [Vec3; 2], fra
     ]
 }
 
-/// Weights of the Hessian's rows, multiplied by the area.
+/// Coefficients of the Hessian in the rows of derivatives, multiplied by the area.
 struct Weights {
-    /// Along alpha, along both, along beta.
+    /// Entries of the 2 x 2 block: along alpha, mixed, along beta.
     along: [f64; 3],
     twist: f64,
     flip: f64,
@@ -148,27 +150,27 @@ fn weights([_, fq, fr, fqq, fqr, frr]: [f64; 6], u: f64, v: f64, area: f64) -> W
     }
 }
 
-/// The parts of the Hessian: its weights, and the rows of derivatives for each corner.
+/// The Hessian in factored form: its coefficients, and the data for the rows of derivatives of each corner.
 struct Flat {
     weights: Weights,
-    /// Unit vectors along alpha and beta.
+    /// alpha and beta, scaled to length 1.
     alpha: [f64; 2],
     beta: [f64; 2],
     /// i e / (4 A) for each corner.
     across: [[f64; 2]; 3],
-    /// The plane of the triangle on the sphere.
+    /// Two unit vectors that span the plane of the triangle on the sphere.
     plane: [Vec3; 2],
 }
 
 #[inline(always)]
 fn flat(t: &Triangle, densities: [f64; 6], [_, y, z]: [f64; 3], area: f64) -> Flat {
-    // Coordinates on the sphere, with corner b at 0 and c on the real axis.
+    // Coordinates of the flat triangle on the sphere, with corner b at 0 and c on the real axis.
     let length = dot(t.bc, t.bc).sqrt();
     let normal = cross(t.ca, t.ab);
     let first = scale(t.bc, 1.0 / length);
     let second = cross(scale(normal, 1.0 / dot(normal, normal).sqrt()), first);
     let wa = [-dot(t.ab, first), -dot(t.ab, second)];
-    // The same on the surface.
+    // Coordinates of the triangle on the surface, with its corners b and c placed likewise.
     let long = (2.0 * area * (y + z)).sqrt();
     let (side, height) = (long / (4.0 * area), 0.5 / long);
     let across = [[0.0, side], [-height, -height * z], [height, -height * y]];
@@ -178,13 +180,13 @@ fn flat(t: &Triangle, densities: [f64; 6], [_, y, z]: [f64; 3], area: f64) -> Fl
     let v = beta[0] * beta[0] + beta[1] * beta[1];
     let weights = weights(densities, u, v, area);
     let (by_alpha, by_beta) = (1.0 / u.sqrt(), 1.0 / (v + f64::MIN_POSITIVE).sqrt());
-    // If beta vanishes, any direction will do.
+    // If beta vanishes, its direction is arbitrary.
     let is_similar = v < 1e-30 * u;
     let beta = [if is_similar { 1.0 } else { beta[0] * by_beta }, if is_similar { 0.0 } else { beta[1] * by_beta }];
     Flat { weights, alpha: [alpha[0] * by_alpha, alpha[1] * by_alpha], beta, across, plane: [first, second] }
 }
 
-/// Returns the gradient in space with respect to one corner, whose neighbours are `b` and `c`.
+/// Returns the gradient in space with respect to one corner a of a triangle; `b` and `c` are the other corners.
 #[inline(always)]
 fn gradient(half: f64, w: f64, [b, c]: [Vec3; 2], bc: Vec3, lengths: Vec3, t: &Triangle) -> Vec3 {
     // A dq/da = (z (a - b) + y (a - c)) / 2.
@@ -193,7 +195,7 @@ fn gradient(half: f64, w: f64, [b, c]: [Vec3; 2], bc: Vec3, lengths: Vec3, t: &T
     add(scale(lengths, half), scale(sub(scale(cross(b, bc), t.rest), scale(add(b, c), t.volume)), w))
 }
 
-/// Returns one triangle's value, gradient and Hessian. For a flipped triangle all except the value are zero.
+/// Returns one triangle's value, gradient and Hessian. For a flipped triangle the value is infinite and the rest zero.
 #[inline(always)]
 pub(crate) fn derivatives<D: Density>(density: D, p: [Vec3; 3], cotangents: [f64; 3], area: f64) -> [f64; NUMBERS] {
     let [a, b, c] = p;
@@ -242,8 +244,8 @@ pub(crate) fn derivatives<D: Density>(density: D, p: [Vec3; 3], cotangents: [f64
     numbers
 }
 
-/// Returns the derivatives with respect to the two unknowns of the first corner: value, gradient, and the Hessian's 00,
-/// 10 and 11.
+/// Returns the derivatives with respect to the two unknowns of the first corner: value, gradient, and the entries 00,
+/// 10 and 11 of the Hessian.
 #[inline(always)]
 pub(crate) fn corner_derivatives<D: Density>(
     density: D,

@@ -1,7 +1,7 @@
-//! Estimates of the methods' memory, for planning.
+//! Estimates the memory that each method needs.
 //!
-//! All of it is linear in the number of vertices, except for the model whose residual the areas adapt to: its samples
-//! and the tables of its transform grow with the square of its degree.
+//! The memory is linear in the number of vertices, except for the model that adapts the areas: its samples and the
+//! tables of its transform grow with the square of its degree.
 
 use spharm_surface::generate::icosphere_counts;
 
@@ -9,18 +9,19 @@ use crate::cald::CaldParams;
 use crate::method::{Method, Source};
 use crate::residual_areas::degree_for;
 
-/// For any method: the hierarchy, triangles and their energies, the blocks of the Newton steps and their two grids.
-/// Measured: cald 2.1 to 2.9 kB for 655,362 to 40,962 vertices, conformal and stretch 2.1 kB.
+/// Bytes per vertex of any method, for the hierarchy, the triangles and their derivatives, and the matrices of the
+/// Newton steps. Measured: cald 2.1 kB (655,362 vertices) to 2.9 kB (40,962 vertices), conformal and stretch 2.1 kB.
 const BYTES_PER_VERTEX: u64 = 3000;
 
-/// Samples and transform of a model of degree L, per L^2. Measured: 2.8 to 5.3 kB for L = 100 to 34.
+/// Bytes per L^2 of samples and transform of a model of degree L. Measured: 2.8 kB (L = 100) to 5.3 kB (L = 34).
 const BYTES_PER_SQUARED_DEGREE: u64 = 5500;
 
-/// Independent of the surface.
+/// Bytes that don't depend on the surface.
 const FIXED: u64 = 4 << 20;
 
 impl Method {
-    /// Returns an estimate of the most bytes needed to map a surface of `vertices` vertices, including the result.
+    /// Returns an estimate of the largest number of bytes in use while a surface of `vertices` vertices is mapped,
+    /// including the result.
     #[must_use]
     pub fn bytes(&self, vertices: usize) -> u64 {
         let adapting = |params: &CaldParams| {
@@ -33,7 +34,7 @@ impl Method {
             Self::Conformal(_) | Self::Stretch(_) | Self::EqualArea(_) => 0,
             Self::Deform { params, map } => {
                 let subdivisions = params.subdivisions.unwrap_or_else(|| next_icosphere(vertices as u64));
-                // Rings around the vertices, the tree of the surface, and the vectors of the steps.
+                // For the neighbours of the vertices, the search tree of the surface, and the vectors of the sweeps.
                 adapting(map) + 2 * FIXED + 1500 * icosphere_counts(subdivisions)[0]
             }
         })
@@ -41,7 +42,7 @@ impl Method {
 }
 
 impl Source<'_> {
-    /// Returns the number of vertices.
+    /// Returns the surface's number of vertices.
     #[must_use]
     pub fn vertices(&self) -> usize {
         match self {
@@ -51,7 +52,7 @@ impl Source<'_> {
     }
 }
 
-/// Returns the number of subdivisions that deform ends with by default.
+/// Returns the default number of subdivisions of `deform` for a surface.
 fn next_icosphere(vertices: u64) -> u32 {
     (0..7).find(|&subdivisions| icosphere_counts(subdivisions)[0] >= vertices).unwrap_or(7)
 }
@@ -66,7 +67,7 @@ mod tests {
         let auto = |degree| Method::Auto(CaldParams { degree, ..CaldParams::default() });
         assert!(auto(None).bytes(10_242) > auto(Some(5)).bytes(10_242));
         assert!(auto(Some(5)).bytes(40_962) > 3 * auto(Some(5)).bytes(10_242));
-        // A degree that the vertices don't determine isn't taken.
+        // Degrees above the largest one that the vertices determine are lowered to it.
         assert_eq!(auto(Some(1000)).bytes(642), auto(Some(2000)).bytes(642));
         let deform = |subdivisions| Method::Deform {
             params: DeformParams { subdivisions, ..DeformParams::default() },

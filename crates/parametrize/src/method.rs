@@ -1,4 +1,4 @@
-//! The methods as values, for programs and bindings: one variant per method, with its settings.
+//! Represents the methods as values, for programs and bindings: one variant per method, with its settings.
 
 use spharm_monitor::Monitor;
 use spharm_surface::Mesh;
@@ -14,7 +14,7 @@ use crate::report::Parametrization;
 use crate::stretch::{StretchParams, stretch};
 use crate::volume::QuadMesh;
 
-/// A surface to be mapped, in either form.
+/// A surface to be mapped, of triangles or quadrangles.
 #[derive(Clone, Copy, Debug)]
 pub enum Source<'a> {
     /// Triangles.
@@ -59,11 +59,11 @@ pub enum Method {
     Stretch(StretchParams),
     /// [`equal_area`](crate::equal_area()), for quadrangles only.
     EqualArea(EqualAreaParams),
-    /// [`deform`](crate::deform()) over the map by [`auto`](crate::auto()).
+    /// [`deform`](crate::deform()), starting from the map made by [`auto`](crate::auto()).
     Deform {
         /// Settings of the deformation.
         params: DeformParams,
-        /// Settings of the map.
+        /// Settings of the initial map.
         map: CaldParams,
     },
 }
@@ -75,11 +75,11 @@ impl Default for Method {
 }
 
 impl Method {
-    /// Maps a surface to the sphere. Methods for meshes treat a surface of quadrangles as triangles.
+    /// Maps a surface to the sphere. Methods for meshes cut quadrangles into triangles.
     ///
     /// # Errors
     ///
-    /// Those of the method; [`ParametrizeError::Argument`] for equal-area of a mesh.
+    /// Those of the method; [`ParametrizeError::Argument`] if the method is equal-area and the surface is a mesh.
     pub fn run<'a>(
         &self,
         source: impl Into<Source<'a>>,

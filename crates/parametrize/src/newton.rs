@@ -1,12 +1,14 @@
-//! Projected Newton method over the entire mesh, moving all vertices at once.
+//! Minimises an energy by projected Newton steps that move all vertices of a mesh at once.
 //!
-//! There are two unknowns per vertex, in a frame of the tangent plane. Each triangle's Hessian has its negative
-//! eigenvalues raised to zero (J. Teran et al., SCA 2005), in closed form (`local.rs`). The sum is solved by conjugate
-//! gradients with a two-grid preconditioner (`pcg.rs`), or on small meshes by a Cholesky factorisation. Steps are
-//! halved until no triangle is flipped and the energy has decreased (Armijo). Newton steps reduce the low-frequency
-//! errors of stiff energies, for which sweeps over single vertices take as many rounds as the mesh is wide.
+//! Each vertex has two unknowns, in a frame of its tangent plane. The negative eigenvalues of each triangle's Hessian
+//! are raised to zero (J. Teran et al., SCA 2005), in closed form (`local.rs`). The sum over triangles is solved by
+//! conjugate gradients with a two-grid preconditioner (`pcg.rs`), or on small meshes by a Cholesky factorisation. A
+//! step is halved until it flips no triangle and decreases the energy sufficiently (Armijo). Newton steps reduce the
+//! low-frequency errors of stiff energies. Sweeps over single vertices would need as many rounds for this as the mesh
+//! is edges wide.
 //!
-//! Sums run over chunks of fixed length in fixed order, so that the result is bit-identical for any number of threads.
+//! Sums are taken over chunks of fixed length in a fixed order, so the result has the same bits for any number of
+//! threads.
 
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor};
@@ -20,10 +22,10 @@ use crate::local::{NUMBERS, frame};
 use crate::pcg::System;
 use crate::sparse_cholesky::{Factor, Symbolic};
 
-/// Triangles, or vertices, per chunk of a sum.
+/// Number of triangles per chunk of a sum.
 const CHUNK: usize = 4096;
 
-/// A fixed triangulation and the data needed to minimise energies over it repeatedly.
+/// A fixed triangulation, with the data needed to minimise energies over it repeatedly.
 pub(crate) struct Newton {
     faces: Vec<[u32; 3]>,
     shapes: Vec<Shape>,
@@ -34,47 +36,47 @@ pub(crate) struct Newton {
 /// The solver of the linear systems.
 enum Solver {
     Direct(Symbolic),
-    /// The last factor of the coarse matrix is reused until the number of iterations grows large.
+    /// Conjugate gradients. A factor of the coarse matrix is reused in later steps as long as few iterations suffice.
     Iterative {
         coarse: Coarse,
         factor: Option<Factor>,
     },
 }
 
-/// Number of iterations from which the coarse matrix is factored again.
+/// Number of iterations from which the coarse matrix is factored again for the next step.
 const SLOW: usize = 10;
 
-/// Number of vertices from which iterations are faster than a factorisation.
+/// Number of vertices from which conjugate gradients are faster than a factorisation.
 const MANY: usize = 2000;
 
-/// Relative shift of a factored diagonal: rotations of the entire sphere don't change the energy, but the matrix must
-/// be definite.
+/// Relative shift of the diagonal before a factorisation. It makes the matrix positive definite, although rotations of
+/// the entire sphere don't change the energy.
 const SHIFT: f64 = 1e-8;
 
-/// The result of a step.
+/// The result of a Newton step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Step {
-    /// Energy before.
+    /// Energy before the step.
     pub(crate) before: f64,
-    /// Energy after.
+    /// Energy after the step.
     pub(crate) after: f64,
-    /// Fraction of the Newton step that was taken; 0 if none lowered the energy.
+    /// Fraction of the Newton step that was taken; 0 if no fraction decreased the energy.
     pub(crate) taken: f64,
-    /// Decrease of the energy that the quadratic model predicted for that fraction.
+    /// Decrease of the energy for this fraction as predicted by the quadratic model.
     promised: f64,
 }
 
 impl Step {
-    /// Estimates the gain of another step, where `gain` is the actual gain of this one.
+    /// Estimates the decrease of the energy by another step, given the actual decrease `gain` by this one.
     ///
-    /// If the full step was taken, the remaining gain is the error of the model.
+    /// After a full step, the estimate is the difference between the actual and the predicted decrease.
     pub(crate) fn left(&self, gain: f64) -> f64 {
         if self.taken < 1.0 { gain } else { gain.min((gain - self.promised).abs()) }
     }
 }
 
 impl Newton {
-    /// Analyses the sparsity of matrices of triangles over the vertices 0..n.
+    /// Prepares the matrices of a triangulation over the vertices 0..n.
     ///
     /// Returns `None` if faer runs out of memory.
     pub(crate) fn new(
@@ -92,12 +94,12 @@ impl Newton {
         Ok(solver.map(|solver| Self { faces, shapes, pattern, solver }))
     }
 
-    /// Sets the target area of each triangle (sum 4 pi).
+    /// Sets the target area of each triangle; the areas must sum to 4 pi.
     pub(crate) fn set_areas(&mut self, areas: &[f64]) {
         set_areas(&mut self.shapes, areas);
     }
 
-    /// Loads the triangles from `first` on into a batch; returns their number.
+    /// Loads the triangles from `first` on, before `end`, into a batch. Returns the number of triangles loaded.
     fn fill(&self, batch: &mut Batch, unit: &[Vec3], first: usize, end: usize) -> usize {
         let last = (first + BATCH).min(end);
         for f in first..last {
@@ -129,7 +131,7 @@ impl Newton {
         self.faces.par_iter().all(|face| orientation(face.map(|v| unit[v as usize])) > 0.0)
     }
 
-    /// Returns gradients and Hessians of all triangles.
+    /// Returns the gradients and Hessians of all triangles.
     fn derivatives(&self, energy: Energy, unit: &[Vec3]) -> Vec<[f64; KEPT]> {
         let mut local = vec![[0.0; KEPT]; self.faces.len()];
         local.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, local)| {
@@ -147,7 +149,8 @@ impl Newton {
         local
     }
 
-    /// Returns Newton's direction: minus the inverse of the Hessian times the gradient.
+    /// Returns the Newton direction: minus the inverse of the Hessian times the gradient. `None` if a factorisation
+    /// fails.
     fn solve(
         &mut self,
         unit: &[Vec3],
@@ -188,7 +191,7 @@ impl Newton {
         }
     }
 
-    /// Takes one step.
+    /// Takes one step, and moves the vertices `unit`.
     pub(crate) fn step(
         &mut self,
         energy: Energy,
@@ -218,7 +221,7 @@ impl Newton {
             return Ok(nothing);
         }
 
-        // Beyond half a radian, a second-order model of the sphere isn't valid.
+        // Moves are limited to half a radian, beyond which a second-order model isn't valid on the sphere.
         let mut t = (0.5 / longest).min(1.0);
         for _ in 0..16 {
             monitor.check()?;
@@ -226,7 +229,7 @@ impl Newton {
             let after = self.value(energy, &moved);
             if after <= before + 1e-4 * t * slope && self.is_positive(&moved) {
                 unit.copy_from_slice(&moved);
-                // Newton's direction d has d^T H d = -slope.
+                // The Newton direction d satisfies d^T H d = -slope.
                 let promised = -slope * t * (1.0 - 0.5 * t);
                 return Ok(Step { before, after, taken: t, promised });
             }
@@ -242,7 +245,7 @@ mod tests {
     use spharm_monitor::Silent;
     use spharm_surface::generate::{Cortex, cortex};
 
-    /// A folded surface of 2,562 vertices and its own sphere, which is far from the best map.
+    /// Returns a folded surface of 2,562 vertices and its own sphere, which is far from the optimal map.
     fn start() -> (Vec<Vec3>, Vec<[u32; 3]>, Vec<Shape>) {
         let (surface, sphere) = cortex(&Cortex { subdivisions: 4, variant: 0 });
         let corners = |face: &[u32; 3]| face.map(|v| surface.vertices[v as usize]);
@@ -270,7 +273,7 @@ mod tests {
                 assert!(step.after <= step.before && step.before == last.after, "{step:?}");
                 last = step;
             }
-            // At the minimum, but for what the model was wrong by.
+            // Near the minimum, up to the error of the quadratic model.
             assert!(last.left(last.before - last.after) < 1e-6 * last.after, "{last:?}");
             newton.value(energy, &map)
         });

@@ -1,11 +1,12 @@
-//! Solves Newton's systems by conjugate gradients, preconditioned by two grids.
+//! Solves the linear systems of Newton steps by conjugate gradients with a two-grid preconditioner.
 //!
-//! One cycle consists of two steps of Chebyshev's smoother, a correction in the coarse space (`coarse.rs`), and two
-//! more steps. The smoother uses the inverses D^-1 of the 2 x 2 diagonal blocks. No eigenvalue of D^-1 H is above 3 for
-//! any triangulation, since H is a sum of semidefinite matrices of three corners each.
+//! A cycle of the preconditioner consists of two steps of Chebyshev's smoother, a correction in the coarse space
+//! (`coarse.rs`), and two more smoothing steps. The smoother uses the inverses D^-1 of the 2 x 2 diagonal blocks of the
+//! matrix H. For any triangulation the eigenvalues of D^-1 H are at most 3, since H is a sum of semidefinite matrices
+//! of three corners each.
 //!
-//! Memory and work per iteration are linear in the number of vertices. About ten iterations reduce the error in the
-//! energy of the quadratic model to a hundredth, for any number of vertices.
+//! Memory and work per iteration are linear in the number of vertices. For any number of vertices, about ten iterations
+//! reduce the error, measured in the energy of the quadratic model, to a hundredth.
 
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor};
@@ -15,25 +16,25 @@ use crate::coarse::Coarse;
 use crate::geometry::Vec3;
 use crate::sparse_cholesky::Factor;
 
-/// Two unknowns per vertex.
+/// A vector of two unknowns per vertex.
 type Vector = Vec<[f64; 2]>;
 
-/// Rows per task.
+/// Number of matrix rows per parallel task.
 const ROWS: usize = 2048;
 
-/// Smoothing steps before and after the coarse correction.
+/// Number of smoothing steps before the coarse correction, and of those after it.
 const SMOOTHING: usize = 2;
 
-/// The smallest eigenvalue of D^-1 H that the smoother damps, and the largest eigenvalue.
+/// Range of eigenvalues of D^-1 H that the smoother damps. The upper end bounds all eigenvalues.
 const RANGE: [f64; 2] = [0.3, 3.0];
 
-/// Maximal number of iterations.
+/// Largest number of iterations.
 const ITERATIONS: usize = 100;
 
-/// Reduction of the residual, in the preconditioner's norm, at which iterations stop.
+/// Iterations stop when the residual's norm, in the preconditioner's inner product, has fallen to this share.
 const REDUCTION: f64 = 0.01;
 
-/// Counts the matrix blocks that are multiplied, for tests.
+/// Counts the matrix blocks that are multiplied; for tests.
 #[cfg(test)]
 fn multiplied(blocks: usize) {
     tests::MULTIPLIED.with(|count| count.set(count.get() + blocks));
@@ -43,19 +44,19 @@ fn multiplied(blocks: usize) {
 #[cfg(not(test))]
 fn multiplied(_: usize) {}
 
-/// One linear system.
+/// A linear system H x = -gradient, and its preconditioner.
 pub(crate) struct System<'a> {
     pub(crate) pattern: &'a Pattern,
-    /// The matrix, in single precision, which suffices for a direction.
+    /// The blocks of H in single precision, which is accurate enough for a search direction.
     pub(crate) blocks: Vec<[f32; 4]>,
     pub(crate) coarse: &'a Coarse,
-    /// Factor of the coarse matrix, or of one close to it.
+    /// Factor of the coarse matrix of H, or of the H of an earlier step.
     pub(crate) factor: &'a Factor,
-    /// By vertex; see [`turns`](crate::coarse::turns).
+    /// For each vertex, [`turns`](crate::coarse::turns) of its position.
     pub(crate) turns: &'a [[Vec3; 2]],
 }
 
-/// Vectors that are reused.
+/// Vectors that are reused by all cycles.
 struct Workspace {
     inverses: Vec<[f64; 3]>,
     rest: Vector,
@@ -63,7 +64,7 @@ struct Workspace {
 }
 
 impl System<'_> {
-    /// Solves approximately for minus the gradient. Returns the solution and the number of iterations.
+    /// Solves H x = -gradient approximately. Returns x and the number of iterations.
     pub(crate) fn solve(&self, gradient: &[[f64; 2]], monitor: &dyn Monitor) -> Result<(Vector, usize), Interrupted> {
         let n = gradient.len();
         let zero = || vec![[0.0; 2]; n];
@@ -100,7 +101,7 @@ impl System<'_> {
         Ok((x, ITERATIONS))
     }
 
-    /// Stores `then(H x, row)` in each row of `out`.
+    /// Computes H x, and stores `then((H x)[row], row)` in each row of `out`.
     fn times(&self, x: &[[f64; 2]], out: &mut [[f64; 2]], then: impl Fn([f64; 2], usize) -> [f64; 2] + Sync) {
         multiplied(self.blocks.len());
         out.par_chunks_mut(ROWS).enumerate().for_each(|(chunk, out)| {
@@ -117,11 +118,12 @@ impl System<'_> {
         });
     }
 
-    /// Returns the inverses of the diagonal blocks.
+    /// Returns the inverses of the diagonal blocks of H; of each symmetric inverse, the entries 00, 01 and 11.
     fn inverses(&self) -> Vec<[f64; 3]> {
         let inverse = |v: usize| {
             let [a, b, _, c] = self.blocks[self.pattern.range(v).start].map(f64::from);
-            // Keeps the block definite if all triangles of a vertex resist in the same direction only.
+            // A shift keeps the block positive definite even if all triangles of a vertex resist motion in one
+            // direction only.
             let shift = 1e-6 * (a + c) + f64::MIN_POSITIVE;
             let (a, c) = (a + shift, c + shift);
             let determinant = a * c - b * b;
@@ -130,7 +132,7 @@ impl System<'_> {
         (0..self.turns.len()).into_par_iter().map(inverse).collect()
     }
 
-    /// Applies the preconditioner, which is symmetric and definite, to r.
+    /// Stores in x the preconditioner applied to r. The preconditioner is symmetric and positive definite.
     fn cycle(&self, work: &mut Workspace, r: &[[f64; 2]], x: &mut [[f64; 2]]) {
         x.fill([0.0; 2]);
         self.smooth(work, r, x, true);
@@ -139,7 +141,8 @@ impl System<'_> {
         self.smooth(work, r, x, false);
     }
 
-    /// Runs Chebyshev's iteration (Y. Saad, Iterative Methods for Sparse Linear Systems, 2003, algorithm 12.1).
+    /// Improves x by Chebyshev's iteration (Y. Saad, Iterative Methods for Sparse Linear Systems, 2003, algorithm
+    /// 12.1).
     fn smooth(&self, work: &mut Workspace, r: &[[f64; 2]], x: &mut [[f64; 2]], is_zero: bool) {
         let [low, high] = RANGE;
         let (centre, half) = (0.5 * (high + low), 0.5 * (high - low));
@@ -160,7 +163,8 @@ impl System<'_> {
             x.par_iter_mut().zip(&mut work.change).zip(rest).zip(&work.inverses).with_min_len(ROWS).for_each(
                 |(((x, change), rest), [a, b, c])| {
                     let z = [a * rest[0] + b * rest[1], b * rest[0] + c * rest[1]];
-                    // On the first step the old value is left over from the previous cycle.
+                    // In the first step `change` still has the values of the previous cycle, which must not be used,
+                    // even if NaN.
                     let kept = if keep == 0.0 { [0.0; 2] } else { [keep * change[0], keep * change[1]] };
                     *change = [kept[0] + take * z[0], kept[1] + take * z[1]];
                     *x = [x[0] + change[0], x[1] + change[1]];
@@ -170,12 +174,12 @@ impl System<'_> {
     }
 }
 
-/// x += s y.
+/// Adds s y to x.
 fn add_scaled(x: &mut [[f64; 2]], s: f64, y: &[[f64; 2]]) {
     x.par_iter_mut().zip(y).with_min_len(ROWS).for_each(|(x, y)| *x = [x[0] + s * y[0], x[1] + s * y[1]]);
 }
 
-/// Returns the inner product, in chunks of fixed length and order.
+/// Returns the inner product, summed in chunks of fixed length and in fixed order.
 fn dot(x: &[[f64; 2]], y: &[[f64; 2]]) -> f64 {
     let chunk = |(x, y): (&[[f64; 2]], &[[f64; 2]])| x.iter().zip(y).map(|(x, y)| x[0] * y[0] + x[1] * y[1]).sum();
     let sums: Vec<f64> = x.par_chunks(ROWS).zip(y.par_chunks(ROWS)).map(chunk).collect();
@@ -208,11 +212,12 @@ mod tests {
             MULTIPLIED.with(|count| count.get()) as f64 / f64::from(sides)
         };
         let (few, many) = (work(2500), work(10_000));
-        // Quadratic work would be four times as much.
+        // If the work were quadratic, `many` would be four times `few`.
         assert!(many < 2.0 * few && many < 20_000.0, "{few} {many}");
     }
 
-    /// A stiff, soft and uneven system on an icosphere: springs along edges, a hundred times stiffer than across.
+    /// Returns an ill-conditioned, uneven matrix on an icosphere: springs a hundred times stiffer along edges than
+    /// across.
     fn springs(unit: &[Vec3], pattern: &Pattern) -> Vec<[f64; 4]> {
         let mut blocks = vec![[0.0; 4]; pattern.columns.len()];
         for v in 0..unit.len() {
@@ -234,7 +239,7 @@ mod tests {
         blocks
     }
 
-    /// Returns the exact solution, and that of converged iterations.
+    /// Returns the solution by conjugate gradients, the exact solution, and a function for the squared energy norm.
     fn both(level: u32) -> (Vector, Vector, impl Fn(&Vector) -> f64) {
         let mesh = icosphere(level);
         let pattern = Pattern::new(mesh.vertices.len(), &mesh.faces);
@@ -269,7 +274,7 @@ mod tests {
         for level in [3, 5] {
             let (found, exact, size) = both(level);
             let error: Vector = found.iter().zip(&exact).map(|(a, b)| [a[0] - b[0], a[1] - b[1]]).collect();
-            // In the norm of the energy, which the reduction is about.
+            // The stopping criterion bounds the error in the energy norm.
             assert!(size(&error) < 0.01 * size(&exact), "{level}: {} {}", size(&error), size(&exact));
         }
     }
@@ -294,7 +299,7 @@ mod tests {
             system.cycle(&mut work, &x, &mut cx);
             system.cycle(&mut work, &y, &mut cy);
             let (a, b) = (dot(&y, &cx), dot(&x, &cy));
-            // The matrix has been rounded entry by entry, and is symmetric for that.
+            // The matrix was rounded to f32 entry by entry, which preserves its symmetry.
             assert!((a - b).abs() < 1e-10 * dot(&x, &cx), "{a} {b}");
             assert!(dot(&x, &cx) > 0.0);
         }

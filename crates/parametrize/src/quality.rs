@@ -1,21 +1,22 @@
-//! Quality of a map to the sphere: whether it is one to one, and its distortion of areas, angles and lengths.
+//! Measures whether a map to the sphere is one to one, and its distortion of areas, angles and lengths.
 //!
-//! The surface is scaled to the area of the sphere, 4 pi, and each flat triangle of it is mapped linearly onto the flat
-//! triangle of its vertices on the sphere, with singular values s1 >= s2. Then, over the triangles t of the surface
-//! with area A(t):
+//! The surface is scaled to the area of the sphere, 4 pi. Each flat triangle of the surface is mapped linearly onto the
+//! flat triangle of its vertices on the sphere; the singular values of this map are s1 >= s2. With A the triangle's
+//! area on the surface, and sums over triangles:
 //!
 //! | figure | formula | value for an isometry |
 //! |---|---|---|
 //! | log area ratio | log (solid angle / A) | 0 |
-//! | angle distortion | corner angle on the sphere - on the surface | 0 |
+//! | angle distortion | corner angle on the sphere - corner angle on the surface | 0 |
 //! | L2 stretch | sqrt (sum A (1/s1^2 + 1/s2^2) / 2 / sum A) (Sander, Snyder, Gortler, Hoppe, SIGGRAPH 2001) | 1 |
 //! | length distortion | max (s1, 1/s2), the worst case over directions (Shen and Makedon 2006, section 2.2) | 1 |
 //!
 //! # Verifying that a map is one to one
 //!
 //! A continuous map of a closed surface onto the sphere that is a positive local homeomorphism on each triangle is a
-//! branched covering; it is one to one if it covers the sphere once. Each triangle's orientation is determined by an
-//! exact predicate from the given coordinates; the winding number, an integer, from the sum of solid angles.
+//! branched covering. It is one to one if it covers the sphere once. The orientation of each triangle is determined by
+//! an exact predicate from the given coordinates. The number of times that the sphere is covered, an integer, is
+//! determined from the sum of solid angles.
 
 use rayon::prelude::*;
 use serde::Serialize;
@@ -30,15 +31,15 @@ use crate::geometry::{Vec3, area, cross, dot, norm, orientation, solid_angle, su
 pub struct Quality {
     /// Number of triangles.
     pub triangles: usize,
-    /// Spherical triangles reversed relative to the others, by the exact predicate.
+    /// Number of spherical triangles that are wound against the majority, by the exact predicate.
     pub flipped: usize,
-    /// Spherical triangles without area, by the exact predicate.
+    /// Number of spherical triangles without area, by the exact predicate.
     pub degenerate: usize,
-    /// The number of times the sphere is covered: 1, or -1 if triangles wind clockwise seen from outside.
+    /// Number of times that the sphere is covered; 1, or -1 if the triangles wind clockwise seen from outside.
     pub winding_number: i64,
     /// Root mean square over triangles of the log area ratio.
     pub area_rms: f64,
-    /// The same, with each triangle weighted by its area on the surface.
+    /// Root mean square of the log area ratio, with each triangle weighted by its area on the surface.
     pub area_rms_weighted: f64,
     /// 1st percentile over triangles of the log area ratio.
     pub area_p01: f64,
@@ -46,20 +47,20 @@ pub struct Quality {
     pub area_p99: f64,
     /// Root mean square over corners of the angle distortion, in degrees.
     pub angle_rms_degrees: f64,
-    /// L2 stretch.
+    /// The L2 stretch of the map.
     pub stretch: f64,
-    /// Largest length distortion of a triangle.
+    /// Largest length distortion among all triangles.
     pub length_worst: f64,
     /// 99th percentile over triangles of the length distortion.
     pub length_p99: f64,
 }
 
 impl Quality {
-    /// Measures a map, given as the surface and the sphere with the same triangles. O(n log n).
+    /// Measures the map from a surface to a sphere with the same triangles. O(n log n).
     ///
     /// # Panics
     ///
-    /// When the numbers of vertices differ, or a triangle's vertex number is out of range.
+    /// When the numbers of vertices differ, or a triangle's vertex index is out of range.
     #[must_use]
     pub fn of(surface: &Mesh, sphere: &Mesh) -> Self {
         assert_eq!(surface.vertices.len(), sphere.vertices.len(), "vertices of the surface and of its sphere");
@@ -91,7 +92,7 @@ impl Quality {
 
         let count = each.len() as f64;
         let mean = |f: &dyn Fn(&Triangle) -> f64| each.iter().map(f).sum::<f64>() / count;
-        // A flipped triangle has no logarithm; its ratio is set to the smallest positive number.
+        // The logarithm of a flipped triangle's ratio isn't defined; its ratio is set to the smallest positive number.
         let log = |t: &Triangle| (t.solid_angle * outward / t.area).max(f64::MIN_POSITIVE).ln();
         let weight: f64 = each.iter().map(|t| t.area).sum();
         let logs = sorted(each.iter().map(log));
@@ -113,12 +114,13 @@ impl Quality {
     }
 }
 
-/// Returns the log area ratio at each vertex (n): the area of its triangles on the sphere over that on the surface,
-/// with both surfaces scaled to 4 pi. The sphere's vertices must be unit vectors. NaN at a vertex without triangles.
+/// Returns the log area ratio at each vertex (n): the logarithm of the area on the sphere of the triangles around it,
+/// divided by their area on the surface, with both surfaces scaled to 4 pi. NaN at a vertex without triangles. The
+/// sphere's vertices must be unit vectors.
 ///
 /// # Panics
 ///
-/// When the numbers of vertices differ, or a triangle's vertex number is out of range.
+/// When the numbers of vertices differ, or a triangle's vertex index is out of range.
 #[must_use]
 pub fn log_area_ratios(surface: &Mesh, sphere: &Mesh) -> Vec<f64> {
     assert_eq!(surface.vertices.len(), sphere.vertices.len(), "vertices of the surface and of its sphere");
@@ -133,14 +135,14 @@ pub fn log_area_ratios(surface: &Mesh, sphere: &Mesh) -> Vec<f64> {
         sums.iter_mut().for_each(|sum| *sum /= total);
         sums
     };
-    // On a sphere that winds inwards, all angles and their sum are negative.
+    // On a sphere that winds inwards, all solid angles and their sum are negative, so the quotients are positive.
     let (before, after) = (around(area, &surface.vertices), around(solid_angle, &sphere.vertices));
     after.iter().zip(&before).map(|(after, before)| (after / before).ln()).collect()
 }
 
-/// Contribution of one triangle.
+/// Figures of one triangle.
 struct Triangle {
-    /// Area on the surface, scaled.
+    /// Area on the surface, after scaling to 4 pi.
     area: f64,
     solid_angle: f64,
     orientation: f64,
@@ -175,7 +177,7 @@ impl Triangle {
     }
 }
 
-/// Returns the cotangent of the angle at a.
+/// Returns the cotangent of the angle at corner a.
 fn cotangent(a: Vec3, b: Vec3, c: Vec3) -> f64 {
     let (u, v) = (sub(b, a), sub(c, a));
     dot(u, v) / norm(cross(u, v))
@@ -195,7 +197,7 @@ fn sorted(values: impl Iterator<Item = f64>) -> Vec<f64> {
     values
 }
 
-/// Returns the value below which the given share of the values lies; NaN for an empty list.
+/// Returns the value below which the given share of the sorted values lies; NaN for an empty list.
 fn percentile(sorted: &[f64], share: f64) -> f64 {
     let last = sorted.len().saturating_sub(1);
     sorted.get((share * last as f64).round() as usize).copied().unwrap_or(f64::NAN)
@@ -220,15 +222,16 @@ mod tests {
 
     #[test]
     fn a_known_stretch_is_measured() {
-        // Ten times as long along z, mapped back onto the sphere: the equator's triangles are squeezed tenfold.
+        // The surface is the sphere stretched tenfold along z, so the map squeezes triangles near the equator tenfold.
         let sphere = icosphere(5);
         let long = sphere.with_vertices(sphere.vertices.iter().map(|&[x, y, z]| [x, y, 10.0 * z]).collect());
         let quality = Quality::of(&long, &sphere);
-        // A prolate spheroid's area is 2 pi (1 + c asin(e) / e) for semi-axes 1, 1, c and e^2 = 1 - 1 / c^2.
+        // The area of a prolate spheroid of semi-axes 1, 1, c is 2 pi (1 + c asin(e) / e) with e^2 = 1 - 1 / c^2.
         let e = (1.0_f64 - 0.01).sqrt();
         let area = 2.0 * std::f64::consts::PI * (1.0 + 10.0 * e.asin() / e);
         let scale = (4.0 * std::f64::consts::PI / area).sqrt();
-        // Near the equator a circle's length grows by 1 / scale on the way to the sphere, one along z by 0.1 / scale.
+        // Near the equator, the map multiplies lengths along a parallel by 1 / scale and lengths along z by 0.1 /
+        // scale.
         assert!((quality.length_worst / (10.0 * scale) - 1.0).abs() < 0.02, "{quality:?}");
         assert!((quality.area_p01 - (0.1 / (scale * scale)).ln()).abs() < 0.01, "{quality:?}");
     }
@@ -239,7 +242,7 @@ mod tests {
         let long = sphere.with_vertices(sphere.vertices.iter().map(|&[x, y, z]| [x, y, 10.0 * z]).collect());
         let ratios = log_area_ratios(&long, &sphere);
         let quality = Quality::of(&long, &sphere);
-        // Where the equator is squeezed, and at the poles, which are not.
+        // The smallest ratio is near the equator, where triangles are squeezed; the largest is near the poles.
         let (least, most) = ratios.iter().fold((f64::MAX, f64::MIN), |(a, b), &x| (a.min(x), b.max(x)));
         assert!(
             (least - quality.area_p01).abs() < 0.01 && (most - least - 10.0_f64.ln()).abs() < 0.1,
@@ -254,7 +257,7 @@ mod tests {
     fn flips_and_turned_spheres_are_told_apart() {
         let sphere = icosphere(2);
         let mut folded = sphere.clone();
-        // A vertex pulled over its ring.
+        // One vertex is moved across its ring of neighbours.
         let [a, b, _] = sphere.faces[40];
         folded.vertices[a as usize] = {
             let (p, q) = (sphere.vertices[a as usize], sphere.vertices[b as usize]);

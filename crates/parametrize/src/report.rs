@@ -1,4 +1,4 @@
-//! The result of a method: the map, and a report on it.
+//! Defines the result of a method: the map, and a report on it.
 
 use std::time::Instant;
 
@@ -13,36 +13,36 @@ use crate::quality::Quality;
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct Parametrization {
-    /// The surface: the given mesh, or the new one if the method makes one (volumes, [`deform`](crate::deform()),
+    /// The given surface, or the new one if the method makes a new surface (equal-area, [`deform`](crate::deform()),
     /// [`resample`](crate::resample())).
     pub surface: Mesh,
-    /// The sphere: the surface's triangles over unit vectors, one per vertex of the surface, in the same order.
+    /// The sphere: the surface's triangles, with a unit vector for each vertex of the surface in the same order.
     pub sphere: Mesh,
     /// Report on the method's work and the quality of the map.
     pub report: Report,
-    /// Distance of a surface on a new sampling from the given one; `None` if the surface is the given one.
+    /// Distance between the given surface and the resampled one; `None` if the surface wasn't resampled.
     pub resampling: Option<Resampling>,
 }
 
 impl Parametrization {
-    /// Returns a map made elsewhere, for a surface and a sphere with the same triangles.
+    /// Checks and returns a map made elsewhere, for a surface and a sphere with the same triangles.
     ///
     /// # Errors
     ///
-    /// [`ParametrizeError::NotBijective`] if it is not one to one.
+    /// [`ParametrizeError::NotBijective`] if the map is not one to one.
     ///
     /// # Panics
     ///
-    /// When the numbers of vertices differ, or a triangle's vertex number is out of range.
+    /// When the numbers of vertices differ, or a triangle's vertex index is out of range.
     pub fn given(surface: Mesh, sphere: Mesh) -> Result<Self, ParametrizeError> {
         Self::checked("given", surface, sphere, Instant::now(), "map the surface again")
     }
 
-    /// Returns a map after verifying that it is one to one.
+    /// Verifies that a map is one to one, and returns it with a report.
     ///
     /// # Errors
     ///
-    /// [`ParametrizeError::NotBijective`] if it is not, with `remedy` as its advice.
+    /// [`ParametrizeError::NotBijective`] with the advice `remedy` if the map is not one to one.
     pub(crate) fn checked(
         method: &'static str,
         surface: Mesh,
@@ -69,18 +69,18 @@ impl Parametrization {
         Ok(Self { surface, sphere, report, resampling: None })
     }
 
-    /// Returns orientation and distortion of the map.
+    /// Returns the orientation and distortion of the map.
     #[must_use]
     pub fn quality(&self) -> &Quality {
         &self.report.quality
     }
 
-    /// Checks that rounding the sphere's coordinates to 32-bit numbers, as some file formats do, would flip no
-    /// triangle.
+    /// Checks that rounding the sphere's coordinates to 32-bit numbers, as some file formats do, keeps the map one to
+    /// one.
     ///
     /// # Errors
     ///
-    /// [`ParametrizeError::SinglePrecision`], with the number of triangles.
+    /// [`ParametrizeError::SinglePrecision`], with the number of triangles that would be flipped or without area.
     pub fn check_single_precision(&self) -> Result<(), ParametrizeError> {
         let rounded = self.sphere.vertices.iter().map(|p| p.map(|x| f64::from(x as f32))).collect();
         let quality = Quality::of(&self.surface, &self.sphere.with_vertices(rounded));
@@ -90,7 +90,7 @@ impl Parametrization {
         Err(ParametrizeError::SinglePrecision { flipped: quality.flipped + quality.degenerate })
     }
 
-    /// Merges in the report of the map that this one was made from.
+    /// Merges the report of the map from which this map was made into this map's report.
     pub(crate) fn after(mut self, first: &Report) -> Self {
         let report = &mut self.report;
         report.seconds += first.seconds;
@@ -106,35 +106,35 @@ impl Parametrization {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct Report {
-    /// The method: `cald`, `conformal`, `stretch`, `equal-area`, `deform` or `resample`; `given` for a map made
+    /// Name of the method: `cald`, `conformal`, `stretch`, `equal-area`, `deform` or `resample`; `given` for a map made
     /// elsewhere.
     pub method: &'static str,
-    /// Number of vertices.
+    /// Number of vertices of the surface.
     pub vertices: usize,
-    /// Orientation and distortion.
+    /// Orientation and distortion of the map.
     pub quality: Quality,
-    /// Optimisation steps over the whole mesh, summed over all levels.
+    /// Number of optimisation steps over the whole mesh, summed over all levels.
     pub iterations: usize,
-    /// Whether the optimisation met its tolerance; `false` when it stopped at its limit of steps.
+    /// Whether the optimisation met its tolerance; `false` if it reached its largest number of steps first.
     pub converged: bool,
-    /// Elapsed seconds from the mesh to the map.
+    /// Seconds taken to compute the map.
     pub seconds: f64,
     /// For equal-area: the largest relative deviation of a quadrangle's area on the sphere from its target.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub quad_area_deviation: Option<f64>,
-    /// Facts about the map that the other fields don't contain; serialised as sentences.
+    /// Facts about the map that no other field contains; serialised as sentences.
     pub notes: Vec<Note>,
     /// Possible reasons why the map is unfit for its purpose; serialised as sentences.
     pub warnings: Vec<Warning>,
 }
 
-/// Distance between the given surface and the one on a new sampling.
+/// Distance between the given surface and its resampled version.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Resampling {
-    /// From the given surface (first) to the new one (second), in the given surface's unit.
+    /// Distance between the given surface (first) and the resampled one (second), in the given surface's unit.
     pub distance: SurfaceDistance,
-    /// Pairs of the new surface's triangles that intersect; `None` if this wasn't checked.
+    /// Number of pairs of intersecting triangles of the resampled surface; `None` if they weren't searched for.
     pub self_intersections: Option<usize>,
 }
 
@@ -149,19 +149,19 @@ pub enum Note {
         /// The largest factor by which a triangle's target area grew.
         factor: f64,
     },
-    /// Agreement of the quadrangles' areas with their targets.
+    /// How closely the quadrangles' areas on the sphere match their targets.
     QuadAreas {
-        /// The largest relative deviation.
+        /// The largest relative deviation of an area from its target.
         deviation: f64,
     },
-    /// The map was made from another one.
+    /// The map was made from another map.
     MadeFrom {
-        /// The method of that map.
+        /// The method of the other map.
         method: &'static str,
-        /// Its number of vertices.
+        /// Number of vertices of the other map.
         vertices: usize,
     },
-    /// Distance of the new surface from the given one.
+    /// Distance between the given surface and the resampled one.
     Distance(SurfaceDistance),
 }
 
@@ -203,19 +203,19 @@ pub enum Warning {
     FellBack {
         /// The method that failed.
         method: &'static str,
-        /// Its error.
+        /// The error of that method.
         cause: String,
     },
-    /// The Moebius transformation of least area distortion would have flipped triangles; a smaller one was applied.
+    /// The Moebius transformation of least area distortion would have flipped triangles, so a smaller one was applied.
     CentringStopped,
-    /// Vertices were moved off the given surface, where triangles intersected.
+    /// Vertices were moved off the given surface because triangles intersected there.
     Smoothed {
-        /// Number of these vertices.
+        /// Number of moved vertices.
         vertices: usize,
     },
-    /// Triangles of the new surface intersect.
+    /// Triangles of the resampled surface intersect.
     SelfIntersections {
-        /// Number of intersecting pairs.
+        /// Number of pairs of intersecting triangles.
         pairs: usize,
     },
 }

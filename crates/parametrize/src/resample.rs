@@ -1,10 +1,10 @@
-//! Resampling of a surface on another sampling of its sphere.
+//! Resamples a surface on another sampling of its sphere.
 //!
-//! If every subject of a study has the same vertices over the same sphere, one basis serves them all and vertices
-//! correspond. Each direction of the shared sphere meets a triangle of the surface's own sphere; the new vertex is the
-//! point of the surface with the same barycentric weights ([`SphereLocator`]). A vertex that both spheres have in
-//! common keeps its position to the last bit. Elsewhere the new surface has its vertices on the old one and its
-//! triangles cut corners; [`Resampling::distance`] measures the difference.
+//! If all subjects of a study have the same vertices over the same sphere, vertices correspond and a single basis
+//! suffices. Each vertex of the shared sphere is a direction that meets a triangle of the surface's own sphere. The new
+//! vertex is the point of the surface with the same barycentric weights ([`SphereLocator`]). If a direction coincides
+//! with a vertex of the surface's sphere, the new vertex has exactly that vertex's position. Elsewhere the new surface
+//! has its vertices on the old one but its triangles cut corners; [`Resampling::distance`] measures the difference.
 
 use std::time::Instant;
 
@@ -22,15 +22,16 @@ use crate::report::{Note, Parametrization, Resampling};
 /// Number of vertices between checks of the monitor and reports of progress.
 pub(crate) const CHUNK: usize = 4096;
 
-/// Resamples a surface on another sphere.
+/// Resamples a surface on the vertices of another sphere.
 ///
-/// `sphere` must have the surface's vertices and triangles; `shared` may be any sphere. Only the directions of their
-/// vertices matter. The result's sphere is an exact copy of `shared`, so that a stored basis of `shared` serves it.
+/// `sphere` must have the surface's vertices and triangles; `shared` may be any sphere. Only the directions of the
+/// spheres' vertices matter, not their lengths. The result's sphere is an exact copy of `shared`, so a stored basis of
+/// `shared` can be used with it.
 ///
 /// # Errors
 ///
 /// [`NotBijective`](ParametrizeError::NotBijective) if one of the spheres has folds;
-/// [`Surface`](ParametrizeError::Surface) if they aren't closed, or the surface doesn't belong to the sphere;
+/// [`Surface`](ParametrizeError::Surface) if a sphere isn't closed, or if `sphere` doesn't match the surface;
 /// [`Argument`](ParametrizeError::Argument) for a sphere with a vertex at the origin;
 /// [`Interrupted`](ParametrizeError::Interrupted).
 pub fn resample(
@@ -51,18 +52,18 @@ pub fn resample(
     }
     monitor.end();
     let mut new = Mesh::new(positions, shared.faces.clone());
-    // The surface's metadata describe its space, which the new surface shares.
+    // The metadata describe the space of the coordinates, which is the same for the new surface.
     new.meta.clone_from(&surface.meta);
     let unit = Mesh::new(vertices, shared.faces.clone());
     let mut found = measured("resample", surface, new, unit, started, monitor)?;
-    // Normalising vectors of length 1 once more may change their last bits, and with them the key of their basis, so
-    // the shared sphere is used unchanged.
+    // The shared sphere is used unchanged. Normalising its vectors again could change their last bits, and with them
+    // the key that identifies their basis.
     found.sphere = shared.clone();
     Ok(found)
 }
 
 impl Parametrization {
-    /// Returns this map's surface resampled on `shared`, by [`resample`]; the reports are merged.
+    /// Returns this map's surface resampled on `shared` by [`resample`], with the reports of both maps merged.
     ///
     /// # Errors
     ///
@@ -72,7 +73,7 @@ impl Parametrization {
     }
 }
 
-/// Verifies a new surface's map, and measures the surface's distance from the given one.
+/// Verifies a new surface's map, and measures the distance between the given surface and the new one.
 pub(crate) fn measured(
     method: &'static str,
     given: &Mesh,
@@ -90,7 +91,7 @@ pub(crate) fn measured(
     Ok(found)
 }
 
-/// Returns a mesh's vertices as unit vectors.
+/// Returns the vertices of a mesh, scaled to length 1.
 pub(crate) fn unit_vectors(sphere: &Mesh) -> Result<Vec<Vec3>, ParametrizeError> {
     let wrong =
         |found: String| ParametrizeError::Argument { what: "sphere", expected: "vertices off the origin", found };
@@ -98,7 +99,7 @@ pub(crate) fn unit_vectors(sphere: &Mesh) -> Result<Vec<Vec3>, ParametrizeError>
     Ok(directions.as_slice().to_vec())
 }
 
-/// Returns a locator over a sphere, or an error if the sphere has folds.
+/// Returns a locator for the triangles of a sphere; an error if the sphere has folds.
 pub(crate) fn locator(sphere: &Mesh) -> Result<SphereLocator, ParametrizeError> {
     let locator = SphereLocator::new(sphere)?;
     let (flipped, triangles) = (locator.flipped(), sphere.faces.len());
@@ -109,14 +110,14 @@ pub(crate) fn locator(sphere: &Mesh) -> Result<SphereLocator, ParametrizeError> 
     Ok(locator)
 }
 
-/// Returns the points of a surface in the given directions.
+/// Returns the points of a surface that its sphere's locator assigns to directions.
 pub(crate) fn points(
     locator: &SphereLocator,
     surface: &Mesh,
     directions: &[Vec3],
 ) -> Result<Vec<Vec3>, ParametrizeError> {
     let values = ArrayView2::from_shape((surface.vertices.len(), 3), surface.vertices.as_flattened());
-    // A list of triples is (n, 3) for any n.
+    // The shape always fits, because the values are triples.
     let Ok(values) = values else { return Ok(Vec::new()) };
     let found = locator.interpolate(values, directions)?;
     Ok(found.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect())

@@ -1,11 +1,11 @@
-//! Residual-adaptive areas: a higher sampling density where a model of a given degree has a large residual.
+//! Adapts target areas to the residual of a fit: more area where a model of a given degree has a large residual.
 //!
-//! A model of degree L resolves pi / L everywhere on the sphere, so its residual is largest where the surface bends
-//! sharply, or is meshed more finely than its area on the sphere allows for. A map with more area there and less
-//! elsewhere has a smaller error (P. Sander, S. Gortler, J. Snyder, H. Hoppe, "Signal-specialized parametrization",
-//! EGRW 2002). Here the places are found by a fit: least squares over the current map leave a residual on each
-//! triangle, and the triangles' target areas are multiplied by exp (s g), where g is the residual's size, smoothed
-//! slightly over neighbours, minus its mean.
+//! A model of degree L resolves pi / L everywhere on the sphere. Its residual is therefore largest where the surface
+//! bends sharply, or where the surface is meshed more finely than its area on the sphere can represent. A map with more
+//! area there and less elsewhere gives a smaller error (P. Sander, S. Gortler, J. Snyder, H. Hoppe, "Signal-specialized
+//! parametrization", EGRW 2002). Here a least-squares fit over the current map gives a residual on each triangle. The
+//! triangles' target areas are multiplied by exp (s g), with s a step length and g the size of the residual, smoothed
+//! slightly over neighbours, minus its mean, in units of its standard deviation.
 
 use std::ops::Range;
 
@@ -22,43 +22,43 @@ use crate::domain::Domain;
 use crate::error::ParametrizeError;
 use crate::geometry::{Vec3, add, scale};
 
-/// Highest degree that is chosen by default.
+/// Largest default degree of the model.
 const MAX_DEFAULT_DEGREE: usize = 100;
 
-/// Vertices per basis function: the default, and the minimum. If a model nearly interpolates, its residual is
-/// meaningless.
+/// Number of vertices per basis function: the default, and the minimum. With fewer vertices a model nearly interpolates
+/// them, and its residual is meaningless.
 const PER_FUNCTION: [f64; 2] = [2.0, 1.5];
 
-/// Largest excess of the residual; larger values are cut, so that a few distant vertices don't make areas explode.
+/// Largest excess of the residual. Larger values are cut, so that a few distant vertices don't get excessive areas.
 const MAX_EXCESS: f64 = 8.0;
 
-/// Rounds of averaging over neighbours.
+/// Number of rounds that average residuals over neighbours.
 const ROUNDS: usize = 2;
 
-/// Most iterations of the least squares; with samples over the entire surface a handful suffice.
+/// Largest number of iterations of the least-squares solver. With samples over the entire surface a few suffice.
 const ITERATIONS: usize = 100;
 
-/// Returns the degree that areas adapt to: `asked`, but no more than `vertices` determine well.
+/// Returns the degree of the model: `asked`, or the default, but no more than `vertices` determine well.
 pub(crate) fn degree_for(vertices: usize, asked: Option<usize>) -> usize {
     let most = |per: f64| ((vertices as f64 / per).sqrt() as usize).saturating_sub(1);
     asked.map_or(most(PER_FUNCTION[0]).min(MAX_DEFAULT_DEGREE), |degree| degree.min(most(PER_FUNCTION[1])))
 }
 
-/// Most samples per triangle, on average, and the number of samples that is always accepted. In meshes with many
-/// triangles, typical ones have 3 samples each.
+/// Largest mean number of samples per triangle, which applies only above `FEW_SAMPLES` samples in all. In meshes with
+/// many triangles, typical triangles have 3 samples each.
 const MOST_SAMPLES: usize = 16;
 const FEW_SAMPLES: usize = 1_000_000;
 
-/// Residual of a SPHARM fit over a map.
+/// Residual of a SPHARM fit over the current map.
 pub(crate) struct Residual {
-    /// Root mean square over the surface, of area 4 pi, of the distance between a point and its model.
+    /// Root mean square distance between the surface, scaled to area 4 pi, and its model.
     pub(crate) rms: f64,
-    /// Each triangle's residual minus the mean over triangles, divided by their standard deviation, cut at
+    /// For each triangle, the residual minus the mean over triangles, divided by the standard deviation, cut at
     /// [`MAX_EXCESS`].
     pub(crate) excess: Vec<f64>,
 }
 
-/// Fits a model of a degree to the surface over a map.
+/// Fits a model of a degree to the surface over a map, and returns its residual.
 pub(crate) fn residual(
     domain: &Domain,
     map: &[Vec3],
@@ -74,19 +74,19 @@ pub(crate) fn residual(
     let operator = MatrixFreeOperator::new(&samples.directions, &transform)?;
     let equations = NormalEquations { operator: &operator, weights: Some(&samples.weights), penalty: None };
     let params = CgParams { tolerance: 1e-4, max_iterations: ITERATIONS, ..CgParams::default() };
-    // Relative to the centre, so that the tolerance doesn't depend on the surface's position.
+    // Positions are relative to the centre, so that the tolerance doesn't depend on the surface's position.
     let centre = domain.positions.iter().fold([0.0; 3], |sum, p| add(sum, *p));
     let centre = scale(centre, 1.0 / map.len() as f64);
     let positions = Array2::from_shape_fn((map.len(), 3), |(v, k)| domain.positions[v][k] - centre[k]);
     let targets = sampling.interpolate(positions.view(), all);
     let fit = cg::solve(&equations, &targets, &equations.diagonal(), &params, &OnlyCancel(monitor));
-    // Cancellation may be reported by either of the two crates.
+    // After a cancellation `fit` may contain the error of another crate, so the monitor is asked first.
     monitor.check()?;
     let fit = fit?;
 
     let squares: Vec<f64> = fit.residual.rows().into_iter().map(|row| row.dot(&row)).collect();
-    // The mean over each triangle's part of the sphere, which agrees with the mean over the triangle's area for the
-    // function that maps it.
+    // Mean over each triangle's part of the sphere. It equals the mean over the triangle on the surface for the map
+    // that is fitted.
     let mean_square = |samples_of: Range<usize>| {
         let weight: f64 = samples.weights[samples_of.clone()].iter().sum();
         let sum: f64 = samples_of.map(|i| samples.weights[i] * squares[i]).sum();
@@ -101,8 +101,8 @@ pub(crate) fn residual(
     Ok(Residual { rms, excess })
 }
 
-/// Returns samples for a degree, lowered if slivers that cross the sphere would lead to more than [`MOST_SAMPLES`] per
-/// triangle.
+/// Returns samples for a degree, and the degree. The degree is lowered if long thin triangles on the sphere would lead
+/// to more than [`MOST_SAMPLES`] per triangle.
 fn sampling(
     directions: &Directions,
     faces: &[[u32; 3]],
@@ -118,7 +118,8 @@ fn sampling(
     }
 }
 
-/// Replaces each triangle's value by the mean over its vertices of the means over their triangles, several times.
+/// Smooths the triangles' values, [`ROUNDS`] times: averages them over the triangles at each vertex, then over each
+/// triangle's vertices.
 fn average(faces: &[[u32; 3]], vertices: usize, values: &mut [f64]) {
     let mut valence = vec![0.0; vertices];
     faces.iter().flatten().for_each(|&v| valence[v as usize] += 1.0);
@@ -133,7 +134,7 @@ fn average(faces: &[[u32; 3]], vertices: usize, values: &mut [f64]) {
     }
 }
 
-/// Normalises values to mean zero and root mean square one, approximately: values larger than [`MAX_EXCESS`] are cut.
+/// Scales values to mean zero and root mean square one, then cuts values above [`MAX_EXCESS`].
 fn normalise(values: &mut [f64]) {
     let count = values.len() as f64;
     let mean = values.iter().sum::<f64>() / count;
@@ -141,7 +142,7 @@ fn normalise(values: &mut [f64]) {
     values.iter_mut().for_each(|x| *x = ((*x - mean) / spread).min(MAX_EXCESS));
 }
 
-/// Returns target areas of triangles: the surface's times exp (factor), scaled to sum to 4 pi.
+/// Returns the triangles' target areas: `areas` times exp (`factors`), scaled to sum to 4 pi.
 pub(crate) fn adapted(areas: &[f64], factors: &[f64]) -> Vec<f64> {
     let mut adapted: Vec<f64> = areas.iter().zip(factors).map(|(area, factor)| area * factor.exp()).collect();
     let factor = 4.0 * std::f64::consts::PI / adapted.iter().sum::<f64>();

@@ -1,9 +1,9 @@
-//! Self-intersections of a mesh.
+//! Finds the pairs of intersecting triangles of a mesh.
 //!
-//! Two triangles without a common vertex intersect if an edge of one passes through the other; two with one common
-//! vertex, if the edge opposite that vertex does. All tests use the signs of exact determinants. Triangles with a
-//! common edge, and contacts in which all corners lie in one plane, aren't counted, so a surface that is folded flat
-//! onto itself isn't detected.
+//! Two triangles without a common vertex intersect if an edge of one passes through the other. Two triangles with one
+//! common vertex intersect if the edge of one that is opposite the common vertex passes through the other. All tests
+//! use the signs of exact determinants. Triangles with a common edge never count as intersecting, nor do triangles in
+//! the same plane. A surface that is folded flat onto itself is therefore not detected.
 
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor};
@@ -12,10 +12,10 @@ use spharm_surface::nearest::TriangleTree;
 
 use crate::geometry::Vec3;
 
-/// Triangles per chunk; the monitor is checked between chunks.
+/// Number of triangles between checks of the monitor.
 const CHUNK: usize = 4096;
 
-/// Returns the pairs of triangles that intersect, in order, with the smaller index first.
+/// Returns the pairs of intersecting triangles in ascending order, each with the smaller index first.
 pub(crate) fn self_intersections(mesh: &Mesh, monitor: &dyn Monitor) -> Result<Vec<[u32; 2]>, Interrupted> {
     let tree = TriangleTree::new(mesh);
     let corners = |face: u32| mesh.faces[face as usize].map(|v| mesh.vertices[v as usize]);
@@ -42,7 +42,7 @@ fn intersect(mesh: &Mesh, one: u32, two: u32) -> bool {
     let (a, b) = (mesh.faces[one as usize], mesh.faces[two as usize]);
     let shared = a.iter().filter(|v| b.contains(v)).count();
     let at = |v: u32| mesh.vertices[v as usize];
-    // An edge that ends in a vertex of the other triangle only touches it there, which isn't counted.
+    // Edges that end at a vertex of the other triangle are skipped, since they only touch the triangle there.
     let through = |edges: [u32; 3], triangle: [u32; 3]| {
         (0..3).any(|k| {
             let (u, v) = (edges[k], edges[(k + 1) % 3]);
@@ -52,7 +52,7 @@ fn intersect(mesh: &Mesh, one: u32, two: u32) -> bool {
     shared < 2 && (through(a, b) || through(b, a))
 }
 
-/// Whether a segment passes through a triangle; touching counts as passing, lying in its plane doesn't.
+/// Whether a segment passes through or touches a triangle. A segment in the plane of the triangle doesn't.
 fn passes(p: Vec3, q: Vec3, [a, b, c]: [Vec3; 3]) -> bool {
     let (above, below) = (side(a, b, c, p), side(a, b, c, q));
     if above * below > 0.0 || (above == 0.0 && below == 0.0) {
@@ -62,7 +62,7 @@ fn passes(p: Vec3, q: Vec3, [a, b, c]: [Vec3; 3]) -> bool {
     turns.iter().all(|&t| t >= 0.0) || turns.iter().all(|&t| t <= 0.0)
 }
 
-/// Returns the sign of an exact determinant; products of signs don't underflow.
+/// Returns the sign of the exact determinant. Signs are returned because products of determinants could underflow.
 fn side(a: Vec3, b: Vec3, c: Vec3, d: Vec3) -> f64 {
     let coord = |[x, y, z]: Vec3| robust::Coord3D { x, y, z };
     let value = robust::orient3d(coord(a), coord(b), coord(c), coord(d));

@@ -1,6 +1,7 @@
-//! faer's sparse Cholesky for symmetric matrices of small blocks; one symbolic factorisation is used for many matrices.
+//! Wraps faer's sparse Cholesky factorisation for symmetric matrices of small blocks, with a symbolic analysis that is
+//! reused for all matrices of the same pattern.
 //!
-//! O(n^1.5) flops and O(n log n) numbers on a surface of n vertices.
+//! On a surface of n vertices, a factorisation takes O(n^1.5) flops and O(n log n) numbers.
 
 use std::sync::Arc;
 
@@ -12,10 +13,10 @@ use spharm_monitor::{Interrupted, Monitor};
 
 use crate::background::abandonable;
 
-/// Number of unknowns from which a factorisation takes long.
+/// Number of unknowns from which the factorisation runs on its own thread, so that it can be interrupted.
 const LONG: usize = 20_000;
 
-/// The symbolic factorisation of a pattern.
+/// The symbolic factorisation of a sparsity pattern.
 pub(crate) struct Symbolic {
     pattern: Arc<SymbolicSparseColMat<usize>>,
     symbolic: SymbolicLlt<usize>,
@@ -26,8 +27,9 @@ pub(crate) struct Symbolic {
 pub(crate) struct Factor(Llt<usize, f64>);
 
 impl Symbolic {
-    /// Analyses a symmetric pattern of blocks of `size` rows and columns. `columns` has the columns of each row, in any
-    /// order but including the diagonal, and `starts` the start of each row. Returns `None` if faer runs out of memory.
+    /// Analyses a symmetric pattern of blocks of `size` rows and columns. `columns` lists the columns of each row,
+    /// including the diagonal, in any order; `starts` has the start of each row in `columns`. Returns `None` if faer
+    /// runs out of memory.
     pub(crate) fn new(
         size: usize,
         starts: &[u32],
@@ -56,8 +58,8 @@ impl Symbolic {
         Ok(symbolic.ok().map(|symbolic| Self { pattern, symbolic, size }))
     }
 
-    /// Factors a matrix of that pattern. Blocks are stored by rows, `N` = `size`^2 numbers each. Returns `None` if the
-    /// matrix isn't definite, by rounding or overflow.
+    /// Factors a matrix with the analysed pattern. Each block has `N` = `size`^2 numbers, stored by rows. Returns
+    /// `None` if the matrix isn't numerically positive definite.
     pub(crate) fn factor<const N: usize>(
         &self,
         starts: &[u32],
@@ -71,7 +73,8 @@ impl Symbolic {
             let (columns, first) = later(starts, columns, v);
             let own = columns.iter().position(|&w| w as usize == v).unwrap_or(0);
             for k in 0..size {
-                // By symmetry, a column below the diagonal is a row to the right of it.
+                // faer stores columns below the diagonal; by symmetry these equal the rows to the right of the
+                // diagonal.
                 values.extend_from_slice(&blocks[first + own][size * k + k..size * (k + 1)]);
                 for (at, &w) in columns.iter().enumerate() {
                     if w as usize > v {
@@ -90,14 +93,14 @@ impl Symbolic {
     }
 }
 
-/// Returns the columns of a row from the diagonal on, and the position of the first.
+/// Returns the columns of a row, and the position of the first in `columns`.
 fn later<'a>(starts: &[u32], columns: &'a [u32], row: usize) -> (&'a [u32], usize) {
     let first = starts[row] as usize;
     (&columns[first..starts[row + 1] as usize], first)
 }
 
 impl Factor {
-    /// Solves the system in place.
+    /// Replaces the right-hand side `x` by the solution.
     pub(crate) fn solve(&self, x: &mut [f64]) {
         let rows = x.len();
         self.0.solve_in_place(MatMut::from_column_major_slice_mut(x, rows, 1));

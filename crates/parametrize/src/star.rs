@@ -1,9 +1,9 @@
-//! Operations on single vertices: choosing a vertex's position when it is reinserted, and relaxing its neighbourhood.
+//! Moves single vertices: chooses a vertex's position when it is reinserted, and relaxes vertices in sweeps.
 //!
-//! A vertex may move inside its kernel: the points of the sphere from which the entire ring is seen in the right order,
-//! that is the intersection of the hemispheres to the left of the ring's edges. A move is taken only if afterwards
-//! every triangle around the vertex is positive by the exact predicate and the energy is lower, so a map without flips
-//! stays free of flips, regardless of rounding.
+//! A vertex may only move inside its kernel. The kernel is the set of points from which the entire ring of neighbours
+//! is visible in the right order: the intersection of the hemispheres to the left of the ring's edges. A move is made
+//! only if it lowers the energy and leaves every triangle around the vertex positive by the exact predicate. A map
+//! without flipped triangles therefore never gets one, regardless of rounding.
 
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor};
@@ -13,7 +13,7 @@ use crate::geometry::{Vec3, add, cross, dot, norm, orientation, scale, sub, unit
 use crate::hierarchy::Hierarchy;
 use crate::local::{corner_derivatives, frame, value};
 
-/// The triangles around a vertex, each given by its two other corners and its shape with the vertex first.
+/// The triangles around a vertex, each as its two other corners and its shape, with the vertex as the first corner.
 pub(crate) struct Star {
     spokes: Vec<([Vec3; 2], Shape)>,
 }
@@ -25,7 +25,7 @@ impl Star {
         star
     }
 
-    /// Loads another vertex's triangles, reusing the memory.
+    /// Loads the triangles around vertex v, reusing the memory.
     fn set(&mut self, hierarchy: &Hierarchy, unit: &[Vec3], v: u32) {
         let spoke = |&f: &u32| {
             let face = hierarchy.faces[f as usize];
@@ -44,12 +44,13 @@ impl Star {
         self.spokes.iter().map(each).sum()
     }
 
-    /// Whether every triangle is positive, by the exact predicate, with the vertex at x.
+    /// Whether every triangle is positive, by the exact predicate, if the vertex is at x.
     pub(crate) fn is_positive(&self, x: Vec3) -> bool {
         self.spokes.iter().all(|([a, b], _)| orientation([x, *a, *b]) > 0.0)
     }
 
-    /// Returns a position of low energy inside the kernel; `beside` is the vertex's position until now.
+    /// Returns a position of low energy inside the kernel. `beside` is the position of the vertex that this vertex had
+    /// been collapsed into.
     pub(crate) fn place(&self, energy: Energy, beside: Vec3) -> Option<Vec3> {
         let centre = self.spokes.iter().fold([0.0; 3], |sum, ([a, _], _)| add(sum, *a));
         let better = |best: Option<(f64, Vec3)>, x: Vec3| {
@@ -65,8 +66,8 @@ impl Star {
         }
         if best.is_none() {
             let deepest = self.deepest()?;
-            // In a narrow kernel, rounding can put the deepest point outside; points nearer to `beside` may still be
-            // inside.
+            // In a narrow kernel, rounding can put the deepest point outside. Points between it and `beside` may still
+            // be inside.
             let shares = [1.0, 0.5, 0.25, 0.125, 0.0625, 1e-2, 1e-3, 1e-4];
             let places = shares.map(|s| unit(add(scale(deepest, s), scale(beside, 1.0 - s))));
             best = places.into_iter().fold(None, better);
@@ -74,11 +75,12 @@ impl Star {
         best.map(|(_, x)| x)
     }
 
-    /// Returns the centre of the largest cap inside the kernel.
+    /// Returns the centre of the largest spherical cap inside the kernel.
     ///
-    /// With n_i the unit normals of the ring's edges, it is the x, |x| = 1, for which min n_i . x is largest. By
-    /// duality it is the direction of the point nearest to the origin in the convex hull of the n_i, which lies on one,
-    /// two or three of them. There are few, so all combinations are tried.
+    /// Let n_i be the unit normals of the planes through the ring's edges and the origin. The centre is the unit vector
+    /// x with the largest min n_i . x. By duality it has the direction of the point of the convex hull of the n_i that
+    /// is nearest to the origin. This point lies in the hull of one, two or three of the n_i. Since there are few n_i,
+    /// all combinations are tried.
     fn deepest(&self) -> Option<Vec3> {
         let normals: Vec<Vec3> =
             self.spokes.iter().map(|([a, b], _)| cross(*a, sub(*b, *a))).filter(|n| norm(*n) > 0.0).map(unit).collect();
@@ -101,7 +103,8 @@ impl Star {
             for j in i + 1..k {
                 offer(add(normals[i], normals[j]));
                 for l in j + 1..k {
-                    // At equal distance from three planes: perpendicular to the plane of the three normals.
+                    // x has equal inner products with the three normals, since it is perpendicular to the plane through
+                    // them.
                     let x = cross(sub(normals[j], normals[i]), sub(normals[l], normals[i]));
                     offer(x);
                     offer(scale(x, -1.0));
@@ -111,7 +114,7 @@ impl Star {
         best
     }
 
-    /// Returns value, gradient and Hessian (00, 10, 11) in the frame of x.
+    /// Returns the sum over triangles of value, gradient and Hessian (entries 00, 10, 11) in the frame at x.
     fn derivatives(&self, energy: Energy, x: Vec3, frame: [Vec3; 2]) -> [f64; 6] {
         let mut sum = [0.0; 6];
         for ([a, b], shape) in &self.spokes {
@@ -123,11 +126,12 @@ impl Star {
         sum
     }
 
-    /// Takes one Newton step from x, which must be inside the kernel; returns x itself if nothing is gained.
+    /// Takes one Newton step from x, which must be inside the kernel. Returns x unchanged if the energy can't be
+    /// lowered.
     pub(crate) fn relax(&self, energy: Energy, x: Vec3) -> Vec3 {
         let [u, v] = frame(x);
         let [value, g0, g1, a, b, c] = self.derivatives(energy, x, [u, v]);
-        // A small shift of the diagonal, in case the Hessian is singular.
+        // The diagonal is shifted slightly in case the Hessian is singular.
         let shift = 1e-3 * (a + c) + f64::MIN_POSITIVE;
         let (a, c) = (a + shift, c + shift);
         let determinant = a * c - b * b;
@@ -138,7 +142,8 @@ impl Star {
         if !(decrease < 0.0 && length.is_finite()) {
             return x;
         }
-        // No further than the ring's width, beyond which one step can't be accurate.
+        // Steps are limited to the distance of the farthest neighbour, beyond which the quadratic model can't be
+        // accurate.
         let widest = self.spokes.iter().map(|([a, _], _)| norm(sub(*a, x))).fold(0.0, f64::max);
         let mut t = (widest / length).min(1.0);
         for _ in 0..12 {
@@ -152,7 +157,7 @@ impl Star {
     }
 }
 
-/// Sets of vertices that may be relaxed at the same time: no two vertices of a class are neighbours.
+/// Sets of vertices that can be relaxed in parallel: no two vertices of a class are neighbours.
 pub(crate) struct Classes(Vec<Vec<u32>>);
 
 impl Classes {
@@ -160,7 +165,7 @@ impl Classes {
     pub(crate) fn new(hierarchy: &Hierarchy, vertices: &[u32]) -> Self {
         const NONE: u32 = u32::MAX;
         let mut colours = vec![NONE; hierarchy.around.len()];
-        // For each colour, the last vertex with a neighbour of that colour.
+        // For each colour, the last vertex that was found to have a neighbour of that colour.
         let mut seen: Vec<u32> = Vec::new();
         let mut classes: Vec<Vec<u32>> = Vec::new();
         for &v in vertices {
@@ -186,7 +191,7 @@ impl Classes {
 /// Number of vertices of a sweep between checks of the monitor.
 const CHUNK: usize = 1 << 15;
 
-/// Relaxes vertices, class by class. Returns the length of the longest move.
+/// Relaxes all vertices, class by class. Returns the length of the longest move.
 pub(crate) fn sweep(
     hierarchy: &Hierarchy,
     unit: &mut [Vec3],

@@ -1,8 +1,8 @@
-//! Least stretch (E. Praun and H. Hoppe, "Spherical parametrization and remeshing", SIGGRAPH 2003).
+//! Maps a surface with least stretch (E. Praun and H. Hoppe, "Spherical parametrization and remeshing", SIGGRAPH 2003).
 //!
-//! The map is built coarse to fine (`embed.rs`) and minimises the L2 stretch of the map from the sphere to the surface
-//! from the first vertex on, so that samples of a uniform grid on the sphere are dense everywhere on the surface. The
-//! energy is infinite for a flat triangle, so no vertex can leave its kernel.
+//! The map is built coarse to fine (`embed.rs`). At every level it minimises the L2 stretch of the map from the sphere
+//! to the surface, so that a uniform grid of samples on the sphere is dense everywhere on the surface. The energy is
+//! infinite for a flat triangle, so no triangle can flip.
 
 use std::time::Instant;
 
@@ -19,7 +19,7 @@ use crate::report::Parametrization;
 /// Settings of [`stretch`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct StretchParams {
-    /// Most Newton steps on the whole mesh. Default 40.
+    /// Largest number of Newton steps on the whole mesh. Default 40.
     pub steps: usize,
     /// Seed of the sphere's initial rotation. Default 0.
     pub seed: u64,
@@ -35,7 +35,7 @@ impl Default for StretchParams {
 ///
 /// # Errors
 ///
-/// As [`cald`](crate::cald()), without `Argument` and `Solver`.
+/// As [`cald`](crate::cald()), except for `Argument` and `Solver`.
 pub fn stretch(
     surface: &Mesh,
     params: &StretchParams,

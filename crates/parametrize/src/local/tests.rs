@@ -1,4 +1,4 @@
-//! Compares derivatives with finite differences.
+//! Compares the derivatives of a triangle's energy with finite differences.
 
 use super::*;
 use crate::energy::{Energy, Shape, retract, with_density};
@@ -14,14 +14,14 @@ fn numbers_of(energy: Energy, p: [Vec3; 3], shape: &Shape) -> [f64; NUMBERS] {
     with_density!(energy, density => derivatives(density, p, shape.cotangents, shape.area))
 }
 
-/// The map with unknown i moved by h.
+/// Returns a triangle on the sphere with unknown i increased by h.
 fn moved(mut p: [Vec3; 3], i: usize, h: f64) -> [Vec3; 3] {
     let corner = p[i / 2];
     p[i / 2] = retract(corner, scale(frame(corner)[i % 2], h));
     p
 }
 
-/// Returns a triangle of the surface of a given size, and one on the sphere that is stretched, sheared and rotated.
+/// Returns a triangle of the surface of a given size, and a stretched, sheared and rotated image of it on the sphere.
 fn pair(size: f64) -> (Shape, [Vec3; 3]) {
     let corners = [[0.0, 0.0, 0.0], [0.9, 0.1, 0.0], [0.3, 1.1, 0.2]].map(|p| scale(p, size));
     let shape = Shape::new(corners, crate::geometry::area(corners));
@@ -45,7 +45,7 @@ fn frames_span_the_tangent_plane() {
 #[test]
 fn values_are_those_of_singular_values_and_solid_angle() {
     let (shape, p) = pair(1e-4);
-    // Of the flat triangles: q and r by the lengths of edges alone.
+    // q and r of the flat triangles, computed from the lengths of the edges only.
     let r = solid_angle(p) / shape.area;
     let lengths = [sub(p[2], p[1]), sub(p[0], p[2]), sub(p[1], p[0])].map(|e| dot(e, e));
     let q: f64 = lengths.iter().zip(shape.cotangents).map(|(l, c)| l * c / (4.0 * shape.area)).sum();
@@ -74,7 +74,8 @@ fn gradients_are_those_of_the_values() {
 
 #[test]
 fn hessians_are_those_of_the_gradients_where_they_are_definite() {
-    // Far from any minimum of shape, so that twist and flip are stiff enough.
+    // The triangle is far from a minimum, where twist and flip have positive coefficients, so no eigenvalue is raised
+    // to zero.
     let energy = Energy::Stretch { shrink: 50.0 };
     let (shape, p) = pair(1e-4);
     let numbers = numbers_of(energy, p, &shape);

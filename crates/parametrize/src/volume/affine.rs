@@ -1,22 +1,22 @@
-//! Positions of voxels in space.
+//! Maps voxel coordinates to positions in space.
 
 use crate::geometry::{cross, dot};
 
-/// Maps voxel (i, j, k) to RAS+ mm: rows of a 3 x 4 matrix.
+/// The rows of a 3 x 4 matrix that maps voxel coordinates (i, j, k) to RAS+ mm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Affine(pub [[f64; 4]; 3]);
 
 impl Affine {
-    /// Voxels of 1 mm, from the origin.
+    /// The matrix for voxels of 1 mm, with voxel (0, 0, 0) at the origin.
     pub const IDENTITY: Self = Self([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]);
 
-    /// Returns the matrix for voxels of a size, from the origin.
+    /// Returns the matrix for voxels of a given size, with voxel (0, 0, 0) at the origin.
     #[must_use]
     pub fn of_voxel_size([x, y, z]: [f64; 3]) -> Self {
         Self([[x, 0.0, 0.0, 0.0], [0.0, y, 0.0, 0.0], [0.0, 0.0, z, 0.0]])
     }
 
-    /// Returns the matrix with the same directions and origin, and voxels of another size.
+    /// Returns the matrix with the same directions and origin, but voxels of the given size.
     pub(super) fn with_voxel_size(&self, size: [f64; 3]) -> Self {
         let lengths = self.voxel_size();
         let factors = [0, 1, 2].map(|axis| size[axis] / lengths[axis]);
@@ -29,7 +29,7 @@ impl Affine {
         [0, 1, 2].map(|axis| self.0.iter().map(|row| row[axis] * row[axis]).sum::<f64>().sqrt())
     }
 
-    /// Returns the position in mm of a point given in voxels.
+    /// Returns the position in mm of a point given in voxel coordinates.
     #[must_use]
     pub fn apply(&self, [x, y, z]: [f64; 3]) -> [f64; 3] {
         self.0.map(|[a, b, c, d]| a * x + b * y + c * z + d)
@@ -42,7 +42,7 @@ impl Affine {
         dot(a, cross(b, c))
     }
 
-    /// Whether the volume of voxels is nonzero, and all entries are finite.
+    /// Whether the volume of a voxel is nonzero and all entries are finite.
     pub(super) fn is_valid(&self) -> bool {
         let volume = self.determinant();
         volume.is_finite() && volume != 0.0 && self.0.as_flattened().iter().all(|x| x.is_finite())

@@ -1,9 +1,10 @@
-//! The quadrangles between inside and outside, as a closed surface.
+//! Builds the closed surface of quadrangles between the voxels inside and outside a mask.
 //!
-//! Each face between a voxel inside and one outside is a quadrangle, wound outwards. If two diagonal voxels touch in an
-//! edge, four quadrangles meet there; the two of the same voxel are treated as neighbours, so that the surface passes
-//! between the voxels. A vertex is a run of neighbouring quadrangles around a corner of the lattice: a corner touched
-//! by two parts of the surface gives two vertices. So every edge has two quadrangles and every vertex one fan.
+//! Each face between a voxel inside and a voxel outside is a quadrangle, wound outwards. If two diagonal voxels touch
+//! in an edge, four quadrangles meet there. The two quadrangles of the same voxel are then treated as neighbours, so
+//! that the surface passes between the voxels. A vertex belongs to one fan of neighbouring quadrangles around a corner
+//! of the lattice; a corner at which two parts of the surface touch gives two vertices. Every edge therefore has
+//! exactly two quadrangles, and every vertex one fan.
 
 use spharm_surface::Mesh;
 
@@ -13,17 +14,17 @@ use super::mask::{FACES, Mask};
 /// A closed surface of quadrangles.
 #[derive(Clone, Debug, PartialEq)]
 pub struct QuadMesh {
-    /// Positions: in voxel coordinates of the volume, or in mm after [`to_world`](Self::to_world).
+    /// Positions of the vertices: in voxel coordinates of the volume, or in mm after [`to_world`](Self::to_world).
     pub vertices: Vec<[f64; 3]>,
-    /// Four vertices each, counter-clockwise seen from outside.
+    /// The four vertices of each quadrangle, counter-clockwise seen from outside.
     pub quads: Vec<[u32; 4]>,
-    /// The edge opposite each edge: edge 4 q + k runs from corner k of quadrangle q to the next, and its twin 4 q' + k'
-    /// is the same edge of the neighbouring quadrangle.
+    /// The twin of each edge. Edge 4 q + k runs from corner k of quadrangle q to the next corner; its twin 4 q' + k' is
+    /// the same edge as part of the neighbouring quadrangle q'.
     pub(crate) twins: Vec<u32>,
 }
 
 impl QuadMesh {
-    /// Returns the surface of a mask, in voxels: voxel (0, 0, 0) extends from -0.5 to 0.5.
+    /// Returns the surface of a mask in voxel coordinates; voxel (0, 0, 0) extends from -0.5 to 0.5 along each axis.
     #[must_use]
     pub fn around(mask: &Mask) -> Self {
         let mut corners: Vec<[[i32; 3]; 4]> = Vec::new();
@@ -46,34 +47,34 @@ impl QuadMesh {
         Self { vertices: places.into_iter().map(place).collect(), quads, twins }
     }
 
-    /// Returns the same surface in mm. Its faces are counter-clockwise seen from outside there, too.
+    /// Returns the surface with its vertices in mm. Its quadrangles are again counter-clockwise seen from outside.
     #[must_use]
     pub fn to_world(&self, affine: &Affine) -> Self {
         let vertices = self.vertices.iter().map(|&v| affine.apply(v)).collect();
         if affine.determinant() > 0.0 {
             return Self { vertices, ..self.clone() };
         }
-        // A reflection reverses the corners. Edge k, from corner k to k + 1, becomes edge 2 - k (mod 4).
+        // A reflection reverses the order of corners. Edge k, from corner k to k + 1, becomes edge 2 - k (mod 4).
         let quads = self.quads.iter().map(|&[a, b, c, d]| [d, c, b, a]).collect();
         let turned = |edge: u32| edge / 4 * 4 + (6 - edge % 4) % 4;
         let twins = (0..self.twins.len() as u32).map(|edge| turned(self.twins[turned(edge) as usize])).collect();
         Self { vertices, quads, twins }
     }
 
-    /// Returns vertices - edges + quadrangles.
+    /// Returns the Euler characteristic: vertices - edges + quadrangles.
     #[must_use]
     pub fn euler_characteristic(&self) -> i64 {
         self.vertices.len() as i64 - self.twins.len() as i64 / 2 + self.quads.len() as i64
     }
 
-    /// Returns the number of handles: the sum of the genera of all closed surfaces, each of characteristic 2 - 2 genus.
+    /// Returns the number of handles: the sum of the genera of all closed surfaces in the mesh.
     #[must_use]
     pub fn handles(&self) -> usize {
         let genera = self.components() as i64 - self.euler_characteristic() / 2;
         usize::try_from(genera).unwrap_or(0)
     }
 
-    /// Returns the number of closed surfaces.
+    /// Returns the number of closed surfaces in the mesh.
     #[must_use]
     pub fn components(&self) -> usize {
         let mut seen = vec![false; self.quads.len()];
@@ -99,8 +100,8 @@ impl QuadMesh {
         count
     }
 
-    /// Returns the number of edges beyond the first between the same two vertices. The surface is closed, but as a list
-    /// of triangles it would have edges of four triangles there.
+    /// Returns the number of edges that have the same two vertices as another edge, not counting the first of each
+    /// group. The surface is closed, but as a mesh of triangles it would have edges of four triangles there.
     #[must_use]
     pub fn pinched_edges(&self) -> usize {
         let mut ends: Vec<[u32; 2]> = self.edges().collect();
@@ -108,7 +109,7 @@ impl QuadMesh {
         ends.windows(2).filter(|pair| pair[0] == pair[1]).count()
     }
 
-    /// Returns the ends of each edge, the smaller index first.
+    /// Returns the two vertices of each edge, the smaller index first.
     pub(crate) fn edges(&self) -> impl Iterator<Item = [u32; 2]> {
         let edges = (0..self.twins.len()).filter(|&edge| edge as u32 <= self.twins[edge]);
         edges.map(|edge| {
@@ -118,8 +119,8 @@ impl QuadMesh {
         })
     }
 
-    /// Returns triangles: each quadrangle is cut from corner 0 to 2, or from 1 to 3 if `from_second` is true for its
-    /// index.
+    /// Returns a mesh of triangles. Each quadrangle is cut from corner 0 to 2, or from corner 1 to 3 if `from_second`
+    /// is true for its index.
     #[must_use]
     pub fn triangles(&self, from_second: impl Fn(usize) -> bool) -> Mesh {
         let cut = |(q, &[a, b, c, d]): (usize, &[u32; 4])| {
@@ -129,8 +130,8 @@ impl QuadMesh {
     }
 }
 
-/// Returns the corners of a voxel's face, counter-clockwise seen from outside; corner 0 of a voxel has the voxel's own
-/// coordinates.
+/// Returns the lattice corners of a voxel's face, counter-clockwise seen from outside. The lattice corner of a voxel
+/// with the smallest coordinates has the coordinates of the voxel.
 fn face_corners(voxel: [i32; 3], face: usize) -> [[i32; 3]; 4] {
     let (axis, high) = (face / 2, face.is_multiple_of(2));
     let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
@@ -145,16 +146,16 @@ fn face_corners(voxel: [i32; 3], face: usize) -> [[i32; 3]; 4] {
     if high { ring } else { [ring[0], ring[3], ring[2], ring[1]] }
 }
 
-/// Returns the twin of each edge.
+/// Returns the twin of each edge of the quadrangles; see [`QuadMesh`].
 fn twins(corners: &[[[i32; 3]; 4]], voxels: &[usize]) -> Vec<u32> {
-    // Edges sorted by their position in the lattice: two or four at each.
+    // Edges are sorted by their position in the lattice; there are two or four edges at each position.
     let ends = |edge: u32| {
         let quad = &corners[edge as usize / 4];
         let (a, b) = (quad[edge as usize % 4], quad[(edge as usize + 1) % 4]);
         (a.min(b), a.max(b))
     };
     let mut edges: Vec<u32> = (0..4 * corners.len() as u32).collect();
-    // Then by voxel, which pairs the edges of the same voxel.
+    // Edges at the same position are sorted by voxel, so that edges of the same voxel become twins.
     edges.sort_unstable_by_key(|&edge| (ends(edge), voxels[edge as usize / 4], edge));
     let mut twins = vec![0; edges.len()];
     for pair in edges.chunks_exact(2) {
@@ -175,12 +176,12 @@ fn vertices(corners: &[[[i32; 3]; 4]], twins: &[u32]) -> (Vec<u32>, Vec<[i32; 3]
         }
         let vertex = places.len() as u32;
         places.push(corners[start / 4][start % 4]);
-        // Goes around the vertex from quadrangle to quadrangle, across the edge that ends in it.
+        // Visits the quadrangles around the vertex, each across the edge that ends at the vertex.
         let mut corner = start;
         while of[corner] == u32::MAX {
             of[corner] = vertex;
             let arriving = corner / 4 * 4 + (corner + 3) % 4;
-            // The neighbour has the edge in the other direction, so it starts at the vertex there.
+            // The twin runs in the opposite direction, so it starts at the vertex.
             corner = twins[arriving] as usize;
         }
     }

@@ -1,4 +1,4 @@
-//! A label volume: a whole number for each voxel, 0 for the background.
+//! Represents a label volume: an integer for each voxel, 0 for the background.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -13,11 +13,11 @@ use super::source::Source;
 use super::values::Volume;
 use crate::error::ParametrizeError;
 
-/// A label volume.
+/// A label volume: an integer for each voxel, 0 for the background.
 #[derive(Clone, Debug)]
 pub struct LabelVolume {
     path: PathBuf,
-    /// Matrix from voxels to mm.
+    /// Matrix from voxel coordinates to mm.
     pub affine: Affine,
     size: [usize; 3],
     found: Runs,
@@ -25,21 +25,22 @@ pub struct LabelVolume {
 }
 
 impl LabelVolume {
-    /// Reads a volume: NIfTI-1 and -2, FreeSurfer, NRRD, TIFF stacks or NumPy arrays, gzipped or not. Its labels must
-    /// fit into 32 bits.
+    /// Reads a volume from a file: NIfTI-1 or -2, FreeSurfer, NRRD, a TIFF stack or a NumPy array, gzipped or not. The
+    /// labels must fit into 32 bits.
     ///
     /// # Errors
     ///
     /// [`Io`](ParametrizeError::Io); [`VertexMap`](ParametrizeError::VertexMap) for a FreeSurfer file of values on
-    /// vertices; [`NoVoxelSize`](ParametrizeError::NoVoxelSize) for one that doesn't specify the size of its voxels;
-    /// [`NotAVolume`](ParametrizeError::NotAVolume) for a file of another format, one shorter than its header says, or
-    /// one with more than three dimensions or values that aren't whole numbers;
+    /// vertices; [`NoVoxelSize`](ParametrizeError::NoVoxelSize) for a file that doesn't specify the size of its voxels;
+    /// [`NotAVolume`](ParametrizeError::NotAVolume) for a file of another format, a file shorter than its header says,
+    /// or a file with more than three dimensions or with values that aren't integers;
     /// [`Interrupted`](ParametrizeError::Interrupted).
     pub fn read(path: impl AsRef<Path>, monitor: &dyn Monitor) -> Result<Self, ParametrizeError> {
         Self::read_with(path, None, monitor)
     }
 
-    /// Same as [`read`](Self::read), with the size of the voxels along x, y, z instead of the one in the file.
+    /// Reads a volume as [`read`](Self::read) does. If `voxel_size` is given, it replaces the size of the voxels along
+    /// x, y, z in the file.
     ///
     /// # Errors
     ///
@@ -59,11 +60,11 @@ impl LabelVolume {
         Ok(Self::of(path.to_owned(), found))
     }
 
-    /// Returns a volume made in memory: `values` are (size), with x varying fastest.
+    /// Returns a volume made in memory. `values` has an integer for each voxel, with x varying fastest.
     ///
     /// # Panics
     ///
-    /// When the number of values isn't that of the voxels, or memory doesn't suffice for their labels.
+    /// When the number of values isn't the number of voxels, or memory doesn't suffice for the labels.
     #[must_use]
     pub fn new(size: [usize; 3], values: Vec<i32>, affine: Affine) -> Self {
         assert_eq!(values.len(), size.iter().product::<usize>(), "values of {size:?} voxels");
@@ -76,31 +77,31 @@ impl LabelVolume {
         Self { path, affine, size, found: labels, extents }
     }
 
-    /// Returns the path of the file; "the volume" for one made in memory.
+    /// Returns the path of the file, or "the volume" for a volume made in memory.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Returns the labels and their numbers of voxels, without 0 (the background).
+    /// Returns each label except 0 (the background), with its number of voxels.
     #[must_use]
     pub fn labels(&self) -> BTreeMap<i64, usize> {
         self.extents.iter().map(|(&label, extent)| (i64::from(label), extent.voxels)).collect()
     }
 
-    /// Returns whether a label has voxels at the border of the volume, which may have cut it off.
+    /// Returns whether a label has voxels at the border of the volume. Such a label may be cut off by the border.
     #[must_use]
     pub fn touches_border(&self, label: i64) -> bool {
         let extent = i32::try_from(label).ok().and_then(|label| self.extents.get(&label));
         extent.is_some_and(|extent| (0..3).any(|k| extent.low[k] == 0 || extent.high[k] + 1 == self.size[k]))
     }
 
-    /// Returns `label`, if the volume has it; for `None` the only label.
+    /// Returns `label` if the volume has it. For `None`, returns the volume's only label.
     ///
     /// # Errors
     ///
-    /// [`NoLabel`](ParametrizeError::NoLabel), with the labels of the volume;
-    /// [`NotAVolume`](ParametrizeError::NotAVolume) if it has none.
+    /// [`NoLabel`](ParametrizeError::NoLabel) if the volume lacks `label`, or has several labels and `label` is `None`;
+    /// [`NotAVolume`](ParametrizeError::NotAVolume) if the volume has no label.
     pub fn choose(&self, label: Option<i64>) -> Result<i64, ParametrizeError> {
         let labels = self.labels();
         match (label, labels.len()) {
@@ -114,7 +115,7 @@ impl LabelVolume {
         }
     }
 
-    /// Returns a label's voxels. The time is proportional to the size of the label's box, not of the volume.
+    /// Returns a label's voxels, in time proportional to the size of the label's bounding box.
     ///
     /// # Errors
     ///
@@ -136,7 +137,7 @@ impl LabelVolume {
     }
 }
 
-/// Lists the first labels with their numbers of voxels, for an error message.
+/// Lists labels with their numbers of voxels, at most 20, for an error message.
 fn listed(labels: &BTreeMap<i64, usize>) -> String {
     let voxels = |n: usize| if n == 1 { "1 voxel".to_owned() } else { format!("{n} voxels") };
     let mut listed: Vec<String> =

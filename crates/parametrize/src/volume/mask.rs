@@ -1,20 +1,20 @@
-//! The voxels of one label.
+//! Represents the voxels of one label as a box of booleans.
 
-/// A box of voxels, each inside or outside, with a rim of background at least one voxel wide, so that no neighbour of
-/// an inner voxel lies outside of the box.
+/// A box of voxels, each inside or outside. A rim of voxels outside, at least one voxel wide, ensures that all
+/// neighbours of a voxel inside are in the box.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Mask {
     /// Number of voxels along x, y, z, including the rim.
     pub size: [usize; 3],
-    /// Coordinates in the volume of the box's voxel (0, 0, 0).
+    /// Coordinates in the volume of voxel (0, 0, 0) of the box.
     pub origin: [i64; 3],
-    /// Whether each voxel is inside; (size), with x varying fastest.
+    /// Whether each voxel of the box is inside, with x varying fastest.
     pub inside: Vec<bool>,
 }
 
 impl Mask {
-    /// Returns the box around the voxels for which `inside` is true, in a volume of `size`, with a rim around it. If
-    /// they touch the volume's border, the rim lies outside of the volume.
+    /// Returns the smallest box, with its rim, around the voxels of a volume of `size` voxels for which `inside` is
+    /// true. If such voxels touch the volume's border, the rim extends beyond the volume.
     pub fn new(size: [usize; 3], inside: impl Fn([usize; 3]) -> bool) -> Self {
         let mut low = [usize::MAX; 3];
         let mut high = [0; 3];
@@ -34,13 +34,13 @@ impl Mask {
         Self::of_box(low, high, inside)
     }
 
-    /// Returns the box from voxel `low` to voxel `high`, inclusive, with a rim around it and nothing inside.
+    /// Returns the box from voxel `low` to voxel `high`, inclusive, plus its rim, with all voxels outside.
     pub(super) fn around(low: [usize; 3], high: [usize; 3]) -> Self {
         let own: [usize; 3] = std::array::from_fn(|k| high[k] - low[k] + 3);
         Self { size: own, origin: low.map(|x| x as i64 - 1), inside: vec![false; own.iter().product()] }
     }
 
-    /// Returns the box from voxel `low` to voxel `high`, inclusive, with a rim around it.
+    /// Returns the box from voxel `low` to voxel `high`, inclusive, plus its rim, with the values of `inside`.
     fn of_box(low: [usize; 3], high: [usize; 3], inside: impl Fn([usize; 3]) -> bool) -> Self {
         let mut mask = Self::around(low, high);
         for_each(mask.size.map(|n| n - 2), |at| {
@@ -65,13 +65,13 @@ impl Mask {
         [index % nx, index / nx % ny, index / (nx * ny)]
     }
 
-    /// Whether a voxel belongs to the rim.
+    /// Whether a voxel, given by its index, belongs to the rim.
     pub(super) fn is_rim(&self, index: usize) -> bool {
         let at = self.place(index);
         (0..3).any(|k| at[k] == 0 || at[k] + 1 == self.size[k])
     }
 
-    /// Returns the offset of the index of the neighbour at (dx, dy, dz), each of -1, 0, 1.
+    /// Returns the difference between the indices of a voxel and of its neighbour at (dx, dy, dz), each of -1, 0, 1.
     pub(super) fn step(&self, [dx, dy, dz]: [isize; 3]) -> isize {
         dx + self.size[0] as isize * (dy + self.size[1] as isize * dz)
     }
@@ -87,10 +87,11 @@ fn for_each(size: [usize; 3], mut f: impl FnMut([usize; 3])) {
     }
 }
 
-/// Returns the offsets of the 26 neighbours and of the voxel itself, with x varying fastest: number 13 is the voxel.
+/// Returns the offsets of a voxel's 26 neighbours and of the voxel itself, with x varying fastest; number 13 is the
+/// voxel.
 pub(super) fn around() -> impl Iterator<Item = [isize; 3]> {
     (0..27).map(|i| [i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1])
 }
 
-/// The offsets of the 6 neighbours that share a face.
+/// The offsets of the 6 neighbours that share a face with a voxel.
 pub(super) const FACES: [[isize; 3]; 6] = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]];

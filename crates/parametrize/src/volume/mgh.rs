@@ -1,4 +1,4 @@
-//! FreeSurfer volumes (`.mgh`, `.mgz`): a header of 284 bytes, then the values, all big-endian
+//! Reads FreeSurfer volumes (`.mgh`, `.mgz`): a header of 284 bytes, then the values, all big-endian
 //! (<https://surfer.nmr.mgh.harvard.edu/fswiki/FsTutorial/MghFormat>).
 //!
 //! | bytes | field |
@@ -9,7 +9,7 @@
 //! | 28, i16 | whether the following fields are valid |
 //! | 30, 3 x f32 | voxel sizes |
 //! | 42, 9 x f32 | directions of the three axes in RAS |
-//! | 78, 3 x f32 | RAS of the centre, voxel (width / 2, height / 2, depth / 2) |
+//! | 78, 3 x f32 | RAS coordinates of the centre, voxel (width / 2, height / 2, depth / 2) |
 
 use std::io::Read;
 use std::path::Path;
@@ -20,15 +20,15 @@ use super::affine::Affine;
 use super::values::{Layout, Scalar, Volume, cut_short};
 use crate::error::ParametrizeError;
 
-/// Bytes of the header.
+/// Number of bytes of the header.
 const HEADER: usize = 284;
 
-/// Returns the number of sizes that are 1.
+/// Returns how many of the three sizes are 1.
 fn ones(sizes: [i32; 3]) -> usize {
     sizes.iter().filter(|&&n| n == 1).count()
 }
 
-/// Parses a stream of at most `most` bytes.
+/// Parses a file, given as a stream of at most `most` bytes.
 pub(super) fn parse(
     path: &Path,
     mut stream: impl Read,
@@ -45,7 +45,8 @@ pub(super) fn parse(
         return Err(not_mgh(format!("version {}", int(0))));
     }
     let dims = [4, 8, 12].map(int);
-    // A map over a surface, which has more vertices than a volume has voxels along an axis, and often several frames.
+    // If two sizes are 1, the file has values on the vertices of a surface. Its third size can exceed what is valid for
+    // a volume, and it often has several frames, so it is recognised before these are checked.
     if let (Ok(vertices @ 2..), 2) = (usize::try_from(dims[0].max(dims[1]).max(dims[2])), ones(dims)) {
         return Err(ParametrizeError::VertexMap { path: path.to_owned(), vertices });
     }
@@ -70,11 +71,11 @@ pub(super) fn parse(
         return Err(not_mgh(found));
     }
     let labels = layout.read(path, &mut stream, monitor)?;
-    // Reads to the end of the compressed data, where its checksum is; tags may follow the values.
+    // Reads to the end of the compressed data, which ends in a checksum. Tags may follow the values.
     let rest = std::io::copy(&mut (&mut stream).take(1 << 20), &mut std::io::sink());
     rest.map_err(|error| cut_short(path, &error.to_string()))?;
     let placed = i16::from_be_bytes([header[28], header[29]]) > 0;
-    // FreeSurfer's own defaults: coronal slices of 1 mm.
+    // Without valid fields, the defaults are FreeSurfer's: coronal slices, voxels of 1 mm.
     let (sizes, axes, centre) = if placed {
         let axis = |k: usize| [0, 4, 8].map(|i| float(42 + 12 * k + i));
         ([30, 34, 38].map(float), [0, 1, 2].map(axis), [78, 82, 86].map(float))

@@ -32,15 +32,15 @@
 //!
 //! # Connectivity
 //!
-//! Voxels are connected if they share a face (6-connectivity), and the background if it shares a face, an edge or a
-//! corner (26). If two voxels touch only in an edge or a corner, the surface passes between them, and its vertices
-//! there are doubled. With this choice the boundary is a closed surface that doesn't touch itself except at such
-//! places. A repaired label has none of them and is the same in every connectivity, including (18,6).
+//! Voxels inside are connected if they share a face (6-connectivity); voxels outside, if they share a face, an edge or
+//! a corner (26-connectivity). If two voxels inside touch only in an edge or a corner, the surface passes between them,
+//! and its vertices there are doubled. The boundary is then a closed surface that touches itself only at such edges and
+//! corners. A repaired label has no such contacts, and has the same topology in every connectivity, including (18, 6).
 //!
 //! # Units
 //!
-//! Voxels are counted from 0; voxel (i, j, k) is the unit cube around (i, j, k). The file's matrix (for NIfTI the
-//! sform, otherwise the qform, otherwise the voxel sizes) maps voxel coordinates to RAS+ mm.
+//! Voxels are counted from 0; voxel (i, j, k) is the unit cube centred at (i, j, k). The file's matrix maps voxel
+//! coordinates to RAS+ mm. For NIfTI it is the sform; without an sform, the qform; without either, the voxel sizes.
 
 mod affine;
 mod boundary;

@@ -1,7 +1,7 @@
-//! NIfTI-1 files (`.nii`, `.nii.gz`).
+//! Reads NIfTI-1 files (`.nii`, `.nii.gz`).
 //!
-//! The crate `nifti` reads the header. The values are read from the file's bytes here: the header's sizes are compared
-//! with the number of bytes before anything is allocated for them.
+//! The header is parsed by the crate `nifti`. The values are read here, because their number must be compared with the
+//! file's size before memory is allocated for them.
 
 use std::io::Read;
 use std::path::Path;
@@ -14,10 +14,10 @@ use super::values::{Layout, Scalar, Volume, cut_short};
 use crate::error::ParametrizeError;
 use crate::geometry::Vec3;
 
-/// Bytes of a NIfTI-1 header.
+/// Number of bytes of a NIfTI-1 header.
 const HEADER: usize = 348;
 
-/// Parses a stream of at most `most` bytes.
+/// Parses a file, given as a stream of at most `most` bytes.
 pub(super) fn parse(
     path: &Path,
     mut stream: impl Read,
@@ -43,7 +43,7 @@ pub(super) fn parse(
         return Err(wrong("whole numbers as labels", format!("values of type {kind:?}")));
     };
     let (slope, intercept) = (f64::from(header.scl_slope), f64::from(header.scl_inter));
-    // A slope of 0 means no scaling.
+    // By the standard, a slope of 0 means that values aren't scaled.
     let scaled = slope != 0.0 && slope.is_finite() && intercept.is_finite() && (slope, intercept) != (1.0, 0.0);
     let layout = Layout {
         size,
@@ -59,10 +59,10 @@ pub(super) fn parse(
         return Err(not_nifti(&found));
     }
     let broken = |error: std::io::Error| cut_short(path, &error.to_string());
-    // Skips extensions between header and values.
+    // Skips extensions between the header and the values.
     std::io::copy(&mut (&mut stream).take(offset - HEADER as u64), &mut std::io::sink()).map_err(broken)?;
     let labels = layout.read(path, &mut stream, monitor)?;
-    // Reads to the end of the compressed data, where its checksum is; a file may have data after its values.
+    // Reads to the end of the compressed data, which ends in a checksum. Other data may follow the values.
     std::io::copy(&mut (&mut stream).take(1 << 20), &mut std::io::sink()).map_err(broken)?;
     let affine = Forms::of(&header).affine();
     if !affine.is_valid() {
@@ -71,15 +71,15 @@ pub(super) fn parse(
     Ok(Volume { size, affine, labels })
 }
 
-/// A header's description of the voxels' positions.
+/// The fields of a header that describe the positions of voxels.
 pub(super) struct Forms {
-    /// Rows of the sform's matrix, if its code is above 0.
+    /// Rows of the sform matrix, if the sform code is above 0.
     pub(super) sform: Option<[[f64; 4]; 3]>,
-    /// Quaternion (b, c, d) and offset of the qform, if its code is above 0.
+    /// Quaternion (b, c, d) and offset of the qform, if the qform code is above 0.
     pub(super) qform: Option<([f64; 3], [f64; 3])>,
-    /// Sizes of the voxels.
+    /// Sizes of a voxel along the three axes.
     pub(super) sizes: [f64; 3],
-    /// Whether the qform mirrors the third axis.
+    /// Whether the qform reverses the third axis.
     pub(super) mirrored: bool,
 }
 
@@ -97,8 +97,8 @@ impl Forms {
         }
     }
 
-    /// Returns the matrix from voxels to mm: the sform if its code is above 0, otherwise the qform, otherwise the voxel
-    /// sizes alone (the NIfTI standard's methods 3, 2, 1).
+    /// Returns the matrix from voxel coordinates to mm: the sform if present, otherwise the qform if present, otherwise
+    /// the voxel sizes alone (methods 3, 2, 1 of the NIfTI standard).
     pub(super) fn affine(&self) -> Affine {
         if let Some(rows) = self.sform {
             return Affine(rows);
@@ -120,7 +120,7 @@ impl Forms {
     }
 }
 
-/// Returns the value types that can hold a label.
+/// Returns the type of a voxel's value; `None` for a type that can't hold a label.
 fn scalar(kind: NiftiType) -> Option<Scalar> {
     Some(match kind {
         NiftiType::Uint8 => Scalar::U8,

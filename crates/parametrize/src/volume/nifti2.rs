@@ -1,4 +1,4 @@
-//! NIfTI-2 files: NIfTI-1 with 64-bit sizes (<https://nifti.nimh.nih.gov/pub/dist/doc/nifti2.h>).
+//! Reads NIfTI-2 files, which are NIfTI-1 with 64-bit sizes (<https://nifti.nimh.nih.gov/pub/dist/doc/nifti2.h>).
 //!
 //! | bytes | field |
 //! |---|---|
@@ -24,7 +24,7 @@ use crate::error::ParametrizeError;
 
 const HEADER: usize = 540;
 
-/// The fields of a header.
+/// The bytes of a header, with their byte order.
 struct Fields {
     bytes: [u8; HEADER],
     little: bool,
@@ -53,7 +53,7 @@ impl Fields {
     }
 }
 
-/// Parses a stream of at most `most` bytes.
+/// Parses a file, given as a stream of at most `most` bytes.
 pub(super) fn parse(
     path: &Path,
     mut stream: impl Read,
@@ -89,7 +89,7 @@ pub(super) fn parse(
         1280 => Scalar::U64,
         _ => return Err(wrong("whole numbers as labels", format!("values of type {kind}"))),
     };
-    // A label volume with more than 2^16 voxels along an axis doesn't fit in memory.
+    // Sizes above 2^16 - 1 voxels along an axis are rejected; such a volume doesn't fit in memory.
     let claimed = [dimensions[1], dimensions[2], dimensions[3]];
     let [Ok(x), Ok(y), Ok(z)] = claimed.map(u16::try_from) else {
         return Err(not_nifti(format!("{claimed:?} voxels")));

@@ -1,4 +1,5 @@
-//! NumPy arrays (`.npy`) with three axes of integers or booleans. The first axis is x; the voxels' size must be given.
+//! Reads NumPy arrays (`.npy`) with three axes of numbers or booleans. The first axis is x. The file has no voxel size,
+//! so the caller must give it.
 
 use std::io::Read;
 
@@ -8,7 +9,7 @@ use super::source::Source;
 use super::values::{Layout, Scalar, Volume, cut_short, no_room};
 use crate::error::ParametrizeError;
 
-/// Parses a stream of at most `most` bytes.
+/// Parses a file, given as a stream of at most `most` bytes.
 pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Result<Volume, ParametrizeError> {
     let header = Header::read(&mut stream).map_err(|error| source.wrong("a NumPy array", error.to_string()))?;
     let scalar = match (header.kind, header.size) {
@@ -32,11 +33,11 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
         return Err(source.wrong("a NumPy array", found));
     }
     let affine = source.affine(None, "a NumPy array")?;
-    // In C order the last axis varies fastest.
+    // In C order the last axis, z, varies fastest.
     let stored = if header.fortran { [x, y, z] } else { [z, y, x] };
     let layout = Layout { size: stored, scalar, little_endian: header.little, scaling: None };
     let labels = layout.read(source.path, &mut stream, source.monitor)?;
-    // Also reads to the end of the compressed data, where its checksum is.
+    // Reading beyond the values also reaches the end of the compressed data, which ends in a checksum.
     let beyond = stream.take(1).read_to_end(&mut Vec::new());
     if beyond.map_err(|error| cut_short(source.path, &error.to_string()))? > 0 {
         return Err(cut_short(source.path, "more bytes than its shape says"));

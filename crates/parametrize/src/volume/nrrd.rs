@@ -1,5 +1,5 @@
-//! NRRD files (`.nrrd`, and `.nhdr` with its values in another file): a header of lines `field: value` up to an empty
-//! line, then the values, raw or gzipped.
+//! Reads NRRD files (`.nrrd`, or `.nhdr` with the values in another file): a header of lines `field: value` up to an
+//! empty line, then the values, raw or gzipped.
 //!
 //! Positions are converted to RAS+: for a file in left-posterior-superior space, as written by 3D Slicer and ITK, x and
 //! y change sign. Source: <https://teem.sourceforge.net/nrrd/format.html>.
@@ -15,14 +15,14 @@ use super::source::{Source, load};
 use super::values::{Layout, Scalar, Volume, cut_short};
 use crate::error::ParametrizeError;
 
-/// Longest header that is read; real ones are far shorter.
+/// Largest accepted number of bytes of a header. Real headers are far shorter.
 const LONGEST_HEADER: usize = 1 << 20;
 
-/// The fields of a header, by their names in lower case.
+/// The fields of a header, by name in lower case.
 struct Header<'a>(HashMap<String, &'a str>);
 
 impl<'a> Header<'a> {
-    /// Reads a header; also returns the offset of the values in an attached file.
+    /// Reads a header. Also returns the offset of the values, for files that contain them.
     fn read(bytes: &'a [u8]) -> Option<(Self, usize)> {
         let mut fields = HashMap::new();
         let mut at = 0;
@@ -30,7 +30,7 @@ impl<'a> Header<'a> {
             let rest = bytes.get(at..).filter(|_| at < LONGEST_HEADER)?;
             let end = rest.iter().position(|&byte| byte == b'\n');
             let line = std::str::from_utf8(&rest[..end.unwrap_or(rest.len())]).ok()?.trim_end();
-            // A detached header may end at the end of its file.
+            // If the values are in another file, the header may end at the end of the file without an empty line.
             at += end.map_or(rest.len(), |end| end + 1);
             if line.is_empty() || end.is_none() {
                 return Some((Self(fields), at));
@@ -84,7 +84,7 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
             _ => {
                 let mut stream = flate2::bufread::MultiGzDecoder::new(values);
                 let labels = layout.read(source.path, &mut stream, source.monitor)?;
-                // Reads to the end, where the checksum is.
+                // Reads to the end of the compressed data, which ends in a checksum.
                 let rest = std::io::copy(&mut stream.take(1 << 20), &mut std::io::sink());
                 rest.map_err(|error| cut_short(source.path, &error.to_string()))?;
                 labels
@@ -96,7 +96,7 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
     Ok(Volume { size, affine, labels })
 }
 
-/// Reads the values of a detached header: a single file in the header's folder or below.
+/// Reads the file of values that a header names; it must be in the header's folder or below.
 fn beside(source: &Source<'_>, name: &str) -> Result<Vec<u8>, ParametrizeError> {
     let path = Path::new(name);
     let plain = path.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
@@ -122,7 +122,8 @@ fn scalar(kind: &str) -> Option<Scalar> {
     })
 }
 
-/// Returns the matrix from voxels to RAS+: from directions and origin, or else from spacings.
+/// Returns the matrix from voxel coordinates to RAS+: from space directions and origin if present, otherwise from
+/// spacings.
 fn affine(source: &Source<'_>, header: &Header<'_>) -> Result<Affine, ParametrizeError> {
     let Some(directions) = header.get("spacedirections") else {
         let spacings: Option<Vec<f64>> =

@@ -1,4 +1,4 @@
-//! Determines a volume's format, by its name and by its first bytes.
+//! Determines a volume's format from its name and its first bytes, and reads it.
 
 use std::io::Read;
 use std::path::Path;
@@ -11,20 +11,20 @@ use super::values::Volume;
 use super::{mgh, nifti, nifti2, npy as array, nrrd, tiff};
 use crate::error::ParametrizeError;
 
-/// Endings of volume files.
+/// File name endings of volumes.
 const ENDINGS: [&str; 10] = [".nii", ".nii.gz", ".mgh", ".mgz", ".nrrd", ".nhdr", ".tif", ".tiff", ".npy", ".npy.gz"];
 
-/// Returns whether a path has the name of a volume: NIfTI, FreeSurfer, NRRD, TIFF, NumPy.
+/// Returns whether a path ends like a volume's file: NIfTI, FreeSurfer, NRRD, TIFF, NumPy.
 ///
-/// FreeSurfer also stores maps over surfaces in `.mgh` and `.mgz` files. A file's sizes show which of the two it is,
-/// and [`LabelVolume::read`](super::LabelVolume::read) rejects a map.
+/// FreeSurfer also stores values on the vertices of a surface in `.mgh` and `.mgz` files. Only the sizes in the file
+/// distinguish them from volumes; [`LabelVolume::read`](super::LabelVolume::read) rejects such files.
 #[must_use]
 pub fn is_volume(path: &Path) -> bool {
     let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     ENDINGS.iter().any(|ending| name.ends_with(ending))
 }
 
-/// Reads the volume in the format indicated by its first bytes.
+/// Reads a volume in the format indicated by the file's first bytes.
 pub(super) fn read(source: &Source<'_>) -> Result<Volume, ParametrizeError> {
     let bytes = load(source.path)?;
     let mut volume = if bytes.starts_with(&[0x1f, 0x8b]) {
@@ -43,11 +43,11 @@ pub(super) fn read(source: &Source<'_>) -> Result<Volume, ParametrizeError> {
     Ok(volume)
 }
 
-/// Reads the formats that are read as a stream: NIfTI begins with its header's size, in either byte order, MGH with its
-/// version.
+/// Reads a NIfTI, FreeSurfer or NumPy file as a stream. NIfTI files begin with the header's size, in either byte order;
+/// FreeSurfer files with their version.
 fn stream(source: &Source<'_>, mut stream: impl Read, most: u64) -> Result<Volume, ParametrizeError> {
     let mut magic = Vec::with_capacity(6);
-    // A stream that ends here is empty or damaged, which the parsers report.
+    // A stream of fewer than 6 bytes is empty or damaged; the parsers report this.
     let _ = (&mut stream).take(6).read_to_end(&mut magic);
     let first: Option<[u8; 4]> = magic.first_chunk().copied();
     let is_npy = magic == npy::MAGIC;

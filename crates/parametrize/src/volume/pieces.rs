@@ -1,19 +1,19 @@
-//! Connected pieces of a label, and its cavities.
+//! Finds the connected pieces of a label, and its cavities.
 
 use spharm_monitor::{Interrupted, Monitor};
 
 use super::mask::{FACES, Mask, around};
 
-/// Pieces, numbered from 1 by size, the largest first (in case of ties, the first in the volume).
+/// Pieces, numbered from 1 in order of decreasing size; pieces of equal size in the volume's order.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Pieces {
     /// Number of voxels of each piece.
     pub sizes: Vec<usize>,
-    /// The piece of each voxel of the mask's box; 0 if it belongs to none.
+    /// For each voxel of the mask's box, the number of its piece; 0 if it belongs to no piece.
     pub of: Vec<u32>,
 }
 
-/// Returns the label's pieces: voxels connected by faces.
+/// Returns the pieces of a label; voxels that share a face are connected.
 ///
 /// # Errors
 ///
@@ -22,11 +22,12 @@ pub fn pieces(mask: &Mask, monitor: &dyn Monitor) -> Result<Pieces, Interrupted>
     fill(mask, true, &FACES, monitor)
 }
 
-/// Returns the parts of the background, connected by faces, edges and corners, that aren't connected to the outside.
+/// Returns the cavities: the pieces of the background that aren't connected to the outside. Background voxels that
+/// share a face, an edge or a corner are connected.
 pub(super) fn cavities(mask: &Mask, monitor: &dyn Monitor) -> Result<Pieces, Interrupted> {
     let neighbours: Vec<[isize; 3]> = around().filter(|d| *d != [0; 3]).collect();
     let mut found = fill(mask, false, &neighbours, monitor)?;
-    // The rim and all background connected to it are one piece, which contains the first voxel.
+    // The first voxel belongs to the rim, so its piece is the background outside.
     let outside = found.of[0];
     for piece in &mut found.of {
         *piece = match (*piece).cmp(&outside) {
@@ -63,7 +64,7 @@ fn fill(mask: &Mask, side: bool, neighbours: &[[isize; 3]], monitor: &dyn Monito
             }
             let at = mask.place(voxel);
             for d in neighbours {
-                // Background extends to the box's border, beyond which there are no neighbours.
+                // Neighbours beyond the box's border are skipped; only background voxels have them.
                 let within = (0..3).all(|k| at[k].checked_add_signed(d[k]).is_some_and(|x| x < mask.size[k]));
                 if !within {
                     continue;

@@ -1,33 +1,35 @@
-//! A label's surface without the voxels' steps: the surface of least bending within the voxels' own uncertainty.
+//! Computes a label's surface without voxel steps: the surface of least bending within half a voxel of the stepped one.
 //!
 //! ```text
 //! min |L x|^2   with   |x_v - c_v| <= 1/2 along each axis,   (L x)_v = x_v - mean of its neighbours
 //! ```
 //!
-//! in voxels, where c_v is the lattice corner at which vertex v lies initially. Unlike the Laplacian, the bilaplacian
-//! doesn't shrink the surface (S. Gibson, "Constrained elastic surface nets", MICCAI 1998, has the boxes and the
-//! Laplacian). It is solved by projected gradients with Nesterov's momentum; 60 flops per vertex and step. Small bodies
-//! still lose up to 8 % of their volume, which is restored: all vertices move along their normals, within the boxes,
-//! until the volume is that of the voxels.
+//! in voxels, where c_v is the lattice corner of vertex v. Minimising |L x|^2 (the bilaplacian) shrinks the surface
+//! less than the Laplacian does (S. Gibson, "Constrained elastic surface nets", MICCAI 1998, has the boxes and the
+//! Laplacian). The problem is solved by projected gradients with Nesterov's momentum, 60 flops per vertex and step.
+//! Small bodies still lose up to 8 % of their volume. It is restored: all vertices move along their normals, within the
+//! boxes, until the volume equals that of the voxels.
 
 use spharm_surface::geometry::{Vec3, add, cross, dot, scale, sub, unit};
 use spharm_surface::topology::signed_volume;
 
 use super::boundary::QuadMesh;
 
-/// Number of steps, after which vertices are within a hundredth of a voxel of the minimum.
+/// Number of gradient steps. Afterwards vertices are within a hundredth of a voxel of the minimum.
 const STEPS: usize = 300;
-/// Step length: the largest eigenvalue of `L^T L` is about 4, and exactly 4 if L is symmetric.
+/// Step length. It must be below 1/4, since the largest eigenvalue of `L^T L` is about 4, and exactly 4 for symmetric
+/// L.
 const STEP: f64 = 0.22;
-/// Moves along the normals; each leaves at most a tenth of the missing volume, unless most vertices are at the limits
-/// of their boxes.
+/// Largest number of moves along the normals. Each leaves at most a tenth of the missing volume, unless most vertices
+/// are at the limits of their boxes.
 const MOVES: usize = 8;
-/// Half the width of a box, in voxels.
+/// Half the width of the box in which a vertex may move, in voxels.
 const HALF: f64 = 0.5;
 
 impl QuadMesh {
-    /// Returns the surface of least bending with the volume of this one, in which each vertex is within half a voxel of
-    /// its position here, along each axis. The vertices are in voxels, as returned by [`around`](Self::around).
+    /// Returns the surface of least bending that has the volume of this one, and whose vertices are within half a voxel
+    /// of their positions in this one along each axis. This surface must be in voxel coordinates, as returned by
+    /// [`around`](Self::around).
     #[must_use]
     pub fn relaxed(&self) -> Self {
         let rings = Rings::of(self);
@@ -53,7 +55,7 @@ impl QuadMesh {
         self.with_own_volume(Self { vertices: found, ..self.clone() })
     }
 
-    /// Moves a relaxed surface along its normals until it has the volume of this one.
+    /// Moves a relaxed surface along its normals until its volume is that of this surface.
     fn with_own_volume(&self, mut relaxed: Self) -> Self {
         let volume = |mesh: &Self| signed_volume(&mesh.triangles(|_| false));
         let whole = volume(self);
@@ -72,7 +74,7 @@ impl QuadMesh {
         relaxed
     }
 
-    /// Returns unit normals of the vertices, and the area.
+    /// Returns the unit normal of each vertex, and the surface's area.
     fn normals(&self) -> (Vec<Vec3>, f64) {
         let (mut normals, mut area) = (vec![[0.0; 3]; self.vertices.len()], 0.0);
         for quad in &self.quads {
@@ -86,7 +88,7 @@ impl QuadMesh {
     }
 }
 
-/// The neighbours of each vertex along edges.
+/// For each vertex, the vertices connected to it by an edge.
 struct Rings {
     starts: Vec<usize>,
     near: Vec<u32>,
@@ -137,7 +139,8 @@ mod tests {
     use super::*;
     use crate::volume::mask::Mask;
 
-    /// A ball of 10.3 voxels: its steps are 0.29 voxels of root mean square, and its area 1.5 times that of the ball.
+    /// The surface of a ball of 10.3 voxels has steps of 0.29 voxels (root mean square), and 1.5 times the area of the
+    /// ball.
     #[test]
     fn a_ball_of_voxels_is_round() {
         let radius = 10.3_f64;

@@ -1,16 +1,17 @@
-//! Reduces any label to a single ball without bare contacts.
+//! Repairs any label so that it is a single ball of voxels without bare contacts (defined in
+//! [`simple`](super::simple)).
 //!
-//! The largest piece is kept and its cavities are filled. Handles are opened in one of two ways, whichever changes
+//! The largest piece is kept and its cavities are filled. Handles are removed in one of two ways, whichever changes
 //! fewer voxels:
 //!
-//! - *cutting*: from its innermost voxel a ball grows through the label, the deepest voxels first. It takes each voxel
-//!   that is simple and leaves no bare contact ([`simple`](super::simple)). Voxels that would close a ring stay out: a
-//!   cut through the handle, where it is thinnest.
-//! - *filling*: the box around the label shrinks onto it, removing the furthest voxels of the background first, by the
-//!   same rules from the other side. Voxels whose removal would open a ring stay in: a lid over the hole.
+//! - *cutting*: a ball grows inside the label from the label's innermost voxel, taking the voxels farthest from the
+//!   background first. It takes a voxel only if the voxel is simple and this leaves no bare contact. Voxels that would
+//!   close a ring are therefore left out, which cuts the handle where it is thinnest.
+//! - *filling*: the box around the label shrinks onto the label, removing the voxels farthest from the label first, by
+//!   the same rules. Voxels whose removal would open a ring are kept, which covers the hole with a lid.
 //!
-//! Both result in a set with the topology of the initial ball, for any label; the report gives the number of changed
-//! voxels. O(n log n) for n voxels of the box.
+//! Both ways give a set with the topology of a ball, for any label. The report has the number of changed voxels. Cost:
+//! O(n log n) for a box of n voxels.
 
 use std::collections::BinaryHeap;
 
@@ -22,7 +23,7 @@ use super::mask::{Mask, around};
 use super::pieces::{cavities, pieces};
 use super::simple::{Around, has_bare_contact, is_simple};
 
-/// The method by which handles and bare contacts were removed.
+/// How handles and bare contacts were removed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum HandleRepair {
@@ -36,32 +37,33 @@ pub enum HandleRepair {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[non_exhaustive]
 pub struct Repair {
-    /// Number of pieces dropped: all except the largest.
+    /// Number of pieces dropped, which are all except the largest.
     pub pieces_dropped: usize,
-    /// Number of voxels of these pieces.
+    /// Number of voxels of the dropped pieces.
     pub voxels_dropped: usize,
     /// Number of cavities filled.
     pub cavities_filled: usize,
-    /// Number of voxels of these cavities.
+    /// Number of voxels of the filled cavities.
     pub voxels_filled: usize,
-    /// Number of handles of the largest piece, which were removed.
+    /// Number of handles removed from the largest piece.
     #[serde(rename = "handles")]
     pub handles_removed: usize,
-    /// The method by which handles and bare contacts were removed.
+    /// How handles and bare contacts were removed.
     #[serde(rename = "way")]
     pub handles: HandleRepair,
-    /// Number of voxels changed to remove them.
+    /// Number of voxels changed to remove handles and bare contacts.
     pub voxels_changed: usize,
 }
 
 impl Repair {
-    /// Returns the number of all voxels that changed sides.
+    /// Returns the total number of voxels that were added or removed.
     #[must_use]
     pub fn voxels(&self) -> usize {
         self.voxels_dropped + self.voxels_filled + self.voxels_changed
     }
 
-    /// Returns the message for the case that handles should have been kept, to be cut, but the repair has removed them.
+    /// Returns the message for a repair that has removed the handles which the caller wanted to cut; `None` if there
+    /// were none.
     #[must_use]
     pub fn no_handle_left(&self) -> Option<String> {
         let (number, kept) = match self.handles_removed {
@@ -96,7 +98,7 @@ impl std::fmt::Display for Repair {
     }
 }
 
-/// Reduces the largest piece of a mask to a ball.
+/// Repairs a mask: reduces its largest piece to a ball.
 ///
 /// # Errors
 ///
@@ -129,11 +131,11 @@ pub fn repair(mask: &Mask, monitor: &dyn Monitor) -> Result<(Mask, Repair), Inte
     Ok((repaired, repair))
 }
 
-/// Grows a ball within the label.
+/// Returns a ball grown inside the label.
 fn cut(label: &Mask, monitor: &dyn Monitor) -> Result<Mask, Interrupted> {
     let depth = distance(label, true, monitor)?;
     let mut ball = Mask { inside: vec![false; label.inside.len()], ..label.clone() };
-    // The deepest voxel, the first in case of ties.
+    // The ball starts at the voxel farthest from the background; the first one in case of ties.
     let seed = (0..depth.len()).max_by_key(|&i| (depth[i], std::cmp::Reverse(i)));
     let Some(seed) = seed.filter(|&i| label.inside[i]) else { return Ok(ball) };
     ball.inside[seed] = true;
@@ -141,7 +143,7 @@ fn cut(label: &Mask, monitor: &dyn Monitor) -> Result<Mask, Interrupted> {
     Ok(ball)
 }
 
-/// Shrinks the box onto the label.
+/// Returns the box around the label, shrunk onto the label.
 fn fill(label: &Mask, monitor: &dyn Monitor) -> Result<Mask, Interrupted> {
     let depth = distance(label, false, monitor)?;
     let mut ball = Mask { inside: (0..label.inside.len()).map(|i| !label.is_rim(i)).collect(), ..label.clone() };
@@ -153,7 +155,8 @@ fn fill(label: &Mask, monitor: &dyn Monitor) -> Result<Mask, Interrupted> {
 /// Number of voxels between checks of the monitor.
 const CHUNK: usize = 1 << 14;
 
-/// Moves voxels for which `wanted` is true to the side of `seeds`, the deepest first, if they may change sides.
+/// Moves the voxels for which `wanted` is true to the side of `seeds`, in order of decreasing `depth`, if this
+/// preserves the topology and leaves no bare contact.
 fn change_sides(
     ball: &mut Mask,
     seeds: &[usize],
@@ -164,7 +167,7 @@ fn change_sides(
     let Some(&first) = seeds.first() else { return Ok(()) };
     let side = ball.inside[first];
     let offsets: Vec<isize> = around().map(|d| ball.step(d)).collect();
-    // A voxel is tested again whenever one of its 26 neighbours has changed.
+    // A voxel is queued, and hence tested, again whenever one of its 26 neighbours has changed sides.
     let mut heap = BinaryHeap::new();
     let push = |heap: &mut BinaryHeap<_>, ball: &Mask, voxel: usize| {
         let at = ball.place(voxel);
@@ -185,7 +188,7 @@ fn change_sides(
         if looked_at % CHUNK == 0 {
             monitor.check()?;
         }
-        // It was queued more than once, and has changed since.
+        // The voxel was queued several times and has already changed sides.
         if ball.inside[voxel] == side {
             continue;
         }
@@ -203,10 +206,10 @@ fn change_sides(
     Ok(())
 }
 
-/// Returns the distance of each voxel of a side from the other side, in steps of about 1/3 voxel (the 3-4-5 chamfer: G.
-/// Borgefors, "Distance transformations in digital images", 1986); 0 on the other side.
+/// Returns the distance of each voxel of one side from the other side, in units of about 1/3 voxel (the 3-4-5 chamfer
+/// distance: G. Borgefors, "Distance transformations in digital images", 1986); 0 for voxels of the other side.
 fn distance(label: &Mask, side: bool, monitor: &dyn Monitor) -> Result<Vec<u32>, Interrupted> {
-    // Outside, the background continues beyond the box's border.
+    // The box's border doesn't count as the other side: the background continues beyond it.
     let far = u32::MAX / 2;
     let mut depth: Vec<u32> = label.inside.iter().map(|&inside| if inside == side { far } else { 0 }).collect();
     let cost = |d: [isize; 3]| 2 + d.iter().map(|x| x.unsigned_abs() as u32).sum::<u32>();
@@ -226,7 +229,7 @@ fn distance(label: &Mask, side: bool, monitor: &dyn Monitor) -> Result<Vec<u32>,
         if i % CHUNK == 0 {
             monitor.check()?;
         }
-        // Forward, then backward.
+        // One pass in the order of the voxels, then one in reverse order.
         if i < n {
             relax(&mut depth, i, 1);
         } else {
@@ -242,7 +245,7 @@ mod tests {
     use crate::volume::boundary::QuadMesh;
     use spharm_monitor::Silent;
 
-    /// Noise: thousands of pieces, handles, cavities and contacts.
+    /// Returns random voxels: thousands of pieces, handles, cavities and contacts.
     fn noise(size: [usize; 3], seed: u64) -> Mask {
         Mask::new(size, |[x, y, z]| {
             let mut h = seed ^ (x as u64) << 40 ^ (y as u64) << 20 ^ z as u64;

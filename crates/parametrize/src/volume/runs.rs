@@ -1,22 +1,22 @@
-//! Labels stored as runs: memory is proportional to the labels' extent, not to the volume's number of voxels.
+//! Stores labels as runs of equal labels, so that background takes no memory.
 //!
-//! Most of a label volume is background, and most neighbours have the same label. A volume is read as a stream, of
-//! which only the runs of equal labels along x are kept; a file of nothing but background takes no memory.
+//! Most of a label volume is background, and most neighbouring voxels have the same label. A volume is therefore read
+//! as a stream, of which only the runs of equal labels along x are kept.
 
 use std::collections::BTreeMap;
 
 use spharm_surface::io::{NoRoom, check_room};
 
-/// Adjacent voxels along x with the same label other than 0.
+/// Consecutive voxels along x with the same label other than 0.
 #[derive(Clone, Copy, Debug)]
 struct Run {
-    /// Index of the first voxel, with x varying fastest.
+    /// Index of the first voxel, counted with x varying fastest.
     start: usize,
     length: u32,
     label: i32,
 }
 
-/// A label's number of voxels and their bounding box, inclusive.
+/// A label's number of voxels, and the inclusive corners of their bounding box.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Extent {
     pub(super) voxels: usize,
@@ -24,23 +24,23 @@ pub(super) struct Extent {
     pub(super) high: [usize; 3],
 }
 
-/// The labels of a volume.
+/// All labels of a volume, as runs.
 #[derive(Clone, Debug)]
 pub(super) struct Runs {
     size: [usize; 3],
-    /// In the order of the voxels; no run continues into the next row.
+    /// The runs in the order of the voxels. No run continues from one row into the next.
     runs: Vec<Run>,
 }
 
 impl Runs {
-    /// Makes runs of labels from values, with x varying fastest.
+    /// Returns the runs of labels given for every voxel, with x varying fastest.
     pub(super) fn of(size: [usize; 3], values: &[i32]) -> Result<Self, NoRoom> {
         let mut builder = Builder::new(size);
         values.iter().try_for_each(|&label| builder.push(label))?;
         builder.finish()
     }
 
-    /// Returns the extent of every label, in one pass.
+    /// Returns the extent of every label.
     pub(super) fn extents(&self) -> BTreeMap<i32, Extent> {
         let mut extents = BTreeMap::new();
         for run in &self.runs {
@@ -57,7 +57,8 @@ impl Runs {
         extents
     }
 
-    /// Calls `f` with the first and the last voxel and the label of each run, restricted to a box, inclusive.
+    /// Calls `f` for each run, restricted to the box from `low` to `high`, inclusive, with the run's first voxel, the x
+    /// of its last voxel, and its label.
     pub(super) fn within(&self, low: [usize; 3], high: [usize; 3], mut f: impl FnMut([usize; 3], usize, i32)) {
         let [nx, ny, _] = self.size;
         for z in low[2]..=high[2] {
@@ -73,8 +74,7 @@ impl Runs {
         }
     }
 
-    /// Returns the same labels with the axes reversed: from values with z varying fastest to values with x varying
-    /// fastest.
+    /// Returns the labels with the axes reversed: converts from z varying fastest to x varying fastest.
     pub(super) fn transposed(&self) -> Result<Self, NoRoom> {
         let [nz, ny, nx] = self.size;
         let mut builder = Builder::new([nx, ny, nz]);
@@ -85,7 +85,7 @@ impl Runs {
             return builder.finish();
         };
         let high = extents.values().fold([0; 3], |a: [usize; 3], b| std::array::from_fn(|k| a[k].max(b.high[k])));
-        // Only the bounding box of all labels.
+        // Only the bounding box of all labels is expanded to one value per voxel.
         let own: [usize; 3] = std::array::from_fn(|k| high[k] - low[k] + 1);
         let count = own.iter().product::<usize>();
         check_room(4 * count as u64)?;
@@ -108,14 +108,14 @@ impl Runs {
     }
 }
 
-/// Builds runs from labels in sequence, with x varying fastest.
+/// Builds runs from labels given one after another, with x varying fastest.
 pub(super) struct Builder {
     runs: Runs,
-    /// Number of voxels so far.
+    /// Number of voxels added so far.
     at: usize,
-    /// Number of voxels to the end of the row.
+    /// Number of voxels until the end of the current row.
     left: usize,
-    /// The label of the voxels from `began` on.
+    /// The label of the current run, which began at voxel `began`.
     label: i32,
     began: usize,
 }
@@ -125,12 +125,12 @@ impl Builder {
         Self { runs: Runs { size, runs: Vec::new() }, at: 0, left: size[0], label: 0, began: 0 }
     }
 
-    /// Returns the number of voxels so far.
+    /// Returns the number of voxels added so far.
     pub(super) fn len(&self) -> usize {
         self.at
     }
 
-    /// Sets the number of slices, if it wasn't known initially.
+    /// Sets the number of slices, for readers that don't know it in advance.
     pub(super) fn slices(&mut self, count: usize) {
         self.runs.size[2] = count;
     }
@@ -149,7 +149,7 @@ impl Builder {
         Ok(())
     }
 
-    /// Adds background for all voxels up to this one.
+    /// Adds background until `voxel` is the next voxel.
     pub(super) fn to(&mut self, voxel: usize) -> Result<(), NoRoom> {
         self.close()?;
         let width = self.runs.size[0].max(1);
@@ -184,7 +184,7 @@ impl Builder {
 mod tests {
     use super::*;
 
-    /// Returns labels 0 to 2, mostly 0, the same ones each time.
+    /// Returns reproducible random labels 0 to 2, mostly 0.
     fn noise(size: [usize; 3]) -> Vec<i32> {
         let mut state = 1_u64;
         let mut next = || {

@@ -1,22 +1,23 @@
 //! Tests whether a voxel may change sides without changing the topology.
 //!
-//! A voxel is *simple* if changing its side joins, cuts, fills or pierces neither side (G. Bertrand and G. Malandain,
-//! "A new characterization of three-dimensional simple points", Pattern Recognition Letters 15, 1994): for (6,
-//! 26)-connectivity, if within its 26 neighbours
+//! A voxel is *simple* if moving it to the other side preserves the topology of both sides (G. Bertrand and G.
+//! Malandain, "A new characterization of three-dimensional simple points", Pattern Recognition Letters 15, 1994). For
+//! (6, 26)-connectivity this is so if, among its 26 neighbours,
 //!
-//! - exactly one piece of the inside, connected by faces within the 18 neighbours, shares a face with it, and
+//! - exactly one piece of the inside shares a face with the voxel, where pieces are connected by faces within the 18
+//!   neighbours that share a face or an edge with the voxel, and
 //! - the outside is one piece, connected by faces, edges and corners.
 //!
-//! A change may also be required to leave no *bare contact*: two voxels of one side that share an edge or a corner
-//! while all others around it are on the other side. Without bare contacts a boundary is a surface without doubled
+//! A *bare contact* is a pair of voxels on one side that share only an edge or a corner, while all other voxels around
+//! that edge or corner are on the other side. The boundary of a set without bare contacts is a surface without doubled
 //! vertices (L. Latecki, U. Eckhardt, A. Rosenfeld, "Well-composed sets", CVIU 61, 1995).
 
 use std::sync::LazyLock;
 
-/// The voxels inside among a voxel's 27 (with itself at 13), as bits; x varies fastest.
+/// The sides of a voxel (bit 13) and its 26 neighbours: a bit is set if the voxel is inside; x varies fastest.
 pub(super) type Around = u32;
 
-/// For each of the 27, the others among them that share a face, and those that share at least a corner.
+/// For each of the 27 voxels, the ones among them that share a face with it, and those that share at least a corner.
 struct Neighbours {
     face: [Around; 27],
     any: [Around; 27],
@@ -37,7 +38,7 @@ static NEIGHBOURS: LazyLock<Neighbours> = LazyLock::new(|| {
 
 const CENTRE: usize = 13;
 
-/// The 18 that share a face or an edge with the centre: all except the corners.
+/// The 18 neighbours that share a face or an edge with the centre.
 const EIGHTEEN: Around = {
     let mut bits = 0;
     let mut i = 0;
@@ -53,7 +54,7 @@ const EIGHTEEN: Around = {
 
 const ALL: Around = ((1 << 27) - 1) & !(1 << CENTRE);
 
-/// Returns the voxels connected to `seed` within `set`.
+/// Returns the voxels of `set` that are connected to `seed`, and `seed`.
 fn reach(seed: Around, set: Around, neighbours: &[Around; 27]) -> Around {
     let (mut reached, mut front) = (seed, seed);
     while front != 0 {
@@ -68,7 +69,7 @@ fn reach(seed: Around, set: Around, neighbours: &[Around; 27]) -> Around {
     reached
 }
 
-/// Whether the voxel in the middle is simple, on either side.
+/// Whether the centre is simple, whichever side it is on.
 pub(super) fn is_simple(around: Around) -> bool {
     let n = &*NEIGHBOURS;
     let (inside, outside) = (around & EIGHTEEN, !around & ALL);
@@ -81,17 +82,18 @@ pub(super) fn is_simple(around: Around) -> bool {
     touching & !piece == 0 && reach(lowest(outside), outside, &n.any) == outside
 }
 
-/// Whether there is a bare contact at an edge or a corner of the voxel in the middle.
+/// Whether there is a bare contact at an edge or a corner of the centre.
 pub(super) fn has_bare_contact(around: Around) -> bool {
     let inside = |[x, y, z]: [i32; 3]| around >> (x + 3 * y + 9 * z) & 1 == 1;
-    // The eight blocks of 2 x 2 x 2 that contain the middle.
+    // Tests the eight blocks of 2 x 2 x 2 voxels that contain the centre.
     (0..8).any(|block| {
         let low = [block & 1, block >> 1 & 1, block >> 2];
         let of = |corner: i32| inside([low[0] + (corner & 1), low[1] + (corner >> 1 & 1), low[2] + (corner >> 2)]);
         let sides: u8 = (0..8).fold(0, |bits, corner| bits | u8::from(of(corner)) << corner);
-        // Only two opposite corners are inside, or only two are outside.
+        // Contact at a corner: exactly two opposite corners of the block are on one side.
         let corner = |sides: u8| matches!(sides, 0b1000_0001 | 0b0100_0010 | 0b0010_0100 | 0b0001_1000);
-        // On a face of the block: two diagonal voxels on one side, the other two on the other side.
+        // Contact at an edge: on a face of the block, two diagonal voxels are on one side and the other two on the
+        // other side.
         let face = |[a, b, c, d]: [u8; 4]| {
             let side = |i: u8| sides >> i & 1;
             side(a) == side(d) && side(b) == side(c) && side(a) != side(b)

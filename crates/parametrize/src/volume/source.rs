@@ -1,4 +1,4 @@
-//! A volume's file, and the settings that its format leaves open.
+//! A volume's file, with settings that its format may lack.
 
 use std::io::Read;
 use std::path::Path;
@@ -10,17 +10,18 @@ use super::affine::Affine;
 use super::values::no_room;
 use crate::error::ParametrizeError;
 
-/// A file to read.
+/// A volume's file.
 #[derive(Clone, Copy)]
 pub(super) struct Source<'a> {
     pub(super) path: &'a Path,
-    /// Size of the voxels, if the format doesn't specify it, or the file gives a wrong one.
+    /// Size of the voxels, given by the caller if the format lacks it or the file has a wrong one.
     pub(super) voxel_size: Option<[f64; 3]>,
     pub(super) monitor: &'a dyn Monitor,
 }
 
 impl Source<'_> {
-    /// Returns the matrix of a file that specifies at most the size of its voxels.
+    /// Returns the matrix for a format that has no positions, at most a voxel size `found`. The caller's size takes
+    /// precedence.
     pub(super) fn affine(&self, found: Option<[f64; 3]>, format: &'static str) -> Result<Affine, ParametrizeError> {
         let size = self
             .voxel_size
@@ -35,7 +36,7 @@ impl Source<'_> {
     }
 }
 
-/// Reads an entire regular file; opening a pipe would wait for its writer.
+/// Reads an entire regular file. Other kinds are rejected; opening a pipe, for instance, would wait for its writer.
 pub(super) fn load(path: &Path) -> Result<Vec<u8>, ParametrizeError> {
     let io = |cause| ParametrizeError::Io { path: path.to_owned(), cause };
     if let Some(found) = spharm_files::other_kind(std::fs::metadata(path).map_err(io)?.file_type()) {
@@ -43,7 +44,7 @@ pub(super) fn load(path: &Path) -> Result<Vec<u8>, ParametrizeError> {
         return Err(ParametrizeError::NotAVolume { path: path.to_owned(), expected, found });
     }
     let mut file = spharm_files::open(path).map_err(io)?;
-    // A sparse file needs no space on disk, so its size may exceed the memory.
+    // The size is checked because a sparse file can be larger than the memory although it needs no space on disk.
     check_room(file.metadata().map_err(io)?.len()).map_err(|room| no_room(path, room))?;
     let mut bytes = Vec::new();
     file.read_to_end(&mut bytes).map_err(io)?;

@@ -1,9 +1,10 @@
-//! Warns if a model of a label resolves the voxels' steps.
+//! Warns if a model of a label's surface has such a high degree that it reproduces the voxels' steps.
 //!
-//! The surface around a label is that of its voxels. A model of degree L resolves lengths of `pi r / L` on a body of
-//! radius r. Below one and a half voxels it follows the steps between them, and area and sphericity grow with the
-//! degree: the area of a ball of radius 10.3 voxels is 0.8 % too large at degree 8, 1.1 % at 12 and 2.1 % at 20, and
-//! that of an ellipsoid of axes 4, 2 and 2 in voxels of 0.2, 0.2 and 0.6 is 0.3, 5.1 and 18.1 % too large.
+//! The surface around a label consists of the faces of voxels. On a body of radius r, a model of degree L resolves
+//! lengths of `pi r / L`. Where this is below one and a half voxels, the model follows the steps between voxels, and
+//! its area grows with the degree. The area of a ball of radius 10.3 voxels is 0.8 % too large at degree 8, 1.1 % at 12
+//! and 2.1 % at 20. The area of an ellipsoid with axes 4, 2 and 2 and voxels of 0.2 x 0.2 x 0.6 is 0.3 %, 5.1 % and
+//! 18.1 % too large at these degrees. Sphericity is affected likewise.
 
 use std::fmt;
 
@@ -11,15 +12,15 @@ use serde::{Deserialize, Serialize};
 
 use super::surface::VolumeSurface;
 
-/// Resolved length, in voxels, below which a model follows the steps.
+/// Resolved length, in voxels, below which a model follows the voxels' steps.
 const VOXELS: f64 = 1.5;
 
-/// A model that resolves the voxels from which its surface was made.
+/// Warning that a model resolves the voxels of its surface.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct VoxelSteps {
-    /// Degree of the model, L.
+    /// The model's degree, L.
     pub max_degree: usize,
-    /// Length that it resolves, `pi r / L` with r the radius of a ball of the label's volume, in mm.
+    /// Length that the model resolves, in mm: `pi r / L`, with r the radius of a ball of the label's volume.
     pub resolved: f64,
     /// The longest edge of a voxel, in mm.
     pub voxel: f64,
@@ -28,7 +29,7 @@ pub struct VoxelSteps {
 }
 
 impl VolumeSurface {
-    /// Returns the voxel steps that a model of a degree would follow; `None` if it doesn't resolve the voxels.
+    /// Returns a warning if a model of the given degree resolves the voxels; otherwise `None`.
     #[must_use]
     pub fn steps(&self, max_degree: usize) -> Option<VoxelSteps> {
         let volume = self.voxels as f64 * self.voxel_size.iter().product::<f64>();
@@ -51,7 +52,7 @@ impl fmt::Display for VoxelSteps {
     }
 }
 
-/// Returns one warning for several labels, with the names of at most 5 of them; `None` if there are no labels.
+/// Returns a single warning for several labels, which names at most 5 of them; `None` if `found` is empty.
 #[must_use]
 pub fn steps_of_labels(found: &[(String, VoxelSteps)]) -> Option<String> {
     const NAMED: usize = 5;
@@ -105,7 +106,7 @@ mod tests {
         assert!(
             (steps.suitable_degree, steps.voxel) == (21, 1.0) && ball.steps(21).is_none() && ball.steps(22).is_some()
         );
-        // The longest edge counts.
+        // The longest edge of a voxel determines the suitable degree.
         let thick = ellipsoid([4.0, 2.0, 2.0], [0.2, 0.2, 0.6]);
         assert!(thick.steps(8).is_none() && thick.steps(12).is_some(), "{:?}", thick.steps(8));
         assert!(thick.steps(12).unwrap().to_string().contains("voxels of 0.600"));

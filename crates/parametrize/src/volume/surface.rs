@@ -1,4 +1,4 @@
-//! A label's surface: checked, repaired on request.
+//! Computes a label's surface, which is checked and, on request, repaired.
 
 use spharm_monitor::{Interrupted, Monitor};
 use spharm_surface::Mesh;
@@ -13,20 +13,20 @@ use crate::error::ParametrizeError;
 /// Settings of [`LabelVolume::surface`].
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct VolumeParams {
-    /// The label; `None` (default) for the only one of the volume.
+    /// The label; `None` (default) for the volume's only label.
     pub label: Option<i64>,
     /// Whether to repair a label that isn't a ball, instead of rejecting it. Default false.
     pub fix: bool,
-    /// Whether the surface may have handles, for [`without_handles`](crate::Input::without_handles) to cut. Default
-    /// false. A repair opens handles, so with `fix` none remain.
+    /// Whether the surface may have handles, which [`without_handles`](crate::Input::without_handles) can cut. Default
+    /// false. It has no effect together with `fix`, since a repair removes handles.
     pub handles: bool,
 }
 
-/// A label's surface.
+/// The surface around a label.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct VolumeSurface {
-    /// Closed surface, of genus 0 unless handles were allowed, wound outwards; vertices in mm.
+    /// Closed surface, wound outwards, with vertices in mm; of genus 0 unless handles were allowed.
     pub quads: QuadMesh,
     /// The label.
     pub label: i64,
@@ -34,13 +34,13 @@ pub struct VolumeSurface {
     pub voxels: usize,
     /// Lengths of a voxel's edges, in mm.
     pub voxel_size: [f64; 3],
-    /// The changes made; `None` if no repair was needed.
+    /// The changes made by the repair; `None` if no repair was needed.
     pub repair: Option<Repair>,
 }
 
 impl LabelVolume {
-    /// Returns the surface around a label without the voxels' steps, of any topology, in mm: the surface of least
-    /// bending within half a voxel of the steps ([`QuadMesh::relaxed`]). It is for uses that need no sphere, such as
+    /// Returns the surface around a label in mm, without voxel steps: the surface of least bending within half a voxel
+    /// of the steps ([`QuadMesh::relaxed`]). It can have any topology; it is for uses that need no sphere, such as
     /// registration.
     ///
     /// # Errors
@@ -55,8 +55,8 @@ impl LabelVolume {
     ///
     /// # Errors
     ///
-    /// [`NoLabel`](ParametrizeError::NoLabel); [`BadVolume`](ParametrizeError::BadVolume) if the label isn't a single
-    /// ball (with its numbers of pieces, cavities, handles and bare contacts) and `fix` isn't set;
+    /// [`NoLabel`](ParametrizeError::NoLabel); [`BadVolume`](ParametrizeError::BadVolume), with the numbers of pieces,
+    /// cavities, handles and pinched edges, if the label isn't a single ball and `fix` isn't set;
     /// [`Interrupted`](ParametrizeError::Interrupted).
     pub fn surface(&self, params: &VolumeParams, monitor: &dyn Monitor) -> Result<VolumeSurface, ParametrizeError> {
         let label = self.choose(params.label)?;
@@ -72,7 +72,8 @@ impl LabelVolume {
             (false, false) => return refuse(problems, true),
             (false, true) => {
                 let (repaired, repair) = repair(&mask, monitor)?;
-                // The repair only changes simple points, so this can't happen; any other surface must be rejected.
+                // The repair only changes simple voxels, so no problem should be left. If one is, the surface must be
+                // rejected.
                 let left = self::problems(&repaired, false, monitor)?;
                 if !left.phrases.is_empty() {
                     return refuse(left, false);
@@ -85,15 +86,15 @@ impl LabelVolume {
     }
 }
 
-/// The reasons why voxels aren't one ball.
+/// The reasons why a set of voxels isn't a single ball.
 struct Problems {
     /// One phrase per reason.
     phrases: Vec<String>,
-    /// Number of handles among them.
+    /// Number of handles, which are one of the reasons if there are any.
     handles: usize,
 }
 
-/// Returns the reasons why the voxels aren't one ball; with `allowed`, handles aren't among them.
+/// Returns the reasons why the voxels aren't a single ball. With `allowed`, handles don't count as a reason.
 fn problems(mask: &Mask, allowed: bool, monitor: &dyn Monitor) -> Result<Problems, Interrupted> {
     let mut problems = Vec::new();
     let found = pieces(mask, monitor)?;

@@ -1,8 +1,9 @@
-//! TIFF stacks (`.tif`, `.tiff`, OME-TIFF): one page per slice, integers, one channel and one time.
+//! Reads TIFF stacks (`.tif`, `.tiff`, OME-TIFF): one page per slice, integers, one channel and one time point.
 //!
-//! The crate `tiff` decodes pages, within a limit derived from the file's size. The size of the voxels is in the
-//! description of the first page: OME-XML's `PhysicalSizeX`, `Y`, `Z`, or ImageJ's `spacing` and `unit` together with
-//! the resolution. It is in micrometres. Sources: OME-TIFF specification 6.0; ImageJ's `TiffEncoder`.
+//! The crate `tiff` decodes the pages, within a memory limit derived from the file's size. The size of the voxels, in
+//! micrometres, is computed from the description of the first page: from OME-XML's `PhysicalSizeX`, `Y`, `Z`, or from
+//! ImageJ's `spacing` and `unit` and the page's resolution. Sources: OME-TIFF specification 6.0; ImageJ's
+//! `TiffEncoder`.
 
 use std::io::Cursor;
 
@@ -19,20 +20,20 @@ use super::source::Source;
 use super::values::{Volume, no_room, whole};
 use crate::error::ParametrizeError;
 
-/// Bytes of the largest page: 32,768 x 32,768 values of 8 bits.
+/// Largest number of bytes of a page: 32,768 x 32,768 values of 8 bits.
 const LARGEST_PAGE: u64 = 1 << 30;
 
-/// Whether bytes begin like a TIFF or BigTIFF file.
+/// Whether a file begins like a TIFF or BigTIFF file.
 pub(super) fn is_tiff(bytes: &[u8]) -> bool {
     [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"].iter().any(|magic| bytes.starts_with(*magic))
 }
 
-/// The description's statements about the entire stack.
+/// The data about the entire stack in the first page's description.
 #[derive(Debug, Default, PartialEq)]
 struct Description {
     /// Size of the voxels in micrometres.
     voxel_size: Option<[f64; 3]>,
-    /// Number of slices, and of channels times time points, if the description has them.
+    /// Number of slices, if the description has it. `others` is the number of channels times the number of time points.
     slices: Option<usize>,
     others: usize,
 }
@@ -40,7 +41,7 @@ struct Description {
 /// Parses a file.
 pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, ParametrizeError> {
     let broken = |error: tiff::TiffError| source.wrong("a TIFF stack", error.to_string());
-    // Deflate's bound; no other method compresses labels better.
+    // Largest possible expansion by Deflate. No other method compresses labels better.
     let most = (bytes.len() as u64).saturating_mul(MOST_EXPANSION);
     let mut limits = Limits::default();
     let page = usize::try_from(most.min(LARGEST_PAGE)).unwrap_or(usize::MAX);
@@ -74,7 +75,7 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
                 format!("more than {pages} slices in {} bytes", bytes.len()),
             ));
         }
-        // Memory for a page's values, and for the labels in the worst case of one run per voxel.
+        // Memory for a page's values, and for the labels if every voxel is a run of its own, the worst case.
         check_room(voxels.saturating_mul(5)).map_err(|room| no_room(source.path, room))?;
         append(source, decoder.read_image().map_err(broken)?, &mut labels)?;
         pages += 1;
@@ -118,7 +119,7 @@ fn append(source: &Source<'_>, page: DecodingResult, labels: &mut Builder) -> Re
     }
 }
 
-/// Returns the description of the first page; empty if it has none.
+/// Returns the data in the description of the first page; empty if the page has no description.
 fn description(decoder: &mut Decoder<Cursor<&[u8]>>) -> Description {
     let text = decoder.get_tag_ascii_string(Tag::ImageDescription).unwrap_or_default();
     if text.contains("<OME") {
@@ -141,7 +142,7 @@ fn is(name: &[u8], wanted: &[u8]) -> bool {
     name == wanted
 }
 
-/// Parses OME-XML's first image.
+/// Parses the first image of an OME-XML description.
 fn of_ome(text: &str) -> Option<Description> {
     let mut reader = Reader::from_str(text);
     let pixels = loop {
@@ -167,7 +168,7 @@ fn of_ome(text: &str) -> Option<Description> {
     Some(Description { voxel_size, slices: count('Z'), others })
 }
 
-/// Parses ImageJ's lines `key=value`, given the lengths of a pixel in its unit.
+/// Parses ImageJ's description, lines of `key=value`. `pitches` are the width and height of a pixel in ImageJ's unit.
 fn of_imagej(text: &str, pitches: [Option<f64>; 2]) -> Description {
     let get = |key: &str| text.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix('='));
     let count = |key: &str| get(key).and_then(|n| n.trim().parse::<usize>().ok());
@@ -178,7 +179,7 @@ fn of_imagej(text: &str, pitches: [Option<f64>; 2]) -> Description {
     Description { voxel_size, slices: count("slices").or(count("images").filter(|_| others == 1)), others }
 }
 
-/// Returns the length of a unit in micrometres.
+/// Returns the number of micrometres in a unit; `None` for an unknown unit.
 fn micrometres(unit: &str) -> Option<f64> {
     Some(match unit.trim() {
         "\u{b5}m" | "\u{3bc}m" | "um" | "micron" | "microns" | "micrometer" | "\\u00B5m" | "\\u03BCm" => 1.0,

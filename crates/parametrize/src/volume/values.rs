@@ -1,4 +1,4 @@
-//! Converts a file's voxel values to labels: 32-bit integers.
+//! Converts the values of voxels in a file to labels, which are 32-bit integers.
 
 use std::io::Read;
 use std::path::Path;
@@ -11,7 +11,7 @@ use super::affine::Affine;
 use super::runs::{Builder, Runs};
 use crate::error::ParametrizeError;
 
-/// A volume from a file: the numbers of voxels along x, y, z, their positions, their labels.
+/// A volume from a file: the numbers of voxels along x, y, z, the matrix to mm, and the labels.
 pub(super) struct Volume {
     pub(super) size: [usize; 3],
     pub(super) affine: Affine,
@@ -34,7 +34,7 @@ pub(super) enum Scalar {
 }
 
 impl Scalar {
-    /// Returns the bytes per value.
+    /// Returns the number of bytes per value.
     pub(super) fn width(self) -> usize {
         match self {
             Self::U8 | Self::I8 => 1,
@@ -44,7 +44,7 @@ impl Scalar {
         }
     }
 
-    /// Returns the value of little-endian bytes, with the unused ones 0.
+    /// Converts the little-endian bytes of a value to a number. Bytes beyond the value's width are ignored.
     fn number(self, raw: [u8; 8]) -> f64 {
         let [a, b, c, d, ..] = raw;
         match self {
@@ -65,34 +65,34 @@ impl Scalar {
 /// Layout of a file's values, as described by its header.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Layout {
-    /// Numbers of voxels, starting with the fastest axis.
+    /// Numbers of voxels along the axes, the fastest-varying axis first.
     pub(super) size: [usize; 3],
     /// Type of a value.
     pub(super) scalar: Scalar,
     /// Whether the values are little-endian.
     pub(super) little_endian: bool,
-    /// Slope and intercept, if values are scaled.
+    /// Slope and intercept by which values are scaled, if any.
     pub(super) scaling: Option<(f64, f64)>,
 }
 
-/// Bytes read between checks of the monitor; a multiple of every width.
+/// Number of bytes read between checks of the monitor; a multiple of every value's width.
 const CHUNK: usize = 1 << 20;
 
 impl Layout {
-    /// Returns the bytes of all values.
+    /// Returns the number of bytes of all values.
     pub(super) fn bytes(&self) -> u64 {
         self.size.iter().fold(self.scalar.width() as u64, |bytes, &n| bytes.saturating_mul(n as u64))
     }
 
-    /// Reads the values from a stream, and stores the labels. The caller must have compared their size with that of the
-    /// file.
+    /// Reads the values from a stream and converts them to labels. The caller must have checked that the file can
+    /// contain [`bytes`](Self::bytes) bytes.
     pub(super) fn read(
         &self,
         path: &Path,
         mut stream: impl Read,
         monitor: &dyn Monitor,
     ) -> Result<Runs, ParametrizeError> {
-        // A label and a voxel of its mask for every voxel, in the worst case.
+        // 5 bytes per voxel for the worst case: 4 for the label, 1 for the voxel's entry in a mask.
         let room = |room| no_room(path, room);
         check_room(self.bytes() / self.scalar.width() as u64 * 5).map_err(room)?;
         monitor.begin(Stage::bytes("reading"), self.bytes());
@@ -134,7 +134,7 @@ impl Layout {
     }
 }
 
-/// Converts a number to a label.
+/// Converts a value to a label; an error if the value isn't an integer of 32 bits.
 pub(super) fn whole(path: &Path, index: usize, value: f64) -> Result<i32, ParametrizeError> {
     if value.fract() == 0.0 && value.abs() <= f64::from(i32::MAX) {
         return Ok(value as i32);
@@ -148,7 +148,7 @@ pub(super) fn no_room(path: &Path, room: NoRoom) -> ParametrizeError {
     SurfaceError::NoRoom { path: path.to_owned(), room }.into()
 }
 
-/// Returns the error for a file that ends too early.
+/// Returns the error for a file that is truncated or damaged.
 pub(super) fn cut_short(path: &Path, found: &str) -> ParametrizeError {
     let found = format!("a file that is cut short or damaged ({found})");
     ParametrizeError::NotAVolume { path: path.to_owned(), expected: "a label volume", found }
