@@ -1,4 +1,4 @@
-//! The one error type of this crate.
+//! Defines the error type of this crate.
 
 use std::io;
 use std::path::PathBuf;
@@ -7,8 +7,8 @@ use spharm_harmonics::HarmonicsError;
 
 /// Errors of reading, checking, comparing, drawing and writing surfaces.
 ///
-/// Each message is one line: the file, what was expected, what was found, what to do. Surfaces made in memory are
-/// called "the surface" or "the sphere" instead of by a path.
+/// Each message is one line that names the file and says what was expected, what was found and, where possible, what to
+/// do. Surfaces made in memory are called "the surface" or "the sphere" instead of by a path.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SurfaceError {
@@ -17,13 +17,13 @@ pub enum SurfaceError {
     Io {
         /// The file.
         path: PathBuf,
-        /// The attempted action, as a verb: "open", "write".
+        /// The action that failed, as a verb: "open", "write".
         action: &'static str,
         /// The system's error.
         cause: io::Error,
     },
 
-    /// A directory, FIFO or device instead of a file.
+    /// The path is a directory, FIFO or device instead of a regular file.
     #[error("{}: expected a regular file, found {found}: give a file's path", path.display())]
     NotAFile {
         /// The path.
@@ -43,7 +43,7 @@ pub enum SurfaceError {
         found: String,
     },
 
-    /// A surface whose vertex order must be kept, and a format that doesn't keep it.
+    /// The format of the output doesn't preserve the order of the vertices, which this surface requires.
     #[error(
         "{}: {format} doesn't keep the order of the vertices, which matches a surface to its sphere: \
          write .surf.gii, .ply or .obj",
@@ -52,11 +52,11 @@ pub enum SurfaceError {
     LosesOrder {
         /// The file.
         path: PathBuf,
-        /// The format implied by its name.
+        /// The format implied by the file's name.
         format: &'static str,
     },
 
-    /// A volume or an image instead of a surface or values on vertices.
+    /// The file holds a volume or an image instead of a surface or values on vertices.
     #[error("{}: expected a surface or values on vertices, found a volume ({format})", path.display())]
     VolumeInput {
         /// The file.
@@ -65,7 +65,7 @@ pub enum SurfaceError {
         format: &'static str,
     },
 
-    /// The bytes do not follow the format.
+    /// The file's contents violate its format.
     #[error(
         "{}: damaged or not {format}: expected {expected}, found {found}; copy or export the file again",
         path.display()
@@ -73,33 +73,33 @@ pub enum SurfaceError {
     Malformed {
         /// The file.
         path: PathBuf,
-        /// The format it was read as.
+        /// The format that the file was read as.
         format: &'static str,
-        /// The format's requirement, and its position in the file.
+        /// What the format requires, and where in the file.
         expected: String,
-        /// What the file contains there.
+        /// What the file contains at that position.
         found: String,
     },
 
-    /// A part of the format that isn't supported.
+    /// The file uses a part of its format that isn't supported.
     #[error("{}: {format} with {found} is not supported: {remedy}", path.display())]
     Unsupported {
         /// The file.
         path: PathBuf,
-        /// The format it was read as.
+        /// The format that the file was read as.
         format: &'static str,
-        /// The part in question.
+        /// The unsupported part.
         found: String,
-        /// How to avoid the part in question.
+        /// How to avoid the unsupported part.
         remedy: &'static str,
     },
 
-    /// The file's contents need more memory than is free.
+    /// Reading the file needs more memory than is free.
     #[error("{}: its contents need {room}; make more memory available, or make the file smaller", path.display())]
     NoRoom {
         /// The file.
         path: PathBuf,
-        /// Bytes needed and bytes free.
+        /// The number of bytes needed and the number free.
         room: crate::room::NoRoom,
     },
 
@@ -112,9 +112,9 @@ pub enum SurfaceError {
     NotAMesh {
         /// The file.
         path: PathBuf,
-        /// Vertices of the signal.
+        /// Number of vertices of the signal.
         vertices: usize,
-        /// Values per vertex.
+        /// Number of values per vertex.
         channels: usize,
     },
 
@@ -127,13 +127,13 @@ pub enum SurfaceError {
     NotASignal {
         /// The file.
         path: PathBuf,
-        /// Vertices of the surface.
+        /// Number of vertices of the surface.
         vertices: usize,
-        /// Triangles of the surface.
+        /// Number of triangles of the surface.
         faces: usize,
     },
 
-    /// A surface without vertices or faces, or a signal without values.
+    /// The surface has no vertices or triangles, or the signal has no values.
     #[error("{}: expected at least one {what}, found none: the file was exported empty", path.display())]
     Empty {
         /// The file.
@@ -142,7 +142,7 @@ pub enum SurfaceError {
         what: &'static str,
     },
 
-    /// NaN or infinity.
+    /// A coordinate or value is NaN or infinite.
     #[error(
         "{}: expected finite numbers, found {value} at vertex {vertex} (counted from 0): \
          mend or mask the value and export again",
@@ -151,13 +151,13 @@ pub enum SurfaceError {
     NonFinite {
         /// The file.
         path: PathBuf,
-        /// The first vertex concerned, counted from 0.
+        /// The first vertex with such a number, counted from 0.
         vertex: usize,
         /// The value.
         value: f64,
     },
 
-    /// A triangle's index is out of range.
+    /// A triangle refers to a vertex that doesn't exist.
     #[error(
         "{}: triangle {face} refers to vertex {index} (both counted from 0), expected an index below {vertices}: \
          the file is damaged or its parts belong to different surfaces",
@@ -168,33 +168,33 @@ pub enum SurfaceError {
         path: PathBuf,
         /// The triangle, counted from 0 after polygons are split.
         face: usize,
-        /// The index it holds, counted from 0.
+        /// The triangle's index of a vertex, counted from 0.
         index: u32,
-        /// Number of vertices.
+        /// Number of vertices of the surface.
         vertices: usize,
     },
 
-    /// More elements than this crate supports.
+    /// The surface has more vertices or triangles than this crate supports.
     #[error("{}: found {found} {what}, expected at most {limit}: simplify the surface", path.display())]
     TooLarge {
         /// The file.
         path: PathBuf,
         /// "vertices" or "triangles".
         what: &'static str,
-        /// Number found.
+        /// Number of vertices or triangles found.
         found: usize,
         /// Largest supported number.
         limit: usize,
     },
 
-    /// The output already exists.
+    /// The output file already exists, and overwriting wasn't requested.
     #[error("{}: the file exists", path.display())]
     OutputExists {
         /// The file.
         path: PathBuf,
     },
 
-    /// The output cannot hold this number.
+    /// The output format can't represent a number.
     #[error(
         "{}: {value} at vertex {vertex} does not fit the 32-bit floats of this format: {remedy}",
         path.display()
@@ -202,40 +202,40 @@ pub enum SurfaceError {
     NotRepresentable {
         /// The file.
         path: PathBuf,
-        /// The first vertex concerned, counted from 0.
+        /// The first vertex with such a number, counted from 0.
         vertex: usize,
-        /// The value.
+        /// The number.
         value: f64,
         /// The option or format that can hold the number.
         remedy: &'static str,
     },
 
-    /// Two arrays that must go together have different lengths.
+    /// Two arrays that belong together have different lengths.
     #[error("{what}: expected {expected}, found {found}: both must come from the same surface")]
     LengthMismatch {
-        /// The elements counted.
+        /// The elements that were counted.
         what: &'static str,
-        /// The number required by the other array.
+        /// The number that the other array requires.
         expected: usize,
         /// The number found.
         found: usize,
     },
 
-    /// Two surfaces do not share their triangles.
+    /// Two surfaces that must have the same triangles don't.
     #[error(
         "the surfaces' triangles differ, first at triangle {face} (counted from 0): expected {expected:?}, \
          found {found:?}; compare surfaces of one mesh, vertex for vertex"
     )]
     TopologyDiffers {
-        /// The first triangle that differs.
+        /// Index of the first triangle that differs.
         face: usize,
-        /// The triangle of the first surface.
+        /// That triangle in the first surface.
         expected: [u32; 3],
-        /// The triangle of the second surface.
+        /// That triangle in the second surface.
         found: [u32; 3],
     },
 
-    /// A bounding box without volume, which defines no scale.
+    /// The surface's bounding box has no volume, so the surface can't be scaled to volume 1.
     #[error(
         "the surface's bounding box is {x} x {y} x {z}: expected three finite lengths above 0, \
          so that it can be scaled to volume 1; give a surface that isn't flat"
@@ -259,22 +259,22 @@ pub enum SurfaceError {
         missed: usize,
         /// Number of all directions.
         directions: usize,
-        /// The first direction that meets none.
+        /// Index of the first direction that meets no triangle.
         first: usize,
         /// Number of the sphere's triangles that are flipped or without area.
         flipped: usize,
     },
 
-    /// A sphere's vertex has no direction.
+    /// A vertex of a sphere has no direction: it is at the origin or not finite.
     #[error("{}: {cause}", path.display())]
     NoDirection {
         /// The sphere's file.
         path: PathBuf,
-        /// The vertex, and the reason.
+        /// The vertex, and why it has no direction.
         cause: HarmonicsError,
     },
 
-    /// A table of directions that doesn't have two columns.
+    /// A table of directions doesn't have two columns.
     #[error("{}: expected two columns, theta and phi in radians, found {columns}", path.display())]
     NotAngles {
         /// The table.
@@ -283,7 +283,7 @@ pub enum SurfaceError {
         columns: usize,
     },
 
-    /// A colatitude outside of 0 to pi.
+    /// A colatitude is outside of 0 to pi.
     #[error(
         "{}: row {row}: theta must be from 0 to pi (radians, from the pole), found {found}",
         path.display()
@@ -291,13 +291,13 @@ pub enum SurfaceError {
     Colatitude {
         /// The table.
         path: PathBuf,
-        /// The row, counted from 0.
+        /// The row of the colatitude, counted from 0.
         row: usize,
-        /// The colatitude found, in radians.
+        /// The colatitude, in radians.
         found: f64,
     },
 
-    /// A closed mesh that doesn't enclose the origin.
+    /// A sphere's mesh is closed but doesn't enclose the origin.
     #[error(
         "{}: the origin lies outside this sphere; centre it at the origin, or is this the surface itself?",
         path.display()
@@ -307,16 +307,16 @@ pub enum SurfaceError {
         path: PathBuf,
     },
 
-    /// A closed mesh that goes around the origin more than once.
+    /// A sphere's mesh winds around the origin more than once.
     #[error("{}: not a sphere: the mesh winds around the origin {turns} times, expected once", path.display())]
     SeveralTurns {
         /// The sphere's file.
         path: PathBuf,
-        /// Number of turns.
+        /// Number of times that the mesh winds around the origin.
         turns: u64,
     },
 
-    /// A surface or a signal with more or fewer vertices than the sphere.
+    /// A surface or signal doesn't have the sphere's number of vertices.
     #[error("{}: {found} vertices, {} has {expected}; they must correspond", path.display(), named(sphere.as_ref()))]
     VertexCount {
         /// The surface's or the signal's file.
@@ -325,18 +325,18 @@ pub enum SurfaceError {
         sphere: Option<PathBuf>,
         /// The sphere's number of vertices.
         expected: usize,
-        /// The number found.
+        /// Number of vertices of the surface or signal.
         found: usize,
     },
 
-    /// A mask that excludes every vertex.
+    /// A mask excludes every vertex.
     #[error("{}: no vertex is left to read: the mask excludes all of them", path.display())]
     NothingKept {
         /// The mask's file.
         path: PathBuf,
     },
 
-    /// A surface whose triangles differ from the sphere's.
+    /// A surface doesn't have the sphere's triangles.
     #[error(
         "{}: its triangles differ from those of {} ({differ} of them); the vertices must correspond",
         path.display(), named(sphere.as_ref())
@@ -346,11 +346,11 @@ pub enum SurfaceError {
         path: PathBuf,
         /// The sphere's file, if it has one.
         sphere: Option<PathBuf>,
-        /// Number of triangles in only one of the two.
+        /// Number of triangles that only one of the two has.
         differ: usize,
     },
 
-    /// A sphere's seam is inconsistent with the sphere.
+    /// The seam recorded in a sphere's file is inconsistent with the sphere.
     #[error("{}: its record of the seams doesn't match the sphere: {found}; map the surface again", path.display())]
     Seam {
         /// The sphere's file.
@@ -363,7 +363,7 @@ pub enum SurfaceError {
     #[error("interrupted")]
     Interrupted(#[from] spharm_monitor::Interrupted),
 
-    /// An invalid argument.
+    /// An argument is invalid.
     #[error("{what}: expected {expected}, found {found}")]
     Argument {
         /// The argument.
@@ -375,7 +375,7 @@ pub enum SurfaceError {
     },
 }
 
-/// Names a sphere within a sentence.
+/// Returns a phrase for a sphere, with its path if it has one.
 fn named(sphere: Option<&PathBuf>) -> String {
     sphere.map_or("the sphere".to_owned(), |path| format!("the sphere {}", path.display()))
 }

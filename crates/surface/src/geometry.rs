@@ -1,4 +1,4 @@
-//! Three-vectors, and areas of triangles on the unit sphere.
+//! Operations on three-vectors, and areas of triangles on the unit sphere.
 
 /// A point or a vector in space.
 pub type Vec3 = [f64; 3];
@@ -33,20 +33,20 @@ pub fn cross(a: Vec3, b: Vec3) -> Vec3 {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
-/// Returns the vector scaled to length 1; 0 if its length is 0 or not finite.
+/// Returns a scaled to length 1; the zero vector if the length of a is 0 or not finite.
 #[must_use]
 pub fn unit(a: Vec3) -> Vec3 {
     let length = dot(a, a).sqrt();
     if length > 0.0 && length.is_finite() { scale(a, 1.0 / length) } else { [0.0; 3] }
 }
 
-/// Returns the triangle's normal with twice its area as length.
+/// Returns the normal of a triangle, with twice the triangle's area as its length.
 #[must_use]
 pub fn face_normal([a, b, c]: [Vec3; 3]) -> Vec3 {
     cross(sub(b, a), sub(c, a))
 }
 
-/// Returns the smallest and the largest coordinate along each axis; infinity and minus infinity without points.
+/// Returns the smallest and the largest coordinate along each axis. Without points, these are +infinity and -infinity.
 #[must_use]
 pub fn bounds(points: impl IntoIterator<Item = Vec3>) -> (Vec3, Vec3) {
     let mut low = [f64::INFINITY; 3];
@@ -63,25 +63,25 @@ pub fn bounds(points: impl IntoIterator<Item = Vec3>) -> (Vec3, Vec3) {
 /// Returns the signed area of a triangle on the unit sphere, in steradians: positive if its corners are
 /// counter-clockwise seen from outside (A. van Oosterom and J. Strackee, IEEE Trans. Biomed. Eng. 30, 1983, eq. 8).
 ///
-/// The corners are unit vectors. The determinant is computed from edges, `a . ((b - a) x (c - a))`: computed from the
-/// corners themselves it would lose all its digits in triangles with edges of 1e-8 rad.
+/// The corners are unit vectors. The determinant is computed from edges, as `a . ((b - a) x (c - a))`. Computed from
+/// the corners, it would lose all digits in triangles with edges of 1e-8 rad.
 #[must_use]
 pub fn solid_angle([a, b, c]: [Vec3; 3]) -> f64 {
     let volume = dot(a, face_normal([a, b, c]));
     2.0 * volume.atan2(1.0 + dot(a, b) + dot(b, c) + dot(c, a))
 }
 
-/// Returns the orientation of a triangle seen from the origin, exact for the given coordinates: positive if it is
-/// counter-clockwise seen from outside, 0 if its plane contains the origin (J. Shewchuk, Discrete Comput. Geom. 18,
-/// 1997).
+/// Returns the orientation of a triangle, exact for the given coordinates: positive if its corners are
+/// counter-clockwise seen from outside a sphere around the origin, 0 if its plane contains the origin (J. Shewchuk,
+/// Discrete Comput. Geom. 18, 1997).
 #[must_use]
 pub fn orientation([a, b, c]: [Vec3; 3]) -> f64 {
     let coord = |[x, y, z]: Vec3| robust::Coord3D { x, y, z };
     robust::orient3d(coord(a), coord(b), coord(c), coord([0.0; 3]))
 }
 
-/// Returns how many times a closed mesh of unit vectors goes around the origin: 1 for a sphere wound outwards, -1 for
-/// one wound inwards, 0 if the origin lies outside.
+/// Returns how many times a closed mesh of unit vectors winds around the origin: 1 for a sphere wound outwards, -1 for
+/// a sphere wound inwards, 0 if the origin lies outside of the mesh.
 ///
 /// # Panics
 ///
@@ -119,7 +119,7 @@ mod tests {
 
     #[test]
     fn orientation_is_exact_where_rounding_decides() {
-        // c = a + b up to one unit in the last place, on either side of the plane of a, b and the origin.
+        // c is a + b, changed by one unit in the last place to either side of the plane through a, b and the origin.
         let (a, b) = ([0.6, 0.8, 0.1], [0.3, -0.2, 0.7]);
         let c = [0.6 + 0.3, 0.8 - 0.2, 0.1 + 0.7];
         let side = |z: f64| orientation([a, b, [c[0], c[1], z]]);
@@ -128,8 +128,8 @@ mod tests {
         assert_eq!(orientation([a, b, add(a, b)]), 0.0);
     }
 
-    /// Returns coordinates as multiples of 2^-55, exact for all numbers from 1/8 to 1: determinants of small triangles
-    /// fit 128 bits.
+    /// Returns coordinates as multiples of 2^-55, which is exact for numbers from 1/8 to 1. Determinants of small
+    /// triangles then fit into 128 bits.
     fn integers(v: Vec3) -> [i128; 3] {
         v.map(|x| {
             let scaled = x * 2.0_f64.powi(55);
@@ -138,7 +138,7 @@ mod tests {
         })
     }
 
-    /// The area of a triangle of 1e-8 rad is half its determinant, up to 1e-16 of it.
+    /// The area of a triangle of 1e-8 rad is half its determinant, up to a relative error of 1e-16.
     #[test]
     fn cells_of_a_hundred_millionth_keep_their_digits() {
         let mut random = crate::generate::SplitMix64::new(3);
@@ -151,7 +151,7 @@ mod tests {
             let normal = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
             let determinant = p[0] * normal[0] + p[1] * normal[1] + p[2] * normal[2];
             let exact = 0.5 * determinant as f64 * 2.0_f64.powi(-3 * 55);
-            // Slivers have fewer digits: rounding is relative to the product of the edges.
+            // Slivers have a larger relative error, since rounding is relative to the product of the edges' lengths.
             let edges = (dot(sub(b, a), sub(b, a)) * dot(sub(c, a), sub(c, a))).sqrt();
             let found = solid_angle([a, b, c]);
             assert!((found - exact).abs() < 1e-12 * exact.abs().max(1e-3 * edges), "{found} {exact}");

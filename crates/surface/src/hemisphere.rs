@@ -1,4 +1,4 @@
-//! Left and right hemisphere.
+//! Determines whether a file belongs to the left or the right hemisphere.
 
 use std::fmt;
 use std::path::Path;
@@ -6,15 +6,16 @@ use std::path::Path;
 /// A hemisphere of the brain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Hemisphere {
-    /// The left one.
+    /// The left hemisphere.
     Left,
-    /// The right one.
+    /// The right hemisphere.
     Right,
 }
 
 impl Hemisphere {
     /// Returns the hemisphere of a file: from its metadata (GIfTI's `AnatomicalStructurePrimary`, such as
-    /// `CortexLeft`), or else from its name (`lh.pial`, `sub-01_hemi-L_white.surf.gii`); `None` if neither tells.
+    /// `CortexLeft`), otherwise from its name (`lh.pial`, `sub-01_hemi-L_white.surf.gii`). `None` if neither contains
+    /// it.
     #[must_use]
     pub fn of(anatomical_structure: Option<&str>, path: Option<&Path>) -> Option<Self> {
         anatomical_structure.and_then(Self::of_structure).or_else(|| Self::of_name(path?))
@@ -39,7 +40,7 @@ impl Hemisphere {
 
     fn of_name(path: &Path) -> Option<Self> {
         let name = path.file_name()?.to_str()?;
-        // In a BIDS name the hemisphere is an entity of its own.
+        // A BIDS name consists of parts separated by `_`; the hemisphere is one of them.
         let part = |wanted: &str| name.split(['_', '.']).any(|part| part == wanted);
         if name.starts_with("lh.") || part("hemi-L") {
             Some(Self::Left)

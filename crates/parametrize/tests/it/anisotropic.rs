@@ -1,4 +1,5 @@
-//! Equal areas are equal in mm^2: the direction in which voxels are long doesn't affect the map.
+//! Tests that quadrangles get areas equal in mm^2, so the map doesn't depend on the direction in which voxels are
+//! longest.
 
 use ndarray::Array2;
 use spharm_harmonics::Directions;
@@ -10,7 +11,8 @@ use spharm_solver::lsq::NormalEquations;
 use spharm_solver::lsq::cg::{self, CgParams};
 use spharm_transform::TransformParams;
 
-/// An ellipsoid with semi-axes 2, 1 and 1 mm, the long one along `axis`, in voxels of the given size.
+/// Returns the surface of an ellipsoid with semi-axes 2, 1 and 1 mm, the longest along `axis`, in voxels of a given
+/// size.
 fn ellipsoid(axis: usize, voxel: [f64; 3]) -> VolumeSurface {
     let size = voxel.map(|h| (2.0 * 2.2 / h).ceil() as usize);
     let inside = |index: usize| {
@@ -36,7 +38,7 @@ fn map(found: &VolumeSurface) -> Parametrization {
     map
 }
 
-/// Returns the energy of a model of degree 8 in each of its degrees 1 to 4.
+/// Returns the energy of a model of degree 8 in each of the degrees 1 to 4.
 fn energy(map: &Parametrization) -> [f64; 4] {
     let directions = Directions::from_vertices(&map.sphere.vertices).unwrap();
     let transform = TransformParams { max_degree: 8, ..TransformParams::default() };
@@ -53,7 +55,8 @@ fn energy(map: &Parametrization) -> [f64; 4] {
 fn areas_are_equal_in_mm2() {
     for voxel in [[0.1, 0.1, 0.3], [0.3, 0.1, 0.1], [0.12, 0.2, 0.32]] {
         let map = map(&ellipsoid(0, voxel));
-        // Of triangles: the two halves of a quadrangle differ a little. Without regard to sizes it was 0.5.
+        // The two triangles of a quadrangle differ slightly in area. Without regard to voxel sizes the value would be
+        // 0.5.
         assert!(map.quality().area_rms < 0.15, "{voxel:?}: {:?}", map.quality());
     }
 }

@@ -1,4 +1,4 @@
-//! Every method stops soon after it is asked to, at any point.
+//! Tests that every method stops soon after the monitor asks it to, at any point.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -8,7 +8,7 @@ use spharm_parametrize::volume::{Affine, LabelVolume, VolumeParams};
 use spharm_parametrize::{CaldParams, DeformParams, Method, ParametrizeError, StretchParams, resample};
 use spharm_surface::generate::icosphere;
 
-/// Stops at the n-th check, and counts the checks after it.
+/// A monitor that asks to stop at the n-th check, and counts all checks.
 struct StopAt {
     n: u64,
     asked: AtomicU64,
@@ -20,7 +20,8 @@ impl Monitor for StopAt {
     }
 }
 
-/// Stops a computation at each of several checks; returns the total number of checks.
+/// Runs a computation several times, stopped at a different check each time. Returns the number of checks of a full
+/// run.
 fn stop_everywhere<T>(name: &str, run: impl Fn(&dyn Monitor) -> Result<T, ParametrizeError>) -> u64 {
     let counted = StopAt { n: u64::MAX, asked: AtomicU64::new(0) };
     assert!(run(&counted).is_ok(), "{name}");
@@ -28,7 +29,7 @@ fn stop_everywhere<T>(name: &str, run: impl Fn(&dyn Monitor) -> Result<T, Parame
     for n in (1..=all).step_by((all as usize / 7).max(1)) {
         let monitor = StopAt { n, asked: AtomicU64::new(0) };
         assert!(matches!(run(&monitor), Err(ParametrizeError::Interrupted(_))), "{name}: question {n} of {all}");
-        // The fit asks once more on its way out.
+        // The fit may check again before it returns.
         let asked = monitor.asked.into_inner();
         assert!(asked <= n + 2, "{name}: went on from question {n} to {asked}");
     }

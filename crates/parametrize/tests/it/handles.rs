@@ -1,4 +1,4 @@
-//! Surfaces with handles, cut and filled.
+//! Tests surfaces whose handles are cut and filled.
 
 use std::collections::HashMap;
 use std::f64::consts::TAU;
@@ -11,7 +11,7 @@ use spharm_surface::generate::{SplitMix64, Torus, double_torus, icosphere, torus
 use spharm_surface::geometry::{cross, dot, face_normal, sub, unit};
 use spharm_surface::topology::{Topology, is_outward};
 
-/// Returns the surface of voxels, which must not touch only in edges or corners.
+/// Returns the surface of a set of voxels, in which no two voxels may touch only in an edge or a corner.
 fn voxel_surface(voxels: &[[i32; 3]]) -> Mesh {
     let there: std::collections::HashSet<[i32; 3]> = voxels.iter().copied().collect();
     let mut mesh = Mesh::default();
@@ -44,7 +44,8 @@ fn voxel_surface(voxels: &[[i32; 3]]) -> Mesh {
     mesh
 }
 
-/// A plate with holes through it, and bridges over ditches on it: handles of both kinds, all a few voxels long.
+/// Returns a plate with holes through it, and with ditches crossed by bridges, and its number of handles. Holes and
+/// bridges give handles of both kinds, all a few voxels long.
 fn sieve(side: i32) -> (Mesh, usize) {
     let mut random = SplitMix64::new(7);
     let mut gone = std::collections::HashSet::new();
@@ -79,7 +80,7 @@ fn check(surface: &Mesh, genus: usize) -> spharm_parametrize::CutSurface {
     found
 }
 
-/// Gauss's linking number of two closed polygons, by the solid angles of their edges' quadrangles.
+/// Returns Gauss's linking number of two closed polygons, from the solid angles of pairs of their edges.
 fn linking(first: &[[f64; 3]], second: &[[f64; 3]]) -> f64 {
     let mut sum = 0.0;
     for i in 0..first.len() {
@@ -96,17 +97,17 @@ fn linking(first: &[[f64; 3]], second: &[[f64; 3]]) -> f64 {
 
 #[test]
 fn the_shorter_of_handle_and_tunnel_is_cut() {
-    // Around the tube 2 pi, through the hole 2 pi (ring - tube).
+    // Shortest loops: around the tube 2 pi, through the hole 2 pi (ring - tube).
     for (ring, expected, kind) in [(3.0, TAU, Kind::Handle), (1.5, 0.5 * TAU, Kind::Tunnel)] {
         let surface = torus(&Torus { ring, ..Torus::default() });
         let found = check(&surface, 1);
         let [cut] = &found.report.loops[..] else { panic!("{:?}", found.report) };
         assert_eq!(cut.kind, kind, "{cut:?}");
-        // Edges approximate the geodesic: at best they lie on it.
+        // A loop along edges can't be shorter than the geodesic, up to the error of the mesh.
         assert!(cut.length > 0.98 * expected && cut.length < 1.16 * expected, "{} {expected}", cut.length);
         assert!(found.report.area_added > 0.0);
-        // An independent criterion: a loop around the handle, pushed outwards, links with the circle within the tube,
-        // one through the tunnel with the axis.
+        // An independent criterion for the kind, by the linking number of the loop pushed off the surface: a loop
+        // around a handle links with the circle inside the tube, a loop through a tunnel with the torus's axis.
         let seam = found.seam.as_ref().unwrap();
         let mut on_seam: Vec<[f64; 3]> = seam.copies.iter().map(|&v| surface.vertices[v as usize]).collect();
         on_seam.iter_mut().for_each(|p| *p = p.map(|x| 1.0001 * x));
@@ -117,7 +118,7 @@ fn the_shorter_of_handle_and_tunnel_is_cut() {
     }
 }
 
-/// The filling continues the surface: triangles meet at small angles across the seam, on both sides.
+/// Fillings continue the surface: triangles meet at small angles across the seam, on both sides.
 #[test]
 fn fillings_are_smooth_across_the_seam_and_lie_apart() {
     for bumps in [0.0, 0.15] {
@@ -144,7 +145,7 @@ fn fillings_are_smooth_across_the_seam_and_lie_apart() {
         assert_eq!(bends.len(), 2 * found.report.loops[0].vertices);
         let largest = bends.iter().copied().fold(0.0, f64::max).to_degrees();
         assert!(largest < 30.0, "{largest}");
-        // The two domes meet in the seam alone: each is beyond it.
+        // The two domes meet only along the seam, so their inner vertices differ.
         let first = surface.vertices.len() + found.report.loops[0].vertices;
         let filling = &cut.vertices[first..];
         let (right, left) = filling.split_at(filling.len() / 2);
@@ -167,7 +168,7 @@ fn hundreds_of_small_handles_are_cut_each_by_a_short_loop() {
     let (surface, handles) = sieve(100);
     assert!(handles > 300, "{handles}");
     let found = check(&surface, handles);
-    // Around a bridge, and through a hole of one voxel: 4 edges.
+    // The shortest loops around a bridge and through a hole of one voxel have 4 edges.
     assert!(found.report.loops.iter().all(|cut| cut.length < 8.1), "{:?}", found.report.loops.last());
     let short = found.report.loops.iter().filter(|cut| cut.length < 4.1).count();
     assert!(short as f64 > 0.95 * handles as f64, "{short} of {handles}");
@@ -198,7 +199,7 @@ fn handles_are_refused_with_the_loops_lengths_and_open_meshes_are_not_cut() {
     open.faces.pop();
     let error = cut_handles(&open, &Silent).unwrap_err();
     assert!(error.to_string().contains("3 edges belong to one triangle only"), "{error}");
-    // Inside out, the same loop of the same kind is cut.
+    // If the surface is turned inside out, the same loop of the same kind is cut.
     let mut turned = surface.clone();
     turned.faces.iter_mut().for_each(|face| face.swap(0, 1));
     let (found, as_given) = (check(&turned, 1), check(&surface, 1));

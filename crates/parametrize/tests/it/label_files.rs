@@ -1,4 +1,4 @@
-//! Label volumes in files: they are read, but their contents aren't trusted.
+//! Tests that label volumes are read from files whose contents aren't trusted.
 
 use std::path::PathBuf;
 
@@ -6,7 +6,7 @@ use spharm_monitor::Silent;
 use spharm_parametrize::ParametrizeError;
 use spharm_parametrize::volume::LabelVolume;
 
-/// A NIfTI-1 file of 8-bit values.
+/// Returns a NIfTI-1 file of 8-bit values.
 fn nifti(size: [i16; 3], values: &[u8]) -> Vec<u8> {
     let mut bytes = vec![0; 352];
     bytes[..4].copy_from_slice(&348_i32.to_le_bytes());
@@ -47,7 +47,7 @@ fn nifti_files_are_read_and_distrusted() {
         assert_eq!(volume.labels().into_iter().collect::<Vec<_>>(), [(5, 2), (9, 1)]);
         assert_eq!(volume.affine.apply([1.0; 3]), [1.0, 2.0, 3.0], "the voxels' sizes, without a form");
     }
-    // The sform first, then the qform: here a half turn around z, with a mirrored third axis.
+    // The sform takes precedence over the qform. The qform here is a half turn about z, with a reversed third axis.
     let mut formed = plain.clone();
     formed[252..254].copy_from_slice(&1_i16.to_le_bytes());
     formed[264..268].copy_from_slice(&1.0_f32.to_le_bytes());
@@ -61,7 +61,7 @@ fn nifti_files_are_read_and_distrusted() {
     }
     assert_eq!(read("s.nii", &formed).unwrap().affine.apply([1.0; 3]), [4.0, 5.0, 6.0]);
 
-    // Every truncation, sizes that the file can't hold, other types and formats.
+    // Rejected: every truncation, sizes that the file can't hold, other types and formats.
     for length in 0..plain.len() {
         assert!(matches!(read("t.nii", &plain[..length]), Err(ParametrizeError::NotAVolume { .. })), "{length}");
     }
@@ -81,7 +81,7 @@ fn nifti_files_are_read_and_distrusted() {
     float[70..72].copy_from_slice(&16_i16.to_le_bytes());
     float[72..74].copy_from_slice(&32_i16.to_le_bytes());
     assert!(read("f.nii", &float).unwrap_err().to_string().contains("threshold"));
-    // A byte changed anywhere gives a volume or an error.
+    // Changing any byte of the header gives a volume or an error, never a panic.
     for at in 0..352 {
         for value in [0, 0x7f, 0xff] {
             let mut changed = plain.clone();
@@ -93,7 +93,7 @@ fn nifti_files_are_read_and_distrusted() {
     assert!(matches!(LabelVolume::read(folder.path().join("none.nii"), &Silent), Err(ParametrizeError::Io { .. })));
 }
 
-/// A FreeSurfer volume of 8-bit values, its voxels 1, 2 and 3 mm wide, its axes turned around z.
+/// Returns a FreeSurfer volume of 8-bit values; its voxels are 1 x 2 x 3 mm, and its axes are rotated about z.
 fn mgh(size: [i32; 3], values: &[u8]) -> Vec<u8> {
     let mut bytes = vec![0; 284];
     for (k, n) in [1, size[0], size[1], size[2], 1, 0].into_iter().enumerate() {
@@ -121,7 +121,8 @@ fn freesurfer_volumes_are_read_and_distrusted() {
     for (name, bytes) in [("a.mgh", plain.clone()), ("a.mgz", gzip(&plain))] {
         let volume = read(name, &bytes).unwrap();
         assert_eq!(volume.labels().into_iter().collect::<Vec<_>>(), [(5, 2), (9, 1)]);
-        // The centre, voxel (1, 1, 2), is where the header has it; x runs along y, y against x.
+        // The centre, voxel (1, 1, 2), is at the header's position. The first voxel axis is along y, the second along
+        // -x.
         assert_eq!(volume.affine.apply([1.0, 1.0, 2.0]), [10.0, 20.0, 30.0]);
         assert_eq!(volume.affine.apply([2.0, 2.0, 3.0]), [8.0, 21.0, 33.0]);
     }

@@ -1,5 +1,5 @@
-//! Label volumes in the formats of other fields: the same voxels at the same positions, and inconsistent headers
-//! rejected.
+//! Tests that NRRD, TIFF and other formats give the same voxels at the same positions, and that inconsistent headers
+//! are rejected.
 
 use std::io::{Cursor, Write};
 
@@ -7,7 +7,7 @@ use spharm_monitor::Silent;
 use spharm_parametrize::ParametrizeError;
 use spharm_parametrize::volume::LabelVolume;
 
-/// 3 x 2 x 2 voxels, with x varying fastest.
+/// Values of 3 x 2 x 2 voxels, with x varying fastest.
 const VALUES: [u8; 12] = [0, 5, 5, 0, 9, 0, 0, 0, 0, 0, 0, 7];
 const SIZE: [f64; 3] = [0.2, 0.3, 0.6];
 
@@ -38,7 +38,7 @@ fn check(volume: &LabelVolume, first: [f64; 3], last: [f64; 3]) {
     };
     near([0.0; 3], first);
     near([2.0, 1.0, 1.0], last);
-    // Label 7 is the last voxel, label 9 the one in the middle of the second row.
+    // Label 7 is at the last voxel, label 9 in the middle of the second row.
     assert_eq!(volume.mask(7).unwrap().origin, [1, 0, 0]);
     assert_eq!(volume.mask(9).unwrap().origin, [0, 0, -1]);
     assert!([5, 7, 9].iter().all(|&label| volume.touches_border(label)));
@@ -72,7 +72,7 @@ fn nifti_2() {
     let (folder, plain) = (Folder::new(), nifti2());
     check(&folder.read("a.nii", &plain).unwrap(), [0.0; 3], [0.4, 0.3, 0.6]);
     check(&folder.read("a.nii.gz", &gzip(&plain)).unwrap(), [0.0; 3], [0.4, 0.3, 0.6]);
-    // Rows of the sform.
+    // Adds the rows of an sform.
     let mut placed = plain.clone();
     placed[348..352].copy_from_slice(&1_i32.to_le_bytes());
     for (row, offset) in [(400, 10.0), (432, 20.0), (464, 30.0_f64)] {
@@ -111,7 +111,7 @@ fn nrrd_attached_and_detached() {
     check(&folder.read("a.nrrd", &raw).unwrap(), [0.0; 3], [0.4, 0.3, 0.6]);
     let packed = nrrd(&format!("encoding: gzip\n{spacings}"), &gzip(&VALUES));
     check(&folder.read("b.nrrd", &packed).unwrap(), [0.0; 3], [0.4, 0.3, 0.6]);
-    // As 3D Slicer writes it: left, posterior, superior.
+    // The header as written by 3D Slicer, in left-posterior-superior axes.
     let lps = "space: left-posterior-superior\nkinds: domain domain domain\nspace directions: (0.2,0,0) (0,0.3,0) \
                (0,0,0.6)\nspace origin: (1,2,3)\n";
     let placed = nrrd(&format!("encoding: raw\n{lps}"), &VALUES);
@@ -147,7 +147,7 @@ fn tiff(description: &str, pages: usize) -> Vec<u8> {
     for page in VALUES.chunks_exact(6).cycle().take(pages) {
         let mut image = encoder.new_image::<tiff::encoder::colortype::Gray8>(3, 2).unwrap();
         image.encoder().write_tag(tiff::tags::Tag::ImageDescription, description).unwrap();
-        // Five pixels a micrometre along x, ten in three along y.
+        // 5 pixels per micrometre along x, 10 pixels per 3 micrometres along y.
         let rational = |n, d| tiff::encoder::Rational { n, d };
         image.encoder().write_tag(tiff::tags::Tag::XResolution, rational(5, 1)).unwrap();
         image.encoder().write_tag(tiff::tags::Tag::YResolution, rational(10, 3)).unwrap();

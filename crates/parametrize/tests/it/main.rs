@@ -1,4 +1,4 @@
-//! Maps of many surfaces: one to one, with the promised quality, the same every time.
+//! Tests that the maps of many surfaces are one to one, reproducible, and of the promised quality.
 
 mod anisotropic;
 mod cancelling;

@@ -1,4 +1,4 @@
-//! The purpose of each method, on surfaces whose best map is known, and reproducibility.
+//! Tests each method's purpose on surfaces whose best map is known, and reproducibility.
 
 use std::sync::Mutex;
 
@@ -71,14 +71,14 @@ fn a_surface_that_winds_inwards_gets_a_sphere_that_does() {
 
 #[test]
 fn scale_and_place_change_nothing_that_matters() {
-    // A blob: on spikes the energy is so flat that where it is left depends on rounding.
+    // A blob is used because on spikes the energy is so flat that the end of the descent depends on rounding.
     let (_, mesh) = surface(0);
     let far = mesh.with_vertices(mesh.vertices.iter().map(|p| p.map(|x| 1e-3 * x + 50.0)).collect());
     let (a, b) = (by_cald(&mesh).report.quality, by_cald(&far).report.quality);
     assert!((a.area_rms - b.area_rms).abs() < 1e-3 && (a.stretch - b.stretch).abs() < 1e-2, "{a:?} {b:?}");
 }
 
-/// The stages of a computation: the announced number of steps, and the number done.
+/// Records, for each stage of a computation, the announced number of steps and the number of steps done.
 #[derive(Default)]
 struct Stages(Mutex<Vec<(u64, u64)>>);
 

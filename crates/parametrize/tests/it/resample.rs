@@ -1,4 +1,4 @@
-//! Shared samplings of surfaces: by resampling, and by deforming an icosphere.
+//! Tests samplings shared by several surfaces: by resampling, and by deforming an icosphere.
 
 use spharm_monitor::Silent;
 use spharm_parametrize::{DeformParams, ParametrizeError, deform, resample};
@@ -6,7 +6,7 @@ use spharm_surface::Mesh;
 use spharm_surface::generate::{Cortex, cortex, icosphere};
 use spharm_surface::topology::{Topology, is_outward};
 
-/// A ball with arms, and the sphere from which it was pulled out.
+/// Returns a ball with arms, and the sphere from which the arms were pulled out.
 fn arms() -> (Mesh, Mesh) {
     let sphere = icosphere(5);
     let pull = |&[x, y, z]: &[f64; 3]| {
@@ -19,7 +19,7 @@ fn arms() -> (Mesh, Mesh) {
 #[test]
 fn the_own_sphere_gives_the_surface_itself() {
     let (surface, sphere) = cortex(&Cortex { subdivisions: 4, variant: 0 });
-    // Whatever the radius; and in another order of vertices and triangles.
+    // The shared sphere has another radius, and its vertices and triangles are in another order.
     let shared = Mesh::new(sphere.vertices.iter().rev().map(|v| v.map(|x| 64.0 * x)).collect(), {
         let last = sphere.vertices.len() as u32 - 1;
         sphere.faces.iter().rev().map(|face| face.map(|v| last - v)).collect()
@@ -70,7 +70,7 @@ fn a_deformed_icosphere_stays_one_and_lies_on_the_surface() {
         let distance = found.resampling.unwrap().distance;
         let (mean, most) = (distance.mean / distance.scale, distance.hausdorff / distance.scale);
         assert!(mean < 3e-3 && most < 5e-2, "{name}: {mean} {most}");
-        // Springs make more even triangles of it than the sphere's own vertices do.
+        // Springs give more even triangles than plain resampling on the icosphere.
         let plain = resample(&surface, &sphere, &icosphere(5), &Silent).unwrap();
         let (own, others) = (&map.report.quality, &plain.report.quality);
         assert!(own.stretch < others.stretch, "{name}: {own:?} {others:?}");

@@ -1,4 +1,4 @@
-//! Area distortion is spent as far as a fit benefits from it, and no more than is allowed.
+//! Tests that area distortion is spent while it lowers the error of a fit, and never beyond the allowed amount.
 
 use ndarray::Array2;
 use spharm_harmonics::Directions;
@@ -15,7 +15,7 @@ fn with(mesh: &Mesh, area: f64, degree: usize) -> Parametrization {
     cald(mesh, &CaldParams { area, degree: Some(degree), ..CaldParams::default() }, &Silent).unwrap()
 }
 
-/// Returns the mean squared distance of a least-squares fit of a degree from the vertices.
+/// Returns the mean squared distance between the vertices and a least-squares fit of a degree.
 fn msd(map: &Parametrization, degree: usize) -> f64 {
     let directions = Directions::from_vertices(&map.sphere.vertices).unwrap();
     let transform = TransformParams { max_degree: degree, ..TransformParams::default() };
@@ -45,7 +45,7 @@ fn what_a_model_represents_exactly_needs_no_room() {
     let sphere = icosphere(4);
     let long = sphere.with_vertices(sphere.vertices.iter().map(|&[x, y, z]| [x, y, 1.2 * z]).collect());
     let found = with(&long, 0.25, 20);
-    // As far as shape alone goes.
+    // Little area distortion is left over from the stages that lower shape distortion; none is spent on the residual.
     let quality = &found.report.quality;
     assert!(quality.area_rms < 0.05, "{:?}", found.report);
 }

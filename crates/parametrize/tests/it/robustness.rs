@@ -1,4 +1,4 @@
-//! The map is one to one for any surface.
+//! Tests that the map is one to one for any surface.
 
 use crate::shapes::surface;
 use rayon::prelude::*;

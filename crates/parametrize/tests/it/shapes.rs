@@ -1,9 +1,9 @@
-//! Closed surfaces of genus zero, given by a formula and a seed.
+//! Generates closed surfaces of genus zero, determined by a seed.
 
 use spharm_surface::Mesh;
 use spharm_surface::generate::icosphere;
 
-/// The finaliser of splitmix64 over a counter: numbers in [-1, 1).
+/// A sequence of numbers in [-1, 1): the finaliser of SplitMix64, applied to a counter.
 pub(crate) struct Draws(pub(crate) u64);
 
 impl Draws {
@@ -34,10 +34,10 @@ fn moved(sphere: &Mesh, f: impl FnMut(&[f64; 3]) -> [f64; 3]) -> Mesh {
     sphere.with_vertices(sphere.vertices.iter().map(f).collect())
 }
 
-/// The kinds of surface, in order.
+/// The kinds of surface, in the order in which seeds cycle through them.
 const KINDS: [&str; 5] = ["blob", "spikes", "thin shell", "arms", "noise"];
 
-/// Returns surface `seed` of an endless sequence; every fourth group of five is four times as fine as the others.
+/// Returns the surface with a given seed, and its kind. Of every 20 seeds, the last 5 give meshes four times as fine.
 pub(crate) fn surface(seed: u64) -> (&'static str, Mesh) {
     let fine = seed / 5 % 4 == 3;
     let mut draws = Draws(seed.wrapping_mul(1000));
@@ -60,7 +60,7 @@ pub(crate) fn surface(seed: u64) -> (&'static str, Mesh) {
             })
         }
         "thin shell" => {
-            // A sphere pushed into itself: two sheets `thickness` apart, and the rim between them.
+            // A sphere pushed into itself: two sheets at distance `thickness`, joined by a rim.
             let thickness = 0.05 * (1.01 + draws.next());
             let open = 1.2 + 0.3 * draws.next();
             moved(&sphere, |&[x, y, z]| {
@@ -83,7 +83,8 @@ pub(crate) fn surface(seed: u64) -> (&'static str, Mesh) {
             })
         }
         _ => {
-            // Noise as large as the triangles: they cross and fold in space, which the map must not mind.
+            // The noise is as large as the triangles, so they cross and fold in space. The map must be one to one all
+            // the same.
             let size = if fine { 0.15 } else { 0.3 };
             moved(&sphere, |&p| p.map(|x| x + size * draws.next()))
         }

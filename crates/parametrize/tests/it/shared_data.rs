@@ -1,11 +1,11 @@
-//! Public surfaces.
+//! Tests maps of public surfaces.
 
 use spharm_monitor::Silent;
 use spharm_parametrize::{CaldParams, ParametrizeError, Quality, auto, cald};
 use spharm_surface::Mesh;
 use spharm_surface::io::read_mesh;
 
-/// A mesh of the shared data.
+/// Returns a mesh of the shared test data; `None` if the data isn't available.
 fn shared(name: &str) -> Option<Mesh> {
     spharm_testdata::shared(name).map(|path| read_mesh(&path).unwrap())
 }

@@ -1,4 +1,4 @@
-//! From label volumes to surfaces and equal-area spheres.
+//! Tests the way from label volumes to surfaces and equal-area spheres.
 
 use spharm_monitor::Silent;
 use spharm_parametrize::volume::{Affine, HandleRepair, LabelVolume, Mask, VolumeParams, VolumeSurface};
@@ -7,7 +7,7 @@ use spharm_surface::topology::{Topology, is_outward, signed_volume};
 
 const N: usize = 24;
 
-/// A volume of N^3 voxels with label 1, given by a formula in voxels around its middle.
+/// Returns a volume of N^3 voxels, in which label 1 is given by a formula in voxels relative to the volume's middle.
 fn volume(inside: impl Fn([f64; 3]) -> bool) -> LabelVolume {
     labels(|at| i32::from(inside(at)))
 }
@@ -33,7 +33,7 @@ fn fixed(volume: &LabelVolume) -> VolumeSurface {
     volume.surface(&VolumeParams { fix: true, ..VolumeParams::default() }, &Silent).unwrap()
 }
 
-/// Returns the problems for which a volume is rejected.
+/// Returns the problems listed in the error that rejects a volume.
 fn problems(volume: &LabelVolume) -> String {
     match take(volume) {
         Err(ParametrizeError::BadVolume { problems, handles, repairable, .. }) => {
@@ -45,7 +45,7 @@ fn problems(volume: &LabelVolume) -> String {
     }
 }
 
-/// Checks the map of a surface: closed, one to one, areas of quadrangles within 5 % of equal.
+/// Checks the map of a surface: closed, one to one, areas of quadrangles within 5 % of their targets.
 fn check_map(found: &VolumeSurface) {
     let map = equal_area(&found.quads, &EqualAreaParams::default(), &Silent).unwrap();
     let topology = Topology::of(&map.surface);
@@ -63,7 +63,7 @@ fn check_map(found: &VolumeSurface) {
 fn balls_ellipsoids_and_bent_things_get_equal_areas() {
     check_map(&take(&volume(|at| ball(at, 9.3))).unwrap());
     check_map(&take(&volume(|[x, y, z]| ball([x / 2.5, y, z / 1.7], 4.3))).unwrap());
-    // A ring with a gap, a dumbbell, a single voxel, three in a corner.
+    // A ring with a gap, a dumbbell, a single voxel, three voxels in a corner.
     check_map(&take(&volume(|at| torus(at) && !(at[0] > 0.0 && at[1].abs() < 3.0))).unwrap());
     check_map(
         &take(&volume(|[x, y, z]| ball([x.abs() - 7.0, y, z], 4.0) || (x.abs() < 7.0 && y.hypot(z) < 1.6))).unwrap(),
@@ -77,7 +77,7 @@ fn the_surface_encloses_the_voxels_in_mm() {
     let inside = |at| ball(at, 6.0);
     let plain = take(&volume(inside)).unwrap();
     assert!((signed_volume(&plain.quads.triangles(|_| false)) / plain.voxels as f64 - 1.0).abs() < 1e-12);
-    // Sheared and mirrored: the volume goes with the determinant, the winding stays outward.
+    // A sheared and mirrored matrix: volumes are multiplied by its determinant, and the winding stays outward.
     let affine = Affine([[-2.0, 0.3, 0.0, 90.0], [0.0, 1.5, 0.1, -120.0], [0.0, 0.0, 1.0, -70.0]]);
     let mut moved = volume(inside);
     moved.affine = affine;
@@ -88,7 +88,7 @@ fn the_surface_encloses_the_voxels_in_mm() {
         assert!(Topology::of(&mesh).is_sphere());
     }
     check_map(&moved);
-    // Voxel (0, 0, 0) is around the origin of the matrix.
+    // Voxel (0, 0, 0) is centred at the origin of the matrix.
     let corner = LabelVolume::new([1, 1, 1], vec![7], affine);
     let corner = take(&corner).unwrap();
     let middle: [f64; 3] = std::array::from_fn(|k| corner.quads.vertices.iter().map(|v| v[k]).sum::<f64>() / 8.0);
@@ -110,14 +110,14 @@ fn handles_are_named_and_opened() {
     assert_eq!(problems(&ring), "1 handle (genus 1)");
     let found = fixed(&ring);
     let repair = found.repair.unwrap();
-    // Across the tube there are some 21 voxels, in the hole some 60.
+    // A cut through the tube takes about 21 voxels, filling the hole about 60.
     assert!(
         repair.handles == HandleRepair::Cut && repair.voxels_changed > 10 && repair.voxels_changed < 40,
         "{repair:?}"
     );
     check_map(&found);
 
-    // A ball with an ear of one voxel's thickness.
+    // A ball with an ear one voxel thick.
     let ear = |[x, y, z]: [f64; 3]| (x.hypot(y - 7.0) - 3.0).abs() < 0.71 && z.abs() < 0.6 && z > 0.0;
     let eared = volume(|at| ball(at, 6.0) || ear(at));
     assert_eq!(problems(&eared), "1 handle (genus 1)");
@@ -125,7 +125,7 @@ fn handles_are_named_and_opened() {
     assert!(found.repair.unwrap().voxels() < 5, "{:?}", found.repair);
     check_map(&found);
 
-    // A ball with a drilled hole of one voxel: filled, since a cut would be larger.
+    // A ball with a drilled hole one voxel wide. The hole is filled, since a cut would change more voxels.
     let drilled = volume(|at| ball(at, 6.0) && !(at[0] == 0.5 && at[1] == 0.5));
     let found = fixed(&drilled);
     assert_eq!(found.repair.unwrap().handles, HandleRepair::Filled);
@@ -154,7 +154,7 @@ fn pieces_and_cavities_are_counted() {
 
 #[test]
 fn bare_contacts_are_split_or_repaired() {
-    // Two voxels on a ball that share an edge: the surface passes between them.
+    // Two voxels on a ball that share an edge; the surface passes between them.
     let ball_with = |more: &[[f64; 3]]| {
         let more = more.to_vec();
         volume(move |at| ball(at, 5.0) || more.contains(&at))
@@ -164,13 +164,14 @@ fn bare_contacts_are_split_or_repaired() {
     assert!(ball([1.5, 1.5, top - 1.0], 5.0) && !ball([1.5, 1.5, top], 5.0));
     check_map(&take(&edge).unwrap());
     check_map(&fixed(&edge));
-    // Two cubes that touch in a corner or an edge only are two pieces.
+    // Two cubes that touch only in a corner, or only in an edge, are two pieces.
     let corner = volume(|at| at == [0.5; 3] || at == [1.5; 3]);
     assert!(problems(&corner).starts_with("2 pieces"));
     let diagonal = volume(|at| at == [0.5; 3] || at == [1.5, 1.5, 0.5]);
     assert!(problems(&diagonal).starts_with("2 pieces"));
     assert_eq!(fixed(&diagonal).quads.quads.len(), 6);
-    // A hollow that opens to the outside along an edge only: closed as a surface, not as triangles.
+    // A hollow that opens to the outside only along an edge: its surface is closed as quadrangles, but not as
+    // triangles.
     let bottle = volume(|[x, y, z]| {
         let walls = x.abs() < 3.0 && y.abs() < 3.0 && z.abs() < 2.0;
         let room = x.abs() < 2.0 && y.abs() < 2.0 && z.abs() < 1.0;

@@ -1,4 +1,4 @@
-//! Double pyramids with any number of triangles.
+//! Generates double pyramids.
 
 use std::f64::consts::TAU;
 
@@ -6,7 +6,8 @@ use crate::mesh::Mesh;
 
 /// Returns a double pyramid over a regular polygon of `sides` vertices, wound outwards. The polygon's vertices come
 /// first, on the unit circle of the xy-plane, then the poles (0, 0, 1) and (0, 0, -1), each with `sides` triangles.
-/// With many sides all triangles are slivers, as in spheres by latitude and longitude and in turned parts.
+/// With many sides all triangles are slivers, as around the poles of spheres of meridians and parallels and of surfaces
+/// of revolution.
 #[must_use]
 pub fn bipyramid(sides: u32) -> Mesh {
     let round = |k: u32| f64::from(k) * TAU / f64::from(sides);

@@ -1,20 +1,21 @@
-//! A folded, brain-like closed surface whose parameterisation over the sphere is known exactly.
+//! Generates a folded, brain-like closed surface whose parameterisation over the sphere is known exactly.
 //!
-//! Vertex i is the image of vertex i of the icosphere under a smooth one-to-one map of space, in two parts:
+//! Vertex i is the image of vertex i of the icosphere under a smooth one-to-one map of space. The map has two parts:
 //!
 //! 1. *Folds.* A point of the sphere moves along its radius to 1 - d / (1 + (w / s)^2), where w is a sum of plane waves
-//!    cos(k_j . x + p_j) of nearly one wavelength. The zeros of w, winding lines about half a wavelength apart, become
-//!    furrows of depth d; between them are broad ridges. A radius that is a positive function on the sphere gives an
-//!    embedded surface.
-//! 2. *Shears* x -> x + a sin(k . x + p) e with e perpendicular to k, from long waves to short ones. Each is a smooth
-//!    map of space with a smooth inverse (the same with -a) that preserves volume, so the surface stays embedded. They
-//!    tilt the furrows until walls overhang and the surface is no longer star-shaped about any point.
+//!    cos(k_j . x + p_j) of nearly the same wavelength. The zeros of w are winding lines about half a wavelength apart,
+//!    which become furrows of depth d with broad ridges between them. Since the radius is a positive function on the
+//!    sphere, the surface is embedded.
+//! 2. *Shears* x -> x + a sin(k . x + p) e with e perpendicular to k, from long waves to short ones. A shear is a
+//!    smooth map of space that preserves volume and has a smooth inverse (the shear with -a instead of a), so the
+//!    surface stays embedded. The shears tilt the furrows until walls overhang and the surface is no longer star-shaped
+//!    about any point.
 //!
-//! Finally the axes are stretched to the extents of an adult's cerebrum.
+//! Finally the surface is scaled along each axis to the extents of an adult's cerebrum.
 //!
-//! The constants were chosen by eye, so that pictures look like gyri and sulci, and by measurement over the icosphere
-//! of 40,962 vertices: 1.4 % of variant 0's triangles face its middle, and fits to it (least squares, NumPy) have msd
-//! 7.7e-4 at degree 10 (errors of about 3 mm), 1.2e-5 at degree 60 and 7.4e-7 at degree 100 (0.1 mm).
+//! The constants were chosen such that pictures resemble gyri and sulci, and by measurements over the icosphere of
+//! 40,962 vertices. 1.4 % of the triangles of variant 0 face its middle. Least-squares fits to variant 0 (NumPy) have
+//! msd 7.7e-4 at degree 10 (errors of about 3 mm), 1.2e-5 at degree 60 and 7.4e-7 at degree 100 (0.1 mm).
 
 use super::icosphere;
 use super::random::SplitMix64;
@@ -24,9 +25,9 @@ use crate::mesh::{Mesh, Meta};
 /// Parameters of a folded surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Cortex {
-    /// Subdivisions of the icosahedron, see [`icosphere`]; 6 gives 40,962 vertices.
+    /// Number of subdivisions of the icosahedron, see [`icosphere`]; 6 gives 40,962 vertices.
     pub subdivisions: u32,
-    /// Index of a subject of the study. Subjects share the course of the main folds and differ in detail; corresponding
+    /// Index of the subject. All subjects have the same course of the main folds and differ in detail; corresponding
     /// vertices are some mm apart.
     pub variant: u64,
 }
@@ -37,10 +38,10 @@ impl Default for Cortex {
     }
 }
 
-/// Extents from left to right, back to front and bottom to top (RAS), in mm.
+/// Extents along the RAS axes (left to right, back to front, bottom to top), in mm.
 const EXTENT: Vec3 = [110.0, 140.0, 90.0];
 
-/// One plane wave: wave vector and phase.
+/// A plane wave: its wave vector and phase.
 struct Wave {
     k: Vec3,
     phase: f64,
@@ -52,31 +53,32 @@ impl Wave {
     }
 }
 
-/// One shear: the wave, and the displacement at its crest, perpendicular to the wave vector.
+/// A shear: its wave, and the displacement at the wave's crest, which is perpendicular to the wave vector.
 struct Shear {
     wave: Wave,
     crest: Vec3,
 }
 
-/// The complete map of the unit sphere into space.
+/// The map of the unit sphere into space, before scaling to the extents.
 struct Folding {
     waves: Vec<Wave>,
     shears: Vec<Shear>,
 }
 
 const WAVES: usize = 40;
-/// Radians per unit length: furrows lie about pi / 14.5 apart, 13 mm on a brain.
+/// Range of the wave numbers of the folds, in radians per radius. Furrows are about pi / 14.5 radii apart, 13 mm on a
+/// brain.
 const WAVE_NUMBERS: (f64, f64) = (13.0, 16.0);
-/// d, in radii.
+/// The depth d of furrows, in radii.
 const DEPTH: f64 = 0.2;
-/// s, in standard deviations of w.
+/// The width s of furrows, in standard deviations of w.
 const WIDTH: f64 = 0.75;
 /// Wave number, amplitude and number of the shears, in the order in which they are applied.
 const SHEARS: [(f64, f64, usize); 2] = [(2.0, 0.06, 4), (9.0, 0.026, 10)];
 
 impl Folding {
     fn new(variant: u64) -> Self {
-        // The study's random numbers, then the subject's deviations from them.
+        // `study` gives the numbers that all subjects have in common, `subject` the subject's deviations from them.
         let mut study = SplitMix64::new(0x5350_4841_524d);
         let mut subject = SplitMix64::new(variant.wrapping_mul(0x2545_f491_4f6c_dd1d));
         let mut deviation = |size: f64| {
@@ -106,7 +108,7 @@ impl Folding {
 
     fn apply(&self, direction: Vec3) -> Vec3 {
         let sum: f64 = self.waves.iter().map(|wave| wave.argument(direction).cos()).sum();
-        // Scaled to variance 1 for any number of waves.
+        // w has variance 1 for any number of waves.
         let w = sum * (2.0 / WAVES as f64).sqrt();
         let furrow = 1.0 / (1.0 + (w / WIDTH).powi(2));
         let radius = 1.0 - DEPTH * furrow;
@@ -116,8 +118,8 @@ impl Folding {
     }
 }
 
-/// Returns the bytes that [`cortex`] needs, including both meshes: those of the sphere, and 48 per vertex for the
-/// surface.
+/// Returns the number of bytes that [`cortex`] needs, including both meshes: those of [`icosphere`](super::icosphere),
+/// and 48 per vertex for the surface.
 ///
 /// # Panics
 ///
@@ -129,8 +131,8 @@ pub fn cortex_bytes(subdivisions: u32) -> u64 {
 
 /// Returns a folded surface in mm (RAS) and the unit sphere that parameterises it, with the same triangles.
 ///
-/// The result is the same every time on one machine; between machines the last bits may differ with the C library's
-/// sine.
+/// Results are reproducible on one machine. Between machines the last bits may differ, because the sine function is the
+/// C library's.
 ///
 /// # Panics
 ///

@@ -1,4 +1,4 @@
-//! Surfaces with handles: tori, and a double torus.
+//! Generates surfaces with handles: tori and a double torus.
 
 use std::collections::HashMap;
 use std::f64::consts::TAU;
@@ -9,14 +9,14 @@ use crate::mesh::Mesh;
 /// A torus about the z axis, with bumps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Torus {
-    /// Distance of the tube's middle from the axis.
+    /// Distance of the tube's centre line from the z axis.
     pub ring: f64,
     /// Radius of the tube, below `ring`.
     pub tube: f64,
-    /// Height of the bumps, as a share of the tube's radius.
+    /// Height of the bumps, relative to the tube's radius.
     pub bumps: f64,
-    /// Number of vertices around the tube, at least 3. The vertices along it have the same spacing, halfway between
-    /// inside and outside.
+    /// Number of vertices around the tube, at least 3. Around the ring, vertices have the same spacing on the circle of
+    /// radius `ring`.
     pub around: u32,
 }
 
@@ -50,17 +50,17 @@ pub fn torus(parameters: &Torus) -> Mesh {
     for i in 0..along {
         for j in 0..around {
             let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
-            // Diagonals alternate, so that no direction is preferred.
+            // The direction of the diagonals alternates, so that no direction is preferred.
             mesh.faces.extend(if (i + j) % 2 == 0 { [[a, b, c], [a, c, d]] } else { [[a, b, d], [b, c, d]] });
         }
     }
     mesh
 }
 
-/// Returns a smooth surface of genus 2, about 2.2 long, wound outwards: ((x^2 + y^2)^2 - x^2 + y^2)^2 + z^2 = 0.02.
+/// Returns a smooth surface of genus 2 and length 2.2, wound outwards: ((x^2 + y^2)^2 - x^2 + y^2)^2 + z^2 = 0.02.
 ///
 /// `cells` is the number of grid cells along x from -1.2 to 1.2, at least 32. Each cell that the surface passes through
-/// gets a vertex, which then moves onto the surface (surface nets, S. Gibson, MICCAI 1998).
+/// gets a vertex, which is then moved onto the surface (surface nets, S. Gibson, MICCAI 1998).
 ///
 /// # Panics
 ///
@@ -70,7 +70,8 @@ pub fn double_torus(cells: u32) -> Mesh {
     assert!(cells >= 32, "a double torus takes 32 cells, found {cells}");
     const LEVEL: f64 = 0.02;
     let step = 2.4 / f64::from(cells);
-    // In the flat part between its holes, the surface lies midway between grid points, so that no cell is ambiguous.
+    // The grid is chosen such that the flat part of the surface between the holes lies midway between grid points. No
+    // cell is then ambiguous.
     let thickness = 2.0 * LEVEL.sqrt();
     let flat = (thickness / step).round();
     let steps = [step, step, thickness / flat];
@@ -82,7 +83,7 @@ pub fn double_torus(cells: u32) -> Mesh {
     })
 }
 
-/// Returns the surface net of a function that is negative inside, over a grid of `counts` points.
+/// Returns the surface net of a function f, which is negative inside, over a grid of `counts` points.
 fn net(counts: [usize; 3], corner: Vec3, steps: Vec3, f: impl Fn(Vec3) -> f64) -> Mesh {
     let point = |i: [usize; 3]| -> Vec3 { std::array::from_fn(|axis| corner[axis] + steps[axis] * i[axis] as f64) };
     let number = |[x, y, z]: [usize; 3]| (z * counts[1] + y) * counts[0] + x;
@@ -107,7 +108,7 @@ fn net(counts: [usize; 3], corner: Vec3, steps: Vec3, f: impl Fn(Vec3) -> f64) -
             if j[axis] == counts[axis] || i[u] == 0 || i[v] == 0 || inside[number(i)] == inside[number(j)] {
                 continue;
             }
-            // The four cells around the edge, counter-clockwise as seen from its end.
+            // The four cells around the grid edge from i to j, counter-clockwise seen from j.
             let cell = |du: usize, dv: usize| {
                 let mut cell = i;
                 (cell[u], cell[v]) = (cell[u] - du, cell[v] - dv);
@@ -125,7 +126,8 @@ fn net(counts: [usize; 3], corner: Vec3, steps: Vec3, f: impl Fn(Vec3) -> f64) -
     mesh
 }
 
-/// Moves vertices to the mean of their neighbours and back onto the surface, by Newton steps along the gradient.
+/// Moves each vertex to the mean of its neighbours, then back onto the surface f = 0 by Newton steps along the
+/// gradient.
 fn relax(mesh: &mut Mesh, step: f64, f: impl Fn(Vec3) -> f64) {
     let gradient = |p: Vec3| -> Vec3 {
         let h = 1e-4 * step;

@@ -1,15 +1,15 @@
-//! The icosahedron, subdivided.
+//! Generates icospheres: subdivided icosahedra.
 
 use crate::geometry::{add, unit};
 use crate::mesh::Mesh;
 
 use super::subdivide::split;
 
-/// Returns the icosahedron with each triangle split in four `subdivisions` times, its vertices on the unit sphere.
+/// Returns an icosahedron whose triangles are split in four `subdivisions` times, with all vertices on the unit sphere.
 ///
-/// It has 10 * 4^s + 2 vertices and 20 * 4^s triangles, wound outwards; s = 6 gives 40,962 vertices, s = 7 gives
-/// 163,842. The order is fixed: the first 10 * 4^k + 2 vertices are those of the k-fold subdivision, as in FreeSurfer's
-/// icospheres.
+/// With s subdivisions there are 10 * 4^s + 2 vertices and 20 * 4^s triangles, wound outwards; s = 6 gives 40,962
+/// vertices, s = 7 gives 163,842. The order is fixed: the first 10 * 4^k + 2 vertices are those of the icosphere with k
+/// subdivisions, as in FreeSurfer's icospheres.
 ///
 /// # Panics
 ///
@@ -36,7 +36,7 @@ pub fn icosphere_counts(subdivisions: u32) -> [u64; 2] {
     [10 * quarter + 2, 20 * quarter]
 }
 
-/// Returns the bytes that [`icosphere`] needs, including the mesh: 48 per vertex for the mesh, 12 for the mesh of one
+/// Returns the number of bytes that [`icosphere`] needs. Per vertex these are 48 for the mesh, 12 for the mesh with one
 /// subdivision less, and up to 26 for the table of that mesh's edges.
 ///
 /// # Panics
@@ -47,7 +47,7 @@ pub fn icosphere_bytes(subdivisions: u32) -> u64 {
     86 * icosphere_counts(subdivisions)[0]
 }
 
-/// Returns the icosahedron: a pole, a ring of five vertices, a ring rotated by a tenth of a turn, and the other pole.
+/// Returns the icosahedron: a pole, a ring of five vertices, another ring rotated by a tenth of a turn, the other pole.
 fn icosahedron() -> Mesh {
     let z = 1.0 / 5.0_f64.sqrt();
     let r = 2.0 * z;

@@ -1,5 +1,5 @@
-//! Generates icospheres, double pyramids, folded closed surfaces with known parameterisation, surfaces with handles,
-//! groups with a known difference or known correspondence, and subdivisions.
+//! Generates surfaces: icospheres, double pyramids, folded closed surfaces with known parameterisation, surfaces with
+//! handles, groups with a known difference or known correspondence, and subdivisions of meshes.
 
 mod bipyramid;
 mod cortex;

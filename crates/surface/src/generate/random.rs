@@ -1,13 +1,14 @@
-//! Deterministic random numbers, identical on every machine and in every version.
+//! Generates deterministic random numbers, identical on every machine and in every version.
 
 use crate::geometry::{Vec3, cross, unit};
 
-/// Steele, Lea and Flood's splitmix64 (OOPSLA 2014): good enough for shapes, in three lines.
+/// The generator SplitMix64 of Steele, Lea and Flood (OOPSLA 2014), which is good enough for shapes and takes three
+/// lines.
 #[derive(Debug, Clone)]
 pub struct SplitMix64(u64);
 
 impl SplitMix64 {
-    /// Starts the sequence of a seed.
+    /// Starts the sequence of numbers for a seed.
     pub fn new(seed: u64) -> Self {
         Self(seed)
     }
@@ -20,13 +21,13 @@ impl SplitMix64 {
         x ^ (x >> 31)
     }
 
-    /// Returns the next number, uniform in [low, high).
+    /// Returns the next number, uniformly distributed in [low, high).
     pub fn between(&mut self, low: f64, high: f64) -> f64 {
         let unit = (self.next() >> 11) as f64 / (1_u64 << 53) as f64;
         low + (high - low) * unit
     }
 
-    /// Returns a direction, uniform over the unit sphere (Archimedes: height and azimuth are independent and uniform).
+    /// Returns a unit vector, uniform over the sphere (by Archimedes, height and azimuth are independent and uniform).
     pub(super) fn direction(&mut self) -> Vec3 {
         let z = self.between(-1.0, 1.0);
         let phi = self.between(0.0, std::f64::consts::TAU);
@@ -34,11 +35,11 @@ impl SplitMix64 {
         [r * phi.cos(), r * phi.sin(), z]
     }
 
-    /// Returns a unit vector perpendicular to `k`, in a random direction.
+    /// Returns a random unit vector perpendicular to `k`.
     pub(super) fn square_to(&mut self, k: Vec3) -> Vec3 {
         loop {
             let e = cross(k, self.direction());
-            // Any vector not parallel to k will do; the first try nearly always is one.
+            // Any direction that isn't parallel to k is suitable; nearly always the first one is.
             if e.iter().map(|x| x * x).sum::<f64>() > 1e-6 * k.iter().map(|x| x * x).sum::<f64>() {
                 return unit(e);
             }
@@ -59,7 +60,7 @@ mod tests {
             assert_eq!(random.next(), expected);
         }
         let mut random = SplitMix64::new(0);
-        // The upper 53 bits, as a part of 2^53.
+        // The upper 53 bits of the first value, divided by 2^53.
         assert_eq!(random.between(0.0, 1.0), 0.883_310_808_213_642_6);
         assert_eq!(random.between(-3.0, 5.0), -3.0 + 8.0 * 0.431_527_997_048_509_97);
     }
@@ -76,7 +77,7 @@ mod tests {
             let e = random.square_to([3.0 * d[0], 3.0 * d[1], 3.0 * d[2]]);
             assert!((dot(e, e) - 1.0).abs() < 1e-14 && dot(d, e).abs() < 1e-12, "{d:?} {e:?}");
         }
-        // Four standard deviations of 2000 uniform ones.
+        // 105 is four standard deviations of a sum of 2000 numbers, uniform in [-1, 1].
         assert!(sum.iter().all(|sum| sum.abs() < 105.0), "{sum:?}");
         assert!(squares.iter().all(|sum| (sum - 2000.0 / 3.0).abs() < 55.0), "{squares:?}");
     }

@@ -1,9 +1,9 @@
-//! Surfaces of a study: subjects of two groups that differ by a bump of known position and height, in any pose.
+//! Generates the surfaces of a study: subjects of two groups that differ by a bump of known position and height.
 //!
 //! A subject is an elongated body, about 40 mm long: `r(u) = 1 + sum a_k cos(k . u + p_k)` over the unit sphere, with
-//! waves that differ from subject to subject, stretched along its axes, bent, and moved by a random rotation and
-//! translation. In the second group the surface is moved outwards by `bump exp(-angle^2 / (2 width^2))` about one
-//! position. The mesh has no sphere of its own; its triangles are those of an icosphere, independent of the pose.
+//! waves that differ from subject to subject. The body is stretched along its axes, bent, and moved by a random
+//! rotation and translation. In the second group, the surface is moved outwards by `bump exp(-angle^2 / (2 width^2))`
+//! around a fixed position. The triangles are those of an icosphere, independent of the pose; no sphere is returned.
 
 use super::icosphere;
 use super::random::SplitMix64;
@@ -13,9 +13,9 @@ use crate::mesh::Mesh;
 /// Parameters of a study.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Study {
-    /// Subdivisions of the icosahedron, see [`icosphere`]; 4 gives 2,562 vertices.
+    /// Number of subdivisions of the icosahedron, see [`icosphere`]; 4 gives 2,562 vertices.
     pub subdivisions: u32,
-    /// Seed of the study.
+    /// Seed of all random numbers.
     pub seed: u64,
     /// Height of the second group's bump, in mm.
     pub bump: f64,
@@ -27,27 +27,27 @@ impl Default for Study {
     }
 }
 
-/// Half axes, in mm. They differ, so that the pose is unique.
+/// Half axes of the body, in mm. They differ from each other, so that the pose is unique.
 const AXES: Vec3 = [20.0, 11.0, 8.0];
-/// Relative size of the waves in which subjects differ.
+/// Amplitude of the waves that distinguish subjects, relative to the radius.
 const VARIATION: f64 = 0.012;
 /// Number of waves per subject.
 const WAVES: usize = 12;
-/// Displacement of the ends by bending, in mm.
+/// Displacement of the body's ends by bending, in mm.
 const BEND: f64 = 5.0;
 /// Width of the bump, in radians on the sphere.
 const WIDTH: f64 = 0.35;
 /// The bump's direction on the sphere.
 const PLACE: Vec3 = [0.48, 0.64, 0.6];
-/// The largest translation, in mm.
+/// Largest translation of a pose along an axis, in mm.
 const SHIFT: f64 = 50.0;
 
 impl Study {
-    /// Returns subject `index` of the first group, or of the second if `second` is set, wound outwards. The same
-    /// arguments give the same bits.
+    /// Returns subject `index` of the first group, or of the second group if `second` is true, wound outwards. The
+    /// result has the same bits for the same arguments.
     pub fn subject(&self, index: u64, second: bool) -> Mesh {
         let sphere = icosphere(self.subdivisions);
-        // The random sequences of different subjects don't overlap.
+        // Each subject has its own seed, so that the random sequences of different subjects don't overlap.
         let mut random =
             SplitMix64::new(self.seed.wrapping_mul(0x1_0000_0001).wrapping_add(2 * index + u64::from(second)));
         let waves: Vec<(Vec3, f64, f64)> = (0..WAVES)
@@ -76,7 +76,7 @@ impl Study {
     }
 }
 
-/// Returns a rotation, by rows, drawn uniformly from all rotations.
+/// Returns a rotation matrix, by rows, drawn uniformly from all rotations.
 fn rotation(random: &mut SplitMix64) -> [Vec3; 3] {
     let third = random.direction();
     let first = random.square_to(third);
@@ -100,7 +100,7 @@ mod tests {
         assert_eq!(first.vertices, study.subject(0, false).vertices);
         assert_ne!(first.vertices, study.subject(1, false).vertices);
         assert_ne!(first.vertices, second.vertices);
-        // Outward winding, and a body of about 4/3 pi a b c.
+        // Volumes are positive, so the winding is outward, and near the ellipsoid's 4/3 pi a b c.
         let body = 4.0 / 3.0 * std::f64::consts::PI * AXES.iter().product::<f64>();
         assert!((volume(&first) / body - 1.0).abs() < 0.2, "{}", volume(&first) / body);
         let mean = |second: bool| (0..20).map(|i| volume(&study.subject(i, second))).sum::<f64>() / 20.0;

@@ -5,13 +5,13 @@ use std::collections::HashMap;
 use crate::geometry::{Vec3, add, scale, unit};
 use crate::mesh::Mesh;
 
-/// Splits each triangle in four at the midpoints of its edges, which leaves the surface unchanged.
+/// Splits each triangle in four at the midpoints of its edges. The surface as a set of points doesn't change.
 ///
-/// The vertices of `mesh` come first, in their order, followed by a midpoint for each edge, in the order in which the
-/// triangles first use the edges. That order depends on the triangles alone, so a surface and its sphere still
-/// correspond vertex by vertex if one has passed through this function and the other through [`subdivide_sphere`].
+/// The vertices of `mesh` come first, in their order, then a midpoint for each edge, in the order in which the
+/// triangles first use the edges. The order depends only on the triangles. If a surface is split by this function and
+/// its sphere by [`subdivide_sphere`], the results therefore correspond vertex by vertex.
 ///
-/// A closed surface of genus zero with n vertices gets 4 n - 6 vertices.
+/// A closed surface of genus zero with n vertices becomes one with 4 n - 6 vertices.
 ///
 /// # Panics
 ///
@@ -21,7 +21,7 @@ pub fn subdivide(mesh: &Mesh) -> Mesh {
     split(mesh, |a, b| scale(add(a, b), 0.5))
 }
 
-/// Splits the sphere that parameterises a surface as [`subdivide`] does, and scales vertices and midpoints to length 1.
+/// Splits the sphere of a surface as [`subdivide`] splits the surface, and scales all vertices to length 1.
 ///
 /// # Panics
 ///
@@ -32,7 +32,7 @@ pub fn subdivide_sphere(sphere: &Mesh) -> Mesh {
     split(&unit_sphere, |a, b| unit(add(a, b)))
 }
 
-/// Splits each triangle in four; `middle` gives the new vertex between the ends of an edge.
+/// Splits each triangle in four. `middle` returns the new vertex of an edge from the edge's two ends.
 pub(super) fn split(mesh: &Mesh, middle: impl Fn(Vec3, Vec3) -> Vec3) -> Mesh {
     let edges = mesh.faces.len() * 3 / 2;
     let mut vertices = mesh.vertices.clone();

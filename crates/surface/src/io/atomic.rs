@@ -1,9 +1,9 @@
-//! Atomic writing: a file appears complete or not at all.
+//! Writes files atomically: a file appears complete or not at all.
 //!
-//! A temporary file in the same directory is written, flushed and synchronised, then renamed to the final name in one
-//! step, and the directory is synchronised. A crash or a full disk leaves at most a hidden temporary file; an
-//! incomplete file is never visible under the final name. The store follows the same rule (see the design's
-//! "Publishing").
+//! A temporary file in the same directory is written, flushed and synchronised. Then it is renamed to the final name in
+//! one step, and the directory is synchronised. A crash or a full disk leaves at most a hidden temporary file; an
+//! incomplete file is never visible under the final name. The store's files are written by the same rule (see
+//! "Publishing" in its design).
 
 use std::fs;
 use std::io::{self, BufWriter, Write};
@@ -14,12 +14,12 @@ use spharm_files::other_kind;
 use super::leftovers;
 use crate::error::SurfaceError;
 
-/// Writes a file through `f`, completely or not at all.
+/// Writes a file with the bytes that `f` writes, completely or not at all.
 ///
-/// Without `overwrite` an existing file is left as it is, even one that appears while `f` runs. With it, the old file
-/// remains readable until the new one is complete, and the new file gets its permissions. A symbolic link is followed
-/// and its target replaced; a dangling link is replaced itself. Directories, pipes and devices are never replaced. New
-/// files have the default permissions under the umask.
+/// Without `overwrite`, an existing file isn't changed, even if it appears while `f` runs. With `overwrite`, the old
+/// file remains readable until the new one is complete, and the new file gets the old one's permissions. For a symbolic
+/// link the link's target is replaced; a dangling link is replaced itself. Directories, pipes and devices are never
+/// replaced. Other new files have the default permissions under the umask.
 ///
 /// # Errors
 ///
@@ -36,7 +36,7 @@ pub fn write_new(
     if path.file_name().is_none() {
         return Err(SurfaceError::NotAFile { path: path.to_owned(), found: "a directory" });
     }
-    // Checked before `f` runs; `persist_noclobber` below checks again without a race.
+    // This check avoids running `f` for nothing. `persist_noclobber` below repeats it without a race.
     let mut mode = None;
     let target = match fs::metadata(path) {
         Ok(found) if !found.is_file() => {
@@ -61,7 +61,8 @@ pub fn write_new(
 
     let temporary = leftovers::create(&directory).map_err(io("create"))?;
     if let Some(mode) = mode {
-        // A private file stays private, even while its replacement is being written.
+        // The temporary file gets the permissions before it is written, so that a private file's contents are never
+        // exposed.
         temporary.as_file().set_permissions(mode).map_err(io("create"))?;
     }
 
@@ -80,8 +81,8 @@ pub fn write_new(
     sync_directory(&directory).map_err(io("synchronise the directory of"))
 }
 
-/// Makes the new name survive a crash, if the file system supports it: some network file systems refuse to synchronise
-/// a directory, and Windows can't open one.
+/// Synchronises a directory, so that a new name in it survives a crash. Does nothing where this isn't supported: some
+/// network file systems refuse it, and Windows can't open a directory.
 fn sync_directory(directory: &Path) -> io::Result<()> {
     if cfg!(not(unix)) {
         return Ok(());

@@ -1,15 +1,15 @@
-//! A cursor over binary data that never reads past the end.
+//! Reads binary data by a cursor that never passes the end.
 
 use super::flaw::Flaw;
 
-/// Byte order.
+/// The byte order of numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Endian {
     Little,
     Big,
 }
 
-/// The part of a file not yet read.
+/// The part of a file that hasn't been read yet.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Cursor<'a> {
     rest: &'a [u8],
@@ -61,8 +61,8 @@ impl<'a> Cursor<'a> {
         Ok(array)
     }
 
-    /// Returns the bytes up to the next newline, which is consumed but not returned; without a newline, all remaining
-    /// bytes.
+    /// Returns the bytes before the next newline, and consumes them and the newline. Without a newline, returns all
+    /// remaining bytes. `None` at the end.
     pub(super) fn line(&mut self) -> Option<&'a [u8]> {
         if self.rest.is_empty() {
             return None;
@@ -84,7 +84,7 @@ impl<'a> Cursor<'a> {
         self.at += n;
     }
 
-    /// Returns the next run of bytes that aren't white space; empty at the end.
+    /// Returns the next run of bytes that aren't white space; empty at the end of the data.
     pub(super) fn token(&mut self) -> &'a [u8] {
         self.skip_whitespace();
         let n = self.rest.iter().take_while(|b| !b.is_ascii_whitespace()).count();

@@ -6,9 +6,9 @@ use super::spec::{FormatSpec, Precision};
 use crate::error::SurfaceError;
 use crate::mesh::{Input, Mesh, Signal};
 
-/// Vertices are counted in u32.
+/// Largest number of vertices, since vertices are counted in u32.
 const MOST_VERTICES: usize = u32::MAX as usize;
-/// Half-edges, three to a triangle, are counted in u32 by the topology.
+/// Largest number of triangles, since half-edges (three per triangle) are counted in u32.
 const MOST_FACES: usize = (u32::MAX / 3) as usize;
 
 pub(super) fn input(path: &Path, input: &Input) -> Result<(), SurfaceError> {
@@ -18,8 +18,8 @@ pub(super) fn input(path: &Path, input: &Input) -> Result<(), SurfaceError> {
     }
 }
 
-/// Checks that there are vertices and triangles, that positions are finite and that indices are in range, as for every
-/// mesh that is read or written. Messages use `path` as the name, for example "the surface".
+/// Checks that a mesh has vertices and triangles, that positions are finite and that indices are in range. Every mesh
+/// that is read or written is checked. Error messages call the mesh `path`, for example "the surface".
 ///
 /// # Errors
 ///
@@ -35,7 +35,7 @@ pub fn mesh(path: &Path, mesh: &Mesh) -> Result<(), SurfaceError> {
     Ok(())
 }
 
-/// Same as [`mesh`], but allows positions that aren't finite.
+/// Checks a mesh as [`mesh`] does, but allows positions that aren't finite.
 pub(crate) fn mesh_with_gaps(path: &Path, mesh: &Mesh) -> Result<(), SurfaceError> {
     let (vertices, faces) = (mesh.vertices.len(), mesh.faces.len());
     for (count, limit, one, many) in
@@ -51,7 +51,7 @@ pub(crate) fn mesh_with_gaps(path: &Path, mesh: &Mesh) -> Result<(), SurfaceErro
     indices(path, mesh)
 }
 
-/// Checks that triangles' indices are in range.
+/// Checks that the triangles' indices are in range.
 pub(crate) fn indices(path: &Path, mesh: &Mesh) -> Result<(), SurfaceError> {
     let vertices = mesh.vertices.len();
     for (face, corners) in mesh.faces.iter().enumerate() {
@@ -62,7 +62,7 @@ pub(crate) fn indices(path: &Path, mesh: &Mesh) -> Result<(), SurfaceError> {
     Ok(())
 }
 
-/// Checks that a signal isn't empty and is finite.
+/// Checks that a signal has values and that they are finite.
 pub(crate) fn signal(path: &Path, signal: &Signal) -> Result<(), SurfaceError> {
     signal_with_gaps(path, signal)?;
     match signal.values.iter().position(|x| !x.is_finite()) {
@@ -75,7 +75,7 @@ pub(crate) fn signal(path: &Path, signal: &Signal) -> Result<(), SurfaceError> {
     }
 }
 
-/// Same as [`signal`], but allows values that aren't finite.
+/// Checks a signal as [`signal`] does, but allows values that aren't finite.
 pub(crate) fn signal_with_gaps(path: &Path, signal: &Signal) -> Result<(), SurfaceError> {
     if signal.values.is_empty() {
         return Err(SurfaceError::Empty { path: path.to_owned(), what: "value" });
@@ -90,13 +90,13 @@ pub(crate) fn signal_with_gaps(path: &Path, signal: &Signal) -> Result<(), Surfa
     Ok(())
 }
 
-/// Checks that rounding to 32 bits keeps the numbers finite. The rounding itself is expected of these formats.
+/// Checks that positions stay finite when rounded to 32-bit floats. The loss of digits is accepted in such formats.
 pub(super) fn fits_f32(path: &Path, vertices: &[[f64; 3]], format: &FormatSpec) -> Result<(), SurfaceError> {
     let values = vertices.as_flattened();
     fits(path, values, 3, format)
 }
 
-/// Same as [`fits_f32`], for a signal.
+/// Checks that a signal's values stay finite when rounded to 32-bit floats.
 pub(super) fn values_fit_f32(path: &Path, signal: &Signal, format: &FormatSpec) -> Result<(), SurfaceError> {
     fits(path, &signal.values, signal.channels, format)
 }

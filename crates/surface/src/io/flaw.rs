@@ -1,18 +1,18 @@
-//! Errors of parsers, which don't know the file's path.
+//! Defines the errors of parsers, which don't know the file's path.
 
 use std::path::Path;
 
 use crate::error::SurfaceError;
 use crate::room::{NoRoom, check_room};
 
-/// An error of a parser. [`Flaw::at`] adds the file's path.
+/// An error of a parser. [`Flaw::at`] adds the file's path to it.
 #[derive(Debug)]
 pub(super) enum Flaw {
     /// The bytes violate the format.
     Malformed { expected: String, found: String },
-    /// The bytes conform to the format, but this reader doesn't support them.
+    /// The bytes conform to the format but use a part of it that isn't supported.
     Unsupported { found: String, remedy: &'static str },
-    /// The contents need more memory than is free.
+    /// Reading the contents needs more memory than is free.
     NoRoom(NoRoom),
 }
 
@@ -45,8 +45,8 @@ impl Flaw {
     }
 }
 
-/// Removes newlines and escape sequences from another crate's message, which may quote the file, so that none reach a
-/// terminal.
+/// Escapes control characters and shortens a message of another crate. Such a message may quote the file, whose
+/// newlines and escape sequences must not reach a terminal.
 fn one_line(text: &str) -> String {
     const MOST: usize = 160;
     let mut line: String = text.chars().take(MOST).flat_map(printable).collect();
@@ -62,7 +62,7 @@ fn printable(c: char) -> impl Iterator<Item = char> {
     escaped.into_iter().flatten().chain(plain)
 }
 
-/// Returns a short, printable rendering of bytes from a file, for a one-line error message.
+/// Returns the first bytes of `bytes` in printable form, for a one-line error message.
 pub(super) fn shown(bytes: &[u8]) -> String {
     const MOST: usize = 32;
     let head = bytes.get(..MOST).unwrap_or(bytes);
@@ -70,9 +70,10 @@ pub(super) fn shown(bytes: &[u8]) -> String {
     format!("\"{}\"{more}", head.escape_ascii())
 }
 
-/// Checks a count from a header against the number of bytes left in the file, so that memory may be allocated for it.
+/// Checks that a count in a header is plausible, before memory is allocated for it: n items must fit into the rest of
+/// the file, and their memory must be free.
 ///
-/// `least` is the smallest size of an item in the file; in memory no item is smaller than a 64-bit number.
+/// `least` is the smallest size of an item in the file, in bytes. In memory, an item takes at least 8 bytes.
 pub(super) fn bounded(count: u64, least: usize, remaining: usize, what: &str) -> Result<usize, Flaw> {
     match usize::try_from(count) {
         Ok(n) if n.checked_mul(least).is_some_and(|bytes| bytes <= remaining) => {

@@ -1,4 +1,4 @@
-//! The table of formats, and detection of a file's format: by its name, or else by its first bytes.
+//! Lists the formats, and determines a file's format from its name or, failing that, from its first bytes.
 //!
 //! To add a format, add a file to this folder and a row to this table.
 
@@ -55,7 +55,7 @@ pub static FORMATS: &[FormatSpec] = &[
         keeps_order: true,
         hemisphere_prefix: true,
         most_channels: 1,
-        // This is also the magic of FreeSurfer's old quadrangle surfaces; the reader distinguishes them by their
+        // FreeSurfer's old quadrangle surfaces begin with the same bytes; the reader distinguishes them by their
         // length.
         magic: |bytes| bytes.starts_with(b"\xff\xff\xff"),
         read: |bytes| freesurfer::read_curv(bytes).map(Input::Signal),
@@ -184,7 +184,7 @@ pub static FORMATS: &[FormatSpec] = &[
     },
 ];
 
-/// The contents of an output.
+/// What an output file is to contain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Output<'a> {
     /// A surface.
@@ -193,19 +193,19 @@ pub enum Output<'a> {
     OrderedMesh,
     /// Values on vertices.
     Signal,
-    /// A surface or values on vertices, whichever it turns out to be.
+    /// A surface or values on vertices; it isn't known yet which.
     Either,
-    /// An output of a fixed format, given by its endings in lower case.
+    /// An output of one fixed format; its name must end in one of these lower-case endings.
     Ending(&'a [&'a str]),
 }
 
-/// Checks, before any work, that an output's name implies a format that can hold it.
+/// Checks, before any work, that the format implied by an output's name can hold the output.
 ///
-/// Writing functions make this check themselves; programs make it for all their outputs first.
+/// Functions that write files make this check, too. Programs call it for all outputs before they start.
 ///
 /// # Errors
 ///
-/// [`UnknownFormat`](SurfaceError::UnknownFormat) if the ending belongs to no such format,
+/// [`UnknownFormat`](SurfaceError::UnknownFormat) if the name implies no suitable format,
 /// [`LosesOrder`](SurfaceError::LosesOrder) for an [`Output::OrderedMesh`] in a format such as STL.
 pub fn check_output(path: impl AsRef<Path>, output: Output<'_>) -> Result<(), SurfaceError> {
     let path = path.as_ref();
@@ -224,7 +224,7 @@ pub fn check_output(path: impl AsRef<Path>, output: Output<'_>) -> Result<(), Su
     }
 }
 
-/// Returns the format that a surface's output name implies.
+/// Returns the format implied by the name of an output file for a surface.
 ///
 /// # Errors
 ///
@@ -233,7 +233,7 @@ pub fn to_write_mesh(path: &Path) -> Result<&'static FormatSpec, SurfaceError> {
     to_write(path, |format| format.write_mesh.is_some())
 }
 
-/// Returns the format that a signal's output name implies.
+/// Returns the format implied by the name of an output file for a signal.
 ///
 /// # Errors
 ///
@@ -242,13 +242,13 @@ pub fn to_write_signal(path: &Path) -> Result<&'static FormatSpec, SurfaceError>
     to_write(path, |format| format.write_signal.is_some())
 }
 
-/// Returns whether a file's name is that of values on vertices, and not that of a surface.
+/// Returns whether a file's name implies values on vertices rather than a surface.
 #[must_use]
 pub fn is_named_signal(path: &Path) -> bool {
     let name = name_without_gz(path);
     let is_of =
         |holds: fn(&FormatSpec) -> bool| FORMATS.iter().any(|format| holds(format) && has_ending(format, &name));
-    // `.gii` alone may be either.
+    // The ending `.gii` alone is used for both, and counts as values on vertices.
     is_of(|format| format.write_signal.is_some())
         && (name.ends_with(".gii") || !is_of(|format| format.write_mesh.is_some()))
         && !name.ends_with(".surf.gii")
@@ -258,7 +258,7 @@ fn to_write(path: &Path, holds: impl Fn(&FormatSpec) -> bool) -> Result<&'static
     let name = name_without_gz(path);
     let holding = || FORMATS.iter().filter(|format| holds(format));
     let by_ending = || holding().find(|format| has_ending(format, &name));
-    // `lh.pial.csv` is a table, which can't hold a surface, and not a FreeSurfer file.
+    // The prefix counts only if no ending determines the format: `lh.pial.csv` is a table, which can't hold a surface.
     let prefixed = ["lh.", "rh."].iter().any(|prefix| name.starts_with(prefix)) && by_proper_ending(&name).is_none();
     let by_prefix = || holding().find(|format| prefixed && format.hemisphere_prefix);
     by_ending().or_else(by_prefix).ok_or_else(|| {
@@ -269,8 +269,8 @@ fn to_write(path: &Path, holds: impl Fn(&FormatSpec) -> bool) -> Result<&'static
     })
 }
 
-/// Returns the format of an existing file: by its ending, unless the ending is one of FreeSurfer's, which don't
-/// determine the format, or else by its first bytes.
+/// Returns the format of an existing file. The ending determines it, unless it is one of FreeSurfer's endings, which
+/// aren't unique; then the first bytes do.
 pub(super) fn of_file(path: &Path, bytes: &[u8]) -> Result<&'static FormatSpec, SurfaceError> {
     let by_magic = || FORMATS.iter().find(|format| (format.magic)(bytes));
     by_proper_ending(&name_without_gz(path)).or_else(by_magic).ok_or_else(|| {
@@ -288,7 +288,7 @@ pub(super) fn of_file(path: &Path, bytes: &[u8]) -> Result<&'static FormatSpec, 
     })
 }
 
-/// Returns the formats whose endings identify them.
+/// Returns the formats that are identified by their endings: all except FreeSurfer's surface and curv files.
 fn proper() -> impl Iterator<Item = &'static FormatSpec> {
     FORMATS.iter().filter(|format| !format.hemisphere_prefix)
 }
@@ -310,13 +310,13 @@ fn lower_name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().to_lowercase()
 }
 
-/// Returns a file's name in lower case, without the ending of gzip.
+/// Returns a file's name in lower case, without the ending `.gz`.
 pub(crate) fn name_without_gz(path: &Path) -> String {
     let name = lower_name(path);
     name.strip_suffix(".gz").unwrap_or(&name).to_owned()
 }
 
-/// Whether the entire file is to be gzipped.
+/// Whether a file with this name is gzipped as a whole.
 pub(super) fn is_gzipped(path: &Path) -> bool {
     let name = lower_name(path);
     [".gz", ".mgz"].iter().any(|ending| name.ends_with(ending))

@@ -1,11 +1,11 @@
-//! FreeSurfer's binary triangle surfaces (`lh.pial`) and new-format curv files (`lh.thickness`). All big-endian.
+//! Reads and writes FreeSurfer's binary triangle surfaces (`lh.pial`) and new-format curv files (`lh.thickness`).
 //!
-//! A surface consists of the magic FF FF FE, a comment line, usually an empty line, the numbers of vertices and
-//! triangles (i32), positions (f32), triangles (i32), and then a footer that depends on the program: the geometry of
-//! the volume, whose `c_ras` is the position of the origin. The footer is kept byte for byte. A curv file consists of
-//! the magic FF FF FF, three counts, and values (f32).
+//! All numbers are big-endian. A surface consists of the magic FF FF FE, a comment line, usually an empty line, the
+//! numbers of vertices and triangles (i32), positions (f32), triangles (i32), and a footer that depends on the program.
+//! The footer describes the geometry of the volume, and its `c_ras` is the position of the origin; it is kept byte for
+//! byte. A curv file consists of the magic FF FF FF, three counts, and values (f32).
 //!
-//! neuroformats reads both too, but drops the footer and allocates memory as the header says, so it isn't used.
+//! The crate neuroformats isn't used: it drops the footer, and allocates memory by the header's counts unchecked.
 
 use std::io::{self, Write};
 
@@ -42,7 +42,7 @@ pub(super) fn read_surface(bytes: &[u8]) -> Result<Mesh, Flaw> {
     for _ in 0..faces {
         let mut triangle = [0; 3];
         for i in &mut triangle {
-            // A negative index becomes one beyond all vertices, and is rejected with the others.
+            // A negative index becomes larger than any vertex index, and is rejected later.
             *i = cursor.i32(Endian::Big)?.cast_unsigned();
         }
         triangles.push(triangle);
@@ -65,7 +65,7 @@ pub(super) fn read_curv(bytes: &[u8]) -> Result<Signal, Flaw> {
     let vertices = count(&mut cursor, "vertices")?;
     count(&mut cursor, "triangles")?;
     let channels = count(&mut cursor, "values a vertex")?;
-    // At most 2^31 each, so their product fits.
+    // The counts are below 2^31 each, so their product doesn't overflow.
     if (vertices * channels).checked_mul(4) != Some(cursor.remaining() as u64) {
         return Err(Flaw::new(
             format!("{vertices} x {channels} values of 4 bytes to the end of the file"),
@@ -105,12 +105,12 @@ fn count(cursor: &mut Cursor<'_>, what: &str) -> Result<u64, Flaw> {
     u64::try_from(n).map_err(|_| Flaw::new(format!("a number of {what}"), n.to_string()))
 }
 
-/// Writes a triangle surface with its original comment and footer. A GIfTI file's volume geometry is written as a
-/// footer too.
+/// Writes a triangle surface with its original comment and footer. For a surface from a GIfTI file, the footer is made
+/// from the volume geometry in the metadata.
 pub(super) fn write_surface(out: &mut dyn Write, mesh: &Mesh, _: &Context<'_>) -> io::Result<()> {
     out.write_all(&SURFACE_MAGIC)?;
     let stamp = mesh.meta.freesurfer_stamp.as_deref().unwrap_or("created by spharm");
-    // On one line, since a newline inside would end the header early.
+    // Newlines in the comment are replaced, since they would end the header early.
     writeln!(out, "{}\n", stamp.replace('\n', " "))?;
     write_i32(out, mesh.vertices.len())?;
     write_i32(out, mesh.faces.len())?;
@@ -126,7 +126,7 @@ pub(super) fn write_surface(out: &mut dyn Write, mesh: &Mesh, _: &Context<'_>) -
     }
 }
 
-/// Writes a curv file. The number of triangles, which no reader uses, is that of a closed genus-zero surface.
+/// Writes a curv file. Its number of triangles, which no reader uses, is set to that of a closed surface of genus zero.
 pub(super) fn write_curv(out: &mut dyn Write, signal: &Signal, _: &Context<'_>) -> io::Result<()> {
     out.write_all(&CURV_MAGIC)?;
     write_i32(out, signal.vertices)?;

@@ -1,8 +1,8 @@
-//! Binary glTF 2.0 (`.glb`), for viewers: positions, normals, triangles, and a colour and a value per vertex.
+//! Writes binary glTF 2.0 (`.glb`) for viewers: positions, normals, triangles, and a colour and a value per vertex.
 //!
-//! The file has a header, a chunk of JSON and a chunk of bytes. Positions are written unchanged, in the mesh's unit,
-//! although glTF's unit is the metre and its y axis points up. Colours are linear in glTF, and are converted from sRGB.
-//! A value is stored as the attribute `_NAME`.
+//! The file has a header, a chunk of JSON and a chunk of bytes. Positions are written unchanged, in the mesh's unit and
+//! axes, although glTF's unit is the metre and its y axis points up. Colours are converted from sRGB to linear, as glTF
+//! requires. A value is stored as the attribute `_NAME`.
 //!
 //! Source: Khronos Group, glTF 2.0 specification, sections 3 and 4.
 
@@ -16,16 +16,16 @@ use crate::mesh::Mesh;
 const U16: u32 = 5123;
 const U32: u32 = 5125;
 const F32: u32 = 5126;
-/// glTF's codes for the use of a buffer view.
+/// glTF's codes for the type of data in a buffer view.
 const VERTICES: u32 = 34962;
 const TRIANGLES: u32 = 34963;
 
-/// Reading is not supported: scenes may have many meshes, placed and compressed in many ways.
+/// Rejects all files: a scene may have many meshes, placed and compressed in many ways, so reading isn't supported.
 pub(super) fn read(_: &[u8]) -> Result<Mesh, Flaw> {
     Err(Flaw::unsupported("a scene for viewers", "save its mesh as .ply or .obj"))
 }
 
-/// Bytes, and the JSON that describes them.
+/// The bytes of all arrays, and the JSON that describes them.
 #[derive(Default)]
 struct Buffer {
     bytes: Vec<u8>,
@@ -34,7 +34,8 @@ struct Buffer {
 }
 
 impl Buffer {
-    /// Adds an array and returns the index of its accessor; `accessor` is JSON with the accessor's other properties.
+    /// Adds an array, and returns the index of its accessor. `accessor` is JSON with the other properties of the
+    /// accessor.
     fn add(&mut self, bytes: impl Iterator<Item = u8>, target: u32, accessor: &str) -> usize {
         let start = self.bytes.len();
         self.bytes.extend(bytes);
@@ -46,7 +47,7 @@ impl Buffer {
     }
 }
 
-/// Writes a mesh with its attributes, whose lengths have been checked.
+/// Writes a mesh with its attributes. The caller must have checked the attributes' lengths.
 pub(super) fn write(out: &mut dyn Write, mesh: &Mesh, attributes: &PlyAttributes<'_>) -> io::Result<()> {
     let count = mesh.vertices.len();
     let positions: Vec<[f32; 3]> = mesh.vertices.iter().map(|v| v.map(|x| x as f32)).collect();
@@ -101,14 +102,14 @@ pub(super) fn write(out: &mut dyn Write, mesh: &Mesh, attributes: &PlyAttributes
     out.write_all(&buffer.bytes)
 }
 
-/// Converts an sRGB component, 0 to 255, to a linear one, 0 to 65535.
+/// Converts an sRGB component from 0 to 255 to a linear component from 0 to 65535.
 fn to_linear(component: u8) -> u16 {
     let x = f64::from(component) / 255.0;
     let linear = if x <= 0.04045 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) };
     (linear * 65535.0).round() as u16
 }
 
-/// Returns unit normals at the vertices: means over the triangles around each, weighted by area.
+/// Returns unit normals at the vertices: means of the normals of the triangles around each, weighted by area.
 fn normals(mesh: &Mesh) -> Vec<[f32; 3]> {
     let mut sums = vec![[0.0; 3]; mesh.vertices.len()];
     for face in &mesh.faces {
@@ -148,7 +149,7 @@ mod tests {
         for (normal, vertex) in normals(&mesh).iter().zip(&mesh.vertices) {
             assert!((0..3).all(|k| (f64::from(normal[k]) - vertex[k]).abs() < 0.03), "{normal:?} {vertex:?}");
         }
-        // A vertex that no triangle has.
+        // Adds a vertex that no triangle uses.
         mesh.vertices.push([5.0; 3]);
         assert_eq!(normals(&mesh).last(), Some(&[0.0, 0.0, 1.0]));
     }
@@ -169,7 +170,7 @@ mod tests {
         assert_eq!(bytes.len(), 42 * (12 + 12 + 8 + 4) + 240 * 4);
         let x = f32::from_le_bytes(bytes[..4].try_into().unwrap());
         assert_eq!(x, mesh.vertices[0][0] as f32);
-        // A sphere's normals are its positions.
+        // The normals of a unit sphere equal its positions.
         let normal = f32::from_le_bytes(bytes[42 * 12..42 * 12 + 4].try_into().unwrap());
         assert!((normal - x).abs() < 0.05, "{normal} {x}");
         let colour: Vec<u16> =

@@ -1,7 +1,7 @@
-//! Temporary files left behind by killed processes.
+//! Creates temporary files, and removes those left behind by killed processes.
 //!
-//! A writer holds a lock on its temporary file. A temporary file that isn't locked is abandoned; on a file system
-//! without locks, one that hasn't been modified for a day.
+//! A process locks the temporary file that it writes, so a temporary file without a lock is abandoned. On file systems
+//! without locks, a temporary file counts as abandoned if it hasn't been modified for a day.
 
 use std::fs::{self, File, TryLockError};
 use std::io;
@@ -12,23 +12,23 @@ use tempfile::NamedTempFile;
 
 const PREFIX: &str = ".spharm.";
 const SUFFIX: &str = ".tmp";
-/// On file systems without locks, a temporary file not modified for this long is abandoned.
+/// Age at which a temporary file counts as abandoned, on file systems without locks.
 const OLD: Duration = Duration::from_secs(24 * 3600);
 
-/// Creates a temporary file in a folder, and locks it.
+/// Creates and locks a temporary file in a folder.
 pub(super) fn create(folder: &Path) -> io::Result<NamedTempFile> {
     let mut builder = tempfile::Builder::new();
     builder.prefix(PREFIX).suffix(SUFFIX);
     #[cfg(unix)]
     {
-        // Permissions as of `File::create`: temporary files are private by default, results are not.
+        // The default permissions of new files. Temporary files would otherwise be private, and so would the results.
         use std::os::unix::fs::PermissionsExt;
         builder.permissions(fs::Permissions::from_mode(0o666));
     }
     loop {
         let temporary = builder.tempfile_in(folder)?;
         match temporary.as_file().try_lock() {
-            // Between its creation and the lock, another process removed it as a leftover.
+            // Another process removed the file as a leftover between its creation and the lock; try again.
             Ok(()) if !temporary.path().exists() => {}
             Err(TryLockError::WouldBlock) => {}
             Ok(()) | Err(TryLockError::Error(_)) => return Ok(temporary),
@@ -36,8 +36,8 @@ pub(super) fn create(folder: &Path) -> io::Result<NamedTempFile> {
     }
 }
 
-/// Removes the temporary files in a folder that no process is writing any more, and returns their paths. Files that
-/// can't be removed are skipped.
+/// Removes the temporary files in a folder that no process is writing, and returns their paths. Files that can't be
+/// removed are skipped.
 ///
 /// # Errors
 ///
@@ -51,8 +51,8 @@ pub fn remove_leftovers(folder: impl AsRef<Path>) -> io::Result<Vec<PathBuf>> {
         if !name.starts_with(PREFIX) || !name.ends_with(SUFFIX) || !entry.file_type().is_ok_and(|kind| kind.is_file()) {
             continue;
         }
-        // It may have been completed since it was listed. The lock is held during the removal, so that a process that
-        // has just created it notices.
+        // The file may have been completed since the folder was listed. The lock is held during the removal, so that a
+        // process that has just created the file notices the removal.
         let Ok(file) = File::open(entry.path()) else { continue };
         let abandoned = match file.try_lock() {
             Ok(()) => true,

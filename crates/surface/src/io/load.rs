@@ -1,4 +1,4 @@
-//! Reads a file's bytes.
+//! Reads and decompresses the bytes of files.
 
 use std::fs;
 use std::io::Read;
@@ -11,18 +11,18 @@ use crate::error::SurfaceError;
 use crate::room::{Bytes, check_room, most_expanded};
 
 /// Reads an entire regular file. Directories, FIFOs and devices are rejected before they are opened, since opening a
-/// FIFO waits for its writer.
+/// FIFO would wait for its writer.
 pub(super) fn load(path: &Path) -> Result<Vec<u8>, SurfaceError> {
     let io = |action| move |cause| SurfaceError::Io { path: path.to_owned(), action, cause };
     let found = regular(path)?;
-    // A sparse file needs no space on disk, so its size may exceed the memory.
+    // The size is checked because a sparse file can be larger than the memory although it needs no space on disk.
     check_room(found.len()).map_err(|room| SurfaceError::NoRoom { path: path.to_owned(), room })?;
     let mut bytes = Vec::new();
     open(path).and_then(|mut file| file.read_to_end(&mut bytes)).map_err(io("read"))?;
     Ok(bytes)
 }
 
-/// Returns the metadata of a regular file, before it is opened; anything else is an error.
+/// Returns the metadata of a regular file without opening it; an error for anything else.
 fn regular(path: &Path) -> Result<fs::Metadata, SurfaceError> {
     let found = fs::metadata(path);
     let found = found.map_err(|cause| SurfaceError::Io { path: path.to_owned(), action: "open", cause })?;
@@ -32,7 +32,7 @@ fn regular(path: &Path) -> Result<fs::Metadata, SurfaceError> {
     }
 }
 
-/// Number of bytes read from the start of a file.
+/// Number of bytes that [`head`] reads.
 const HEAD: u64 = 4096;
 
 /// Reads the first bytes of a regular file.
@@ -44,19 +44,19 @@ pub(super) fn head(path: &Path) -> Result<Vec<u8>, SurfaceError> {
     Ok(bytes)
 }
 
-/// Largest number of bytes that one byte of deflate's output (gzip, zip) can expand to: a bound of the method itself.
+/// Largest number of bytes that one byte of Deflate's output (gzip, zip) can expand to; a bound inherent in the method.
 pub const MOST_EXPANSION: u64 = 1032;
 
-/// Whether bytes begin like a gzipped file.
+/// Whether a file begins like a gzip file.
 pub(super) fn is_gzip(bytes: &[u8]) -> bool {
     bytes.starts_with(&[0x1f, 0x8b])
 }
 
-/// Bytes that are inflated at a time.
+/// Number of bytes inflated at a time.
 const PIECE: usize = 1 << 20;
 
-/// Inflates a gzipped file. Contents beyond [`most_expanded`] are treated as a decompression bomb, and free memory is
-/// checked before each allocation.
+/// Inflates a gzip file. Contents larger than [`most_expanded`] allows are rejected as a decompression bomb. Free
+/// memory is checked before each allocation.
 pub(super) fn gunzip(bytes: &[u8]) -> Result<Vec<u8>, Flaw> {
     let limit = most_expanded(bytes.len() as u64);
     let mut decoder = flate2::read::MultiGzDecoder::new(bytes).take(limit);

@@ -1,7 +1,8 @@
-//! Masks of the vertices to read.
+//! Reads masks, which select the vertices to use.
 //!
-//! A mask is a file of values on vertices, 0 for excluded ones, or a FreeSurfer label (`lh.cortex.label`): text with a
-//! comment line, the number of vertices, and for each its index, position and value.
+//! A mask is a file of values on vertices, which are 0 for excluded vertices, or a FreeSurfer label
+//! (`lh.cortex.label`). A label is text: a comment line, the number of vertices, and a line for each selected vertex
+//! with its index, position and value.
 
 use std::path::Path;
 
@@ -13,13 +14,13 @@ use crate::error::SurfaceError;
 /// First bytes of a FreeSurfer label.
 const LABEL: &[u8] = b"#!ascii label";
 
-/// Reads a mask of `vertices` vertices; an element is true if the vertex is to be read.
+/// Reads a mask for `vertices` vertices. An element of the result is true if the vertex is selected.
 ///
 /// # Errors
 ///
-/// As [`read_signal`]; [`VertexCount`](SurfaceError::VertexCount) for values of another number of vertices;
-/// [`Malformed`](SurfaceError::Malformed) for more than one value per vertex, and for a label with an index out of
-/// range; [`NothingKept`](SurfaceError::NothingKept) if no vertex is to be read.
+/// As [`read_signal`]; [`VertexCount`](SurfaceError::VertexCount) for values on another number of vertices;
+/// [`Malformed`](SurfaceError::Malformed) for more than one value per vertex, or a label with an index out of range;
+/// [`NothingKept`](SurfaceError::NothingKept) if no vertex is selected.
 pub fn read_mask(path: impl AsRef<Path>, vertices: usize) -> Result<Vec<bool>, SurfaceError> {
     let path = path.as_ref();
     let mask = if load::head(path)?.starts_with(LABEL) {

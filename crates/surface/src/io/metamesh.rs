@@ -1,8 +1,8 @@
-//! MetaMesh (`.meta`): the surfaces and parameterisations of SPHARM-PDM, written by ITK as text.
+//! Reads MetaMesh (`.meta`): surfaces and parameterisations of SPHARM-PDM, written by ITK as text.
 //!
-//! The file has lines `Key = value`; after `Points =` a line `ID x y z` per point, after `Cells =` a line `ID a b c`
-//! per cell, whose corners are points' IDs. A surface and its parameterisation are a pair of files with the same points
-//! in the same order.
+//! The file has lines `Key = value`. `Points =` is followed by a line `ID x y z` for each point. `Cells =` is followed
+//! by a line `ID a b c` for each cell, where a, b and c are IDs of points. A surface and its parameterisation are two
+//! files with the same points in the same order.
 //!
 //! Source: ITK's MetaIO, `metaMesh.cxx`.
 
@@ -13,12 +13,12 @@ use super::polygon::fan;
 use super::text::{lines, next_number, next_position, number, words};
 use crate::mesh::Mesh;
 
-/// Whether bytes begin like a MetaMesh file.
+/// Whether a file begins like a MetaMesh file.
 pub(super) fn is_metamesh(bytes: &[u8]) -> bool {
     bytes.starts_with(b"ObjectType")
 }
 
-/// Reads the points and polygons of the first mesh.
+/// Reads the points and polygons of the first mesh in a file.
 pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     if !is_metamesh(bytes) {
         return Err(Flaw::new("ObjectType = Scene, or Mesh", shown(bytes)));
@@ -34,7 +34,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
             b"ObjectType" if !matches!(value, b"Scene" | b"Mesh") => {
                 return Err(Flaw::unsupported(format!("an object {}", shown(value)), "save the surface as a mesh"));
             }
-            // The start of a second mesh in a scene.
+            // A second mesh begins here; only the first is read.
             b"ObjectType" if !mesh.faces.is_empty() => break,
             b"BinaryData" | b"CompressedData" if value.eq_ignore_ascii_case(b"true") => {
                 return Err(Flaw::unsupported("binary data", "write it as text: BinaryData = False"));
@@ -47,7 +47,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
             }
             b"NPoints" => points = count("the count of points")?,
             b"Points" => {
-                // The shortest line is "0 0 0 0" and a newline.
+                // The shortest line of a point has 8 bytes: "0 0 0 0" and a newline.
                 let points = bounded(points, 8, bytes.len(), "points")?;
                 mesh.vertices.reserve(points);
                 for place in 0..points {
@@ -75,14 +75,14 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     Ok(mesh)
 }
 
-/// Returns the two parts of a line `Key = value`.
+/// Returns key and value of a line `Key = value`.
 fn key_and_value(line: &[u8]) -> Option<(&[u8], &[u8])> {
     let at = line.iter().position(|&byte| byte == b'=')?;
     let (key, value) = line.split_at_checked(at)?;
     Some((key.trim_ascii(), value.get(1..)?.trim_ascii()))
 }
 
-/// Whether a transform is the identity.
+/// Whether the value of a transform's key means no change.
 fn is_identity(key: &[u8], value: &[u8]) -> bool {
     let numbers: Vec<f64> = words(value).filter_map(number).collect();
     match key {

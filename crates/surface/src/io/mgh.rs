@@ -1,9 +1,9 @@
-//! FreeSurfer's MGH (`.mgh`, and `.mgz`, gzipped) with values on vertices, in one or more frames.
+//! Reads and writes FreeSurfer's MGH (`.mgh`, or gzipped `.mgz`) with values on vertices, in one or more frames.
 //!
-//! Everything is big-endian: version (i32, 1), width, height, depth, frames, type (i32 each), degrees of freedom, 256
-//! bytes of geometry, then from byte 284 on the values, width varying fastest and frames slowest, then tags. Values on
-//! n vertices have the size n x 1 x 1, in any order. Volumes, in which more than one size is above 1, are recognised by
-//! [`volume`](super::volume).
+//! All numbers are big-endian: version (i32, 1), width, height, depth, frames, type (i32 each), degrees of freedom, 256
+//! bytes of geometry, then from byte 284 on the values (width varies fastest, frames slowest), then tags. For values on
+//! n vertices, width, height and depth are n, 1 and 1 in any order. Files with more than one size above 1 are volumes,
+//! which [`volume`](super::volume) recognises.
 //!
 //! Source: <https://surfer.nmr.mgh.harvard.edu/fswiki/FsTutorial/MghFormat>.
 
@@ -16,14 +16,14 @@ use crate::mesh::Signal;
 
 const HEADER: usize = 284;
 
-/// The beginning of a header.
+/// The sizes and the value type in a header.
 struct Header {
     size: [u64; 3],
     frames: u64,
     kind: Kind,
 }
 
-/// Types of the values.
+/// The types of values.
 #[derive(Clone, Copy)]
 enum Kind {
     U8,
@@ -67,12 +67,12 @@ fn header(bytes: &[u8]) -> Result<Header, Flaw> {
     Ok(Header { size, frames, kind })
 }
 
-/// Whether bytes begin like an MGH file.
+/// Whether a file begins like an MGH file.
 pub(super) fn is_mgh(bytes: &[u8]) -> bool {
     bytes.len() >= HEADER && header(bytes).is_ok()
 }
 
-/// Whether bytes begin like an MGH file of a volume.
+/// Whether a file begins like an MGH file of a volume.
 pub(super) fn is_volume(bytes: &[u8]) -> bool {
     bytes.len() >= HEADER && header(bytes).is_ok_and(|header| header.size.iter().filter(|&&n| n > 1).count() > 1)
 }
@@ -82,7 +82,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Signal, Flaw> {
     let Header { size, frames, kind } = header(bytes)?;
     let mut cursor = Cursor::new(bytes);
     cursor.take(HEADER)?;
-    // Each size is below 2^31, and all except one are 1.
+    // All sizes are below 2^31 and all except one are 1, so the product doesn't overflow.
     let vertices = size.iter().product::<u64>();
     let count = bounded(vertices.saturating_mul(frames), kind.size(), cursor.remaining(), "values")?;
     let (vertices, channels) = (vertices as usize, frames as usize);
@@ -103,7 +103,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Signal, Flaw> {
     Ok(Signal { values, vertices, channels })
 }
 
-/// Writes values on vertices as n x 1 x 1 floats, one frame per channel.
+/// Writes values on vertices as 32-bit floats of size n x 1 x 1, with a frame per channel.
 pub(super) fn write(out: &mut dyn Write, signal: &Signal, _: &Context<'_>) -> io::Result<()> {
     const FLOAT: i32 = 3;
     let count = |n: usize| {
@@ -112,7 +112,7 @@ pub(super) fn write(out: &mut dyn Write, signal: &Signal, _: &Context<'_>) -> io
     for n in [1, count(signal.vertices)?, 1, 1, count(signal.channels)?, FLOAT, 0] {
         out.write_all(&n.to_be_bytes())?;
     }
-    // No geometry: its "valid" flag is zero, like the rest.
+    // The geometry is all zero, including the flag that says whether it is valid.
     out.write_all(&[0; HEADER - 28])?;
     for channel in 0..signal.channels {
         for &x in signal.values.iter().skip(channel).step_by(signal.channels) {

@@ -1,9 +1,9 @@
-//! Reading and writing surfaces and signals, one file per format.
+//! Reads and writes surfaces and signals, with one file of source code per format.
 //!
 //! | format | names | read | written |
 //! |---|---|---|---|
-//! | GIfTI | `.gii`, `.surf.gii`, `.func.gii`, `.shape.gii` | all encodings except external files | GZipBase64Binary |
-//! | FreeSurfer | `lh.pial`, `rh.curv`, ... | triangle surfaces, new-format curv | the same |
+//! | FreeSurfer | `lh.pial`, `rh.curv`, ... | triangle surfaces, new-format curv | as read |
+//! | FreeSurfer | `.mgh`, `.mgz` | signals: a frame per channel | as read |
 //! | FreeSurfer | `.mgh`, `.mgz` | signals: a frame per channel | the same |
 //! | Wavefront | `.obj` | polygons, negative indices | ASCII |
 //! | Stanford | `.ply` | ASCII, both binaries, polygons | little-endian binary |
@@ -12,15 +12,16 @@
 //! | VTK legacy | `.vtk` | PolyData, ASCII and binary, versions to 5.1 | ASCII |
 //! | MetaMesh | `.meta` | SPHARM-PDM's text: triangles and polygons | - |
 //! | binary glTF | `.glb` | - | with normals, for viewers |
-//! | table | `.csv`, `.tsv` | signals: a row per vertex, a column per channel | the same |
+//! | table | `.csv`, `.tsv` | signals: a row per vertex, a column per channel | as read |
 //!
-//! Landmarks have formats of their own, see [`landmarks`].
+//! Landmarks have their own formats, see [`landmarks`].
 //!
-//! Any of them may be gzipped (`.gz`). [`FORMATS`] is the table of formats; [`check_output`] checks an output's name.
+//! A file of any of these formats may be gzipped (`.gz`). [`FORMATS`] is the table of formats; [`check_output`] checks
+//! whether an output's name implies a suitable format.
 //!
 //! A count in a header is compared with the size of the file before memory is allocated for it. A file is read
-//! completely; its contents need at most a few times its bytes in memory. The size of decompressed data is checked
-//! against [`most_expanded`] and the free memory, before and during decoding.
+//! completely; its contents take at most a few times its size in memory. The size of decompressed data is compared with
+//! [`most_expanded`] and the free memory, before and during decoding.
 
 mod atomic;
 mod bytes;
@@ -73,13 +74,13 @@ pub use ply::PlyAttributes;
 use spec::{Context, Writer};
 pub use spec::{FormatSpec, Precision};
 
-/// Options for writing.
+/// Options for writing a file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct WriteOptions {
-    /// Replace an existing file. Otherwise an existing file is an error.
+    /// Replace an existing file. If false, an existing file is an error.
     pub overwrite: bool,
-    /// Write 64-bit positions in formats that support both (GIfTI, PLY), whose default is 32 bits. Text formats always
-    /// have every digit; FreeSurfer and STL only support 32 bits.
+    /// Write 64-bit numbers in formats that support both (GIfTI, PLY), which otherwise use 32 bits. Text formats always
+    /// write all digits; FreeSurfer and STL only support 32 bits.
     pub double: bool,
 }
 
@@ -107,7 +108,7 @@ pub fn read_mesh(path: impl AsRef<Path>) -> Result<Mesh, SurfaceError> {
 ///
 /// # Errors
 ///
-/// As [`read_mesh`], and if the file holds a surface.
+/// As [`read_mesh`], and [`NotASignal`](SurfaceError::NotASignal) if the file holds a surface.
 pub fn read_signal(path: impl AsRef<Path>) -> Result<Signal, SurfaceError> {
     let path = path.as_ref();
     match read_input(path)? {
@@ -142,11 +143,11 @@ pub(crate) fn read_input_with_gaps(path: &Path) -> Result<Input, SurfaceError> {
     Ok(input)
 }
 
-/// Reads values on vertices, of which some may be missing, marked by NaN.
+/// Reads values on vertices. Missing values are allowed; they are NaN.
 ///
 /// # Errors
 ///
-/// As [`read_signal`], except for NaN.
+/// As [`read_signal`], except that NaN is allowed.
 pub fn read_signal_with_gaps(path: impl AsRef<Path>) -> Result<Signal, SurfaceError> {
     let path = path.as_ref();
     let Input::Signal(signal) = parse(path)? else { return read_signal(path) };

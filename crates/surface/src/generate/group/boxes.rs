@@ -1,20 +1,21 @@
-//! Boxes with bumps: superellipsoids `sum |x_i / h_i|^p = 1`, each point in its own direction, with a bump `height (z /
-//! h_z)^4 exp(-((x - t)^2 + (y - s)^2) / (2 width^2))` added along z on the upper half.
+//! Generates boxes with bumps. A box is a superellipsoid `sum |x_i / h_i|^p = 1`; a direction is mapped to the point of
+//! the superellipsoid in that direction. A bump `height (z / h_z)^4 exp(-((x - t)^2 + (y - s)^2) / (2 width^2))` is
+//! added along z on the upper half.
 
 use crate::geometry::{Vec3, scale};
 
-/// Half sizes of the tapered box, in mm.
+/// Half extents of the tapered box, in mm.
 const HALF: Vec3 = [15.0, 9.0, 7.0];
-/// Share by which the box is narrower at x = 15 than in the middle, and wider at the other end, so that no rotation
-/// maps it to itself.
+/// Share by which the box is narrower at x = 15 mm than in the middle, and wider at the other end. Because of the
+/// taper, no rotation maps the box to itself.
 const TAPER: f64 = 0.25;
-/// Width of its bump, in mm.
+/// Width of the bump on the tapered box, in mm.
 const WIDTH: f64 = 3.5;
-/// Height of a moving bump, in mm.
+/// Height of the moving bump, in mm.
 pub(super) const HEIGHT: f64 = 3.0;
-/// Position of a growing bump, in mm.
+/// Position (x, y) of the growing bump, in mm.
 pub(super) const PLACE: [f64; 2] = [5.0, 2.0];
-/// The box with the sharp bump: its half sizes, and the bump's height and width.
+/// The box with the sharp bump: its half extents, the bump's height and its width, in mm.
 const SHARP: (Vec3, f64, f64) = ([15.0, 5.0, 5.0], 3.5, 1.8);
 
 fn superellipsoid(u: Vec3, half: Vec3, power: i32) -> Vec3 {
@@ -29,14 +30,15 @@ fn with_bump(mut x: Vec3, half: f64, [t, s]: [f64; 2], height: f64, width: f64) 
     x
 }
 
-/// Returns a point of the tapered box with a bump at (t, s).
+/// Returns the point of the tapered box in direction u, with a bump at `place`.
 pub(super) fn tapered(u: Vec3, place: [f64; 2], height: f64) -> Vec3 {
     let mut x = superellipsoid(u, HALF, 4);
     x[1] *= 1.0 - TAPER * x[0] / HALF[0];
     with_bump(x, HALF[2], place, height, WIDTH)
 }
 
-/// Returns a point of the box with the sharp bump at x = t: the box of the prototype `bump.py`, in units of a tenth.
+/// Returns the point in direction u of the box with the sharp bump at x = t. The box is that of the prototype
+/// `bump.py`, in units of a tenth.
 pub(super) fn sharp(u: Vec3, t: f64) -> Vec3 {
     let (half, height, width) = SHARP;
     with_bump(superellipsoid(u, half, 8), half[2], [t, 0.0], height, width)
@@ -54,10 +56,10 @@ const CORNERS: [(&str, Vec3); 8] = [
 ];
 const ENDS: [(&str, Vec3); 3] = [("end-0", [-1.0, 0.0, 0.0]), ("end-1", [1.0, 0.0, 0.0]), ("bottom", [0.0, 0.0, -1.0])];
 
-/// Returns the corners and ends of a tapered box, and the middle and the sides of its bump, one width away.
+/// Returns named points of the tapered box: its corners and ends, the bump's middle, and points one width away from it.
 pub(super) fn places(point: impl Fn(Vec3) -> Vec3, [t, s]: [f64; 2], height: f64) -> Vec<(&'static str, Vec3)> {
     let mut found: Vec<(&str, Vec3)> = fixed(&point, HALF);
-    // Returns the point of the upper side above (x, y), taken from the superellipsoid before the taper.
+    // Returns the point of the upper side above (x, y). The superellipsoid gives its height before the taper.
     let above = |x: f64, y: f64| {
         let plain = y / (1.0 - TAPER * x / HALF[0]);
         let z = HALF[2] * (1.0 - (x / HALF[0]).powi(4) - (plain / HALF[1]).powi(4)).max(0.0).powf(0.25);
@@ -67,7 +69,7 @@ pub(super) fn places(point: impl Fn(Vec3) -> Vec3, [t, s]: [f64; 2], height: f64
     found
 }
 
-/// Returns the corners, the ends and the bump of the box with the sharp bump.
+/// Returns named points of the box with the sharp bump: the corners, the ends and the bump.
 pub(super) fn sharp_places(t: f64) -> Vec<(&'static str, Vec3)> {
     let (half, height, width) = SHARP;
     let mut found = fixed(&|u| sharp(u, t), half);

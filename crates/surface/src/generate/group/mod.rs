@@ -1,19 +1,20 @@
-//! Groups with known correspondence: families with one or two parameters. Each member is meshed separately, in any
-//! pose, and comes with its parameters and its corresponding points ("places").
+//! Generates groups of surfaces with known correspondence: families of shapes with one or two parameters. Each member
+//! is meshed separately, in any pose, and comes with its parameters and its corresponding points ("places").
 //!
-//! | family | members | parameters, mm | modes where places correspond |
+//! | family | members | parameters, mm | modes of variation if places correspond |
 //! |---|---|---|--:|
-//! | [`MovingBump`](Family::MovingBump) | a tapered box of 30 x 18 x 14, with a gentle bump | the bump's place along x, -7 to 7 | |
-//! | [`SharpBump`](Family::SharpBump) | a box of 30 x 10 x 10, with a sharp bump | the bump's place, -9 to 9; t and -t are congruent | |
+//! | [`MovingBump`](Family::MovingBump) | a tapered box of 30 x 18 x 14, with a gentle bump | the bump's position along x, -7 to 7 | |
+//! | [`SharpBump`](Family::SharpBump) | a box of 30 x 10 x 10, with a sharp bump | the bump's position, -9 to 9; t and -t are congruent | |
 //! | [`GrowingBump`](Family::GrowingBump) | the tapered box | the bump's height, 0.5 to 4 | 1 |
-//! | [`Ellipsoids`](Family::Ellipsoids) | of half axes a, b, 8 | a of 17 to 23, b of 10 to 14 | 2 |
+//! | [`Ellipsoids`](Family::Ellipsoids) | ellipsoids of half axes a, b, 8 | a from 17 to 23, b from 10 to 14 | 2 |
 //! | [`Rods`](Family::Rods) | flattened rods with a knob at one end | the shaft's length, 20 to 50 | 1 |
-//! | [`Tori`](Family::Tori) | warped rings of one handle | the ring's radius, 17 to 23; the tube's, 5 to 7 | 2 |
+//! | [`Tori`](Family::Tori) | warped rings with one handle | the ring's radius, 17 to 23; the tube's radius, 5 to 7 | 2 |
 //!
-//! A single parameter varies evenly from member to member; two parameters are drawn at random. Except for the sharp
-//! bump, no rotation maps a member to itself, other than half turns of ellipsoids, so a member's places are determined
-//! by its shape and not by its mesh. A mesh is an icosphere in a random rotation, or a grid of random size and phase,
-//! with shuffled vertices and triangles: two members have neither vertices nor triangles in common.
+//! A single parameter varies evenly from member to member; two parameters are drawn at random. No rotation maps a
+//! member to itself, except half turns of ellipsoids and symmetries of the sharp bump's box. The places of a member are
+//! therefore determined by its shape alone, not by its mesh. A mesh is an icosphere in a random rotation, or a grid of
+//! random size and phase, with shuffled vertices and triangles. Two members have neither vertices nor triangles in
+//! common.
 
 mod boxes;
 mod shapes;
@@ -26,17 +27,17 @@ use crate::mesh::Mesh;
 /// A family of shapes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Family {
-    /// A gentle bump that moves along a tapered box.
+    /// Tapered boxes with a gentle bump whose position varies.
     MovingBump,
-    /// A sharp bump that moves along a box.
+    /// Boxes with a sharp bump whose position varies.
     SharpBump,
-    /// A bump that grows on a tapered box.
+    /// Tapered boxes with a bump whose height varies.
     GrowingBump,
-    /// Ellipsoids, two of whose half axes vary.
+    /// Ellipsoids with two half axes that vary.
     Ellipsoids,
     /// Rods of varying length with a knob at one end.
     Rods,
-    /// Rings, both of whose radii vary.
+    /// Warped rings whose two radii vary.
     Tori,
 }
 
@@ -81,18 +82,19 @@ impl Family {
     }
 }
 
-/// A group of a family.
+/// The settings of a group of shapes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Group {
-    /// The family that the group belongs to.
+    /// The family of the members.
     pub family: Family,
     /// Number of members.
     pub members: u64,
-    /// Seed of poses, meshes and random parameters.
+    /// Seed of the poses, meshes and random parameters.
     pub seed: u64,
-    /// Subdivisions of the icosphere that a mesh is made from; a ring has at most as many vertices. 5 gives 10,242.
+    /// Subdivisions of the icosphere that a mesh is made from; 5 gives 10,242 vertices. Rings have at most as many
+    /// vertices.
     pub subdivisions: u32,
-    /// Whether members stay in the family's own frame.
+    /// Whether members are left in the family's own frame, without a random pose.
     pub upright: bool,
 }
 
@@ -103,24 +105,24 @@ pub struct Member {
     pub mesh: Mesh,
     /// Values of the family's parameters.
     pub parameters: Vec<f64>,
-    /// The pose, `x -> R x + t` from the family's frame; R by rows.
+    /// The rotation R of the pose `x -> R x + t` from the family's frame, by rows.
     pub rotation: [Vec3; 3],
-    /// t, in mm.
+    /// The translation t of the pose, in mm.
     pub translation: Vec3,
-    /// Names of the known places, in the same order for all members.
+    /// Names of the places, in the same order for all members.
     pub names: Vec<&'static str>,
-    /// Positions of the known places.
+    /// Positions of the places, in the member's pose.
     pub places: Vec<Vec3>,
 }
 
-/// The largest translation along an axis, in mm.
+/// Largest translation of a pose along an axis, in mm.
 const SHIFT: f64 = 50.0;
 const IDENTITY: [Vec3; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
 impl Group {
-    /// Returns member `index`. The same arguments give the same bits.
+    /// Returns member `index`. The result has the same bits for the same arguments.
     pub fn member(&self, index: u64) -> Member {
-        // The random sequences of different members don't overlap.
+        // Each member has its own seed, so that the random sequences of different members don't overlap.
         let mut random = SplitMix64::new(self.seed.wrapping_mul(0x1_0000_0001).wrapping_add(index));
         let ranges = self.family.ranges();
         let parameters: Vec<f64> = ranges
@@ -151,7 +153,7 @@ impl Group {
         Member { mesh, parameters, rotation, translation, names, places }
     }
 
-    /// Returns the point of a direction in the family's frame, for families with the topology of a sphere.
+    /// Returns the point of the shape in direction u, in the family's frame. Not for rings.
     fn point(&self, parameters: &[f64], u: Vec3) -> Vec3 {
         match self.family {
             Family::MovingBump => boxes::tapered(u, [parameters[0], 0.0], boxes::HEIGHT),
@@ -174,14 +176,14 @@ impl Group {
     }
 }
 
-/// Returns a rotation, by rows, drawn uniformly from all rotations.
+/// Returns a rotation matrix, by rows, drawn uniformly from all rotations.
 fn rotation(random: &mut SplitMix64) -> [Vec3; 3] {
     let third = random.direction();
     let first = random.square_to(third);
     [first, cross(third, first), third]
 }
 
-/// Shuffles vertices and triangles.
+/// Shuffles the order of vertices and triangles.
 fn shuffle(mesh: &mut Mesh, random: &mut SplitMix64) {
     let mut order = |count: usize| {
         let mut order: Vec<usize> = (0..count).collect();

@@ -1,4 +1,4 @@
-//! Ellipsoids, rods and rings, whose places depend linearly on their parameters.
+//! Generates ellipsoids, rods and rings. The places of each depend linearly on its parameters.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -7,17 +7,18 @@ use super::super::random::SplitMix64;
 use crate::geometry::Vec3;
 use crate::mesh::Mesh;
 
-/// The third half axis of an ellipsoid, in mm.
+/// The third half axis of ellipsoids, in mm.
 const C: f64 = 8.0;
 /// Radii of a rod and of its knob, in mm.
 const SHAFT: f64 = 4.0;
 const KNOB: f64 = 7.0;
-/// Flatness of a rod, the knob's offset from the shaft's axis, and the length of shaft over which it bends to that
-/// offset. They ensure that no rotation maps a rod to itself.
+/// A rod's thickness along z relative to y, the knob's offset from the shaft's axis, and the length of shaft over which
+/// it bends to that offset (the lengths in mm). They ensure that no rotation maps a rod to itself.
 const FLAT: f64 = 0.7;
 const OFF: f64 = 3.0;
 const BEND: f64 = 8.0;
-/// Share of the radius by which a ring's tube is thicker at one side, and the ring's warp in mm, for the same reason.
+/// Share of the radius by which a ring's tube is thicker on one side, and the ring's warp in mm. They ensure that no
+/// rotation maps a ring to itself.
 const THICKER: f64 = 0.25;
 const WARP: f64 = 2.0;
 
@@ -42,12 +43,12 @@ pub(super) fn ellipsoid_places(axes: &[f64]) -> Vec<(&'static str, Vec3)> {
     at.into_iter().map(|(name, u)| (name, ellipsoid(axes, u))).collect()
 }
 
-/// Returns the position along x at which the shaft ends and the knob begins; both are round there.
+/// Returns the x at which the shaft ends and the knob begins; both have a circular section there.
 fn junction(length: f64) -> f64 {
     length - (KNOB * KNOB - SHAFT * SHAFT).sqrt()
 }
 
-/// Returns a point of a round rod at a position along x and an angle, flattened and bent.
+/// Returns a point of a rod, given by its x and an angle around the shaft. The circular section is flattened and bent.
 fn on_rod(x: f64, angle: f64, length: f64) -> Vec3 {
     let square = if x < 0.0 {
         SHAFT * SHAFT - x * x
@@ -62,8 +63,9 @@ fn on_rod(x: f64, angle: f64, length: f64) -> Vec3 {
     [x, radius * angle.cos() + off, FLAT * radius * angle.sin()]
 }
 
-/// Returns the point of the rod for a point of the sphere, such that the area below a position along x agrees. The area
-/// of a zone is `2 pi r dx` both on the shaft and on the knob.
+/// Returns the point of the rod for a direction u. It is chosen such that the shares of the area on either side of it
+/// along x are the same on the sphere and on the rod before flattening. The area of a zone of width dx is `2 pi r dx`
+/// on both the shaft's end and the knob.
 pub(super) fn rod(u: Vec3, length: f64) -> Vec3 {
     let (first, from) = (SHAFT * (junction(length) + SHAFT), junction(length));
     let all = first + KNOB * (length + KNOB - from);
@@ -72,8 +74,8 @@ pub(super) fn rod(u: Vec3, length: f64) -> Vec3 {
     on_rod(x, u[2].atan2(u[1]), length)
 }
 
-/// Returns the tip, the knob, and the shaft at a quarter, half and three quarters of its length, which the parameter
-/// stretches evenly.
+/// Returns the places of a rod: the tip, the knob, and points at a quarter, half and three quarters of the shaft, which
+/// stretches evenly with the parameter.
 pub(super) fn rod_places(length: f64) -> Vec<(&'static str, Vec3)> {
     let shaft = |share: f64, angle: f64| on_rod(share * (junction(length) - BEND), angle, length);
     vec![
@@ -97,15 +99,15 @@ fn on_ring(around: f64, across: f64, parameters: &[f64]) -> Vec3 {
     [radius * around.cos(), radius * around.sin(), tube * across.sin() + WARP * (2.0 * around).cos()]
 }
 
-/// Returns a ring on a grid of random size and phase.
+/// Returns a ring, meshed by a grid of random size and phase.
 pub(super) fn ring(parameters: &[f64], subdivisions: u32, random: &mut SplitMix64) -> Mesh {
-    // Three times as many vertices around as across, since the ring is longer.
+    // There are three times as many vertices around the ring as around the tube, since the ring is longer.
     let most = icosphere_counts(subdivisions)[0] as f64;
     let across = ((most / 3.0).sqrt() * random.between(0.85, 1.0)).max(4.0) as u32;
     let around = (3.0 * f64::from(across) * random.between(0.9, 1.0)).max(4.0) as u32;
     let phases = [random.between(0.0, TAU), random.between(0.0, TAU)];
-    // Each row is shifted by part of a cell against the previous one. The shifts sum to complete turns, so that the
-    // grid closes.
+    // Each row is shifted by part of a cell relative to the previous one. The shifts sum to complete turns, so the grid
+    // closes.
     let slant = (random.between(0.0, 3.0) as u32).min(2);
     let vertices = (0..around * across).map(|index| {
         let (i, j) = (f64::from(index / across) / f64::from(around), f64::from(index % across) / f64::from(across));

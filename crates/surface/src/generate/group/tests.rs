@@ -22,7 +22,8 @@ fn members_are_closed_surfaces_with_their_places_on_them() {
             let topology = Topology::of(&member.mesh);
             assert_eq!(topology.is_sphere(), family != Family::Tori, "{}", family.name());
             assert!(volume(&member.mesh) > 100.0, "{} {}", family.name(), volume(&member.mesh));
-            // The places are within what a facet leaves out.
+            // Places lie on the exact shape, so their distance from the mesh is at most that of a flat facet from the
+            // shape.
             let tree = TriangleTree::new(&member.mesh);
             for (name, place) in member.names.iter().zip(&member.places) {
                 let distance = tree.nearest(*place).unwrap().distance;
@@ -46,11 +47,12 @@ fn shapes_are_those_of_their_parameters() {
     let ellipsoid = member(Family::Ellipsoids, 2);
     let exact = 4.0 / 3.0 * std::f64::consts::PI * ellipsoid.parameters[0] * ellipsoid.parameters[1] * 8.0;
     assert!((volume(&ellipsoid.mesh) / exact - 1.0).abs() < 3e-3);
-    // Flattened rods of a round section, but for the zone where they join: more by 0.7 pi r^2 a mm.
+    // Except for the zone where the knob joins, rods have an elliptic section, of area 0.7 pi r^2. The volume grows by
+    // that much per mm of length.
     let [short, long] = [member(Family::Rods, 0), member(Family::Rods, 7)];
     let slope = (volume(&long.mesh) - volume(&short.mesh)) / (long.parameters[0] - short.parameters[0]);
     assert!((slope / (0.7 * std::f64::consts::PI * 16.0) - 1.0).abs() < 0.02, "{slope}");
-    // The sharp bump reaches 8.5 above the middle, at the parameter; the ends lie at 15.
+    // The sharp bump's top is 8.5 mm above the middle, at the x given by the parameter.
     let sharp = member(Family::SharpBump, 3);
     let top = sharp.mesh.vertices.iter().copied().fold([0.0; 3], |top: Vec3, x| if x[2] > top[2] { x } else { top });
     assert!((top[2] - 8.5).abs() < 0.1 && (top[0] - sharp.parameters[0]).abs() < 0.5, "{top:?}");
@@ -58,12 +60,12 @@ fn shapes_are_those_of_their_parameters() {
     let ring = member(Family::Tori, 1);
     let tube = ring.parameters[1];
     let exact = 2.0 * std::f64::consts::PI.powi(2) * tube * tube * ring.parameters[0];
-    // The tube is thicker where the ring is, by a quarter; the mean of its square is 1 + 1/32.
+    // The square of the tube's radius, which varies by a quarter around the ring, is 1 + 1/32 on average.
     assert!((volume(&ring.mesh) / exact - 1.0 - 1.0 / 32.0).abs() < 0.02, "{}", volume(&ring.mesh) / exact);
 }
 
-/// Places are linear in the parameters of all families except those of moving bumps, so these are the modes of a
-/// perfect correspondence.
+/// Places depend linearly on the parameters in all families except those of moving bumps, so a perfect correspondence
+/// has as many modes as there are parameters.
 #[test]
 fn places_are_as_many_modes_as_parameters() {
     for family in [Family::GrowingBump, Family::Rods] {

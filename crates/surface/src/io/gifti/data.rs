@@ -1,4 +1,4 @@
-//! Decodes the numbers of one DataArray from any of GIfTI's encodings.
+//! Decodes the numbers of a DataArray from any of GIfTI's encodings.
 
 use std::borrow::Cow;
 use std::io::Read;
@@ -11,9 +11,9 @@ use super::super::flaw::{Flaw, bounded, shown};
 use super::super::text::{number, words};
 use crate::room::{Bytes, check_room};
 
-/// A decoded array.
+/// The decoded numbers of a DataArray.
 ///
-/// All of GIfTI's types (float32, float64, int32, uint8) are exact in an f64, so all values are stored as f64.
+/// They are stored as f64, which represents GIfTI's types (float32, float64, int32, uint8) exactly.
 #[derive(Debug, Default)]
 pub(super) struct Array {
     /// (rows, columns), row-major.
@@ -51,11 +51,11 @@ pub(super) struct Description {
     pub(super) encoding: String,
     pub(super) endian: String,
     pub(super) dimensionality: String,
-    /// `Dim0`, `Dim1`, ...
+    /// The attributes `Dim0`, `Dim1`, ...
     pub(super) dimensions: [Option<String>; 6],
 }
 
-/// Decodes the content of a Data element; `left` is the number of bytes that compressed data may still expand to.
+/// Decodes the content of a Data element. `left` is the number of bytes that compressed data may still expand to.
 pub(super) fn decode(description: &Description, text: &str, left: &mut u64) -> Result<Array, Flaw> {
     let data_type = match description.data_type.as_str() {
         "NIFTI_TYPE_FLOAT32" => DataType::Float32,
@@ -77,10 +77,10 @@ pub(super) fn decode(description: &Description, text: &str, left: &mut u64) -> R
         }
     };
     let (rows, columns, count) = shape(description)?;
-    // Text needs at least two bytes per value, and base64 4 for 3.
+    // Least number of bytes per value: two in ASCII, 4/3 of its binary size in base64.
     let values = match description.encoding.as_str() {
         "ASCII" => {
-            // The last value needs no blank after it.
+            // The last value needs no separator after it, hence the added byte.
             let n = bounded(count, 2, text.len() + 1, "values")?;
             ascii(text, n, data_type)?
         }
@@ -118,9 +118,9 @@ pub(super) fn decode(description: &Description, text: &str, left: &mut u64) -> R
     Ok(Array { values, rows, columns })
 }
 
-/// Checks the number of values in compressed text, and subtracts their bytes from `left`.
+/// Checks that compressed text can hold `count` values, and subtracts their bytes from `left`.
 fn expanded(count: u64, data_type: DataType, text: usize, left: &mut u64) -> Result<usize, Flaw> {
-    /// Bound of deflate: each compressed byte expands to at most this many.
+    /// Largest number of bytes that a byte of Deflate's output can expand to.
     const DEFLATED: u64 = 1032;
     let bytes = count.saturating_mul(data_type.size() as u64);
     if bytes / DEFLATED > text as u64 {
@@ -136,7 +136,7 @@ fn expanded(count: u64, data_type: DataType, text: usize, left: &mut u64) -> Res
             return Err(Flaw::unsupported(found, "write the file again without compression if it is to be trusted"));
         }
     }
-    // The bytes and the numbers decoded from them are in memory at the same time.
+    // The decompressed bytes and the numbers decoded from them are in memory at the same time.
     check_room(count.saturating_mul(8).saturating_add(bytes))?;
     usize::try_from(count).map_err(|_| Flaw::new("values that fit in memory", count.to_string()))
 }
@@ -153,7 +153,7 @@ fn endian(description: &Description) -> Result<Endian, Flaw> {
     }
 }
 
-/// Returns rows, columns and their product.
+/// Returns the number of rows, the number of columns, and their product.
 fn shape(description: &Description) -> Result<(usize, usize, u64), Flaw> {
     let dimensionality: usize = number(description.dimensionality.trim().as_bytes())
         .filter(|d| (1..=6).contains(d))
@@ -178,7 +178,8 @@ fn ascii(text: &str, count: usize, data_type: DataType) -> Result<Vec<f64>, Flaw
     let mut values = Vec::with_capacity(count);
     for word in words(text.as_bytes()) {
         let value = match data_type {
-            // Rounded to the declared type, so that a text and a binary copy of one surface are identical.
+            // Values are rounded to the declared type, so that a text copy and a binary copy of a surface are
+            // identical.
             DataType::Float32 => number::<f32>(word).map(f64::from),
             DataType::Float64 => number::<f64>(word),
             DataType::Int32 => number::<i32>(word).map(f64::from),
@@ -201,7 +202,7 @@ fn ascii(text: &str, count: usize, data_type: DataType) -> Result<Vec<f64>, Flaw
 
 fn base64(text: &str) -> Result<Vec<u8>, Flaw> {
     let trimmed = text.trim_ascii();
-    // Most files have the text in one piece, some break it into lines.
+    // In most files the text is contiguous; some files break it into lines.
     let compact: Cow<'_, [u8]> = if trimmed.bytes().any(|b| b.is_ascii_whitespace()) {
         trimmed.bytes().filter(|b| !b.is_ascii_whitespace()).collect()
     } else {
@@ -210,13 +211,13 @@ fn base64(text: &str) -> Result<Vec<u8>, Flaw> {
     STANDARD.decode(compact).map_err(|e| Flaw::new("base64 in a Data element", e.to_string()))
 }
 
-/// Inflates to exactly `size` bytes.
+/// Inflates zlib or gzip data; stops one byte beyond `size`, so that callers notice if there is more.
 fn inflate(packed: &[u8], size: usize) -> Result<Vec<u8>, Flaw> {
-    // Numbers seldom compress more than tenfold; if a header claims more, memory is allocated as the bytes arrive.
+    // Numbers seldom compress more than tenfold. Beyond 64-fold, memory is allocated only as the bytes arrive.
     let likely = packed.len().saturating_mul(64);
     let mut raw = Vec::with_capacity(size.min(likely).saturating_add(1));
     let limit = size as u64 + 1;
-    // The standard's "GZip" is zlib's wrapper in every program that writes it; supporting real gzip takes one line.
+    // The standard says "GZip", but all programs write zlib's wrapper. Real gzip is read, too.
     let done = if packed.starts_with(&[0x1f, 0x8b]) {
         flate2::read::GzDecoder::new(packed).take(limit).read_to_end(&mut raw)
     } else {
@@ -248,7 +249,7 @@ fn binary(raw: &[u8], count: usize, data_type: DataType, endian: Endian) -> Resu
     })
 }
 
-/// Returns column-major values, columns of length `rows`, in row-major order.
+/// Converts values from column-major order, with columns of length `rows`, to row-major order.
 fn transposed(values: &[f64], rows: usize) -> Vec<f64> {
     (0..rows).flat_map(|row| values.iter().skip(row).step_by(rows).copied()).collect()
 }

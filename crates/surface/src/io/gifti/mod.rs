@@ -1,8 +1,8 @@
-//! GIfTI, the neuroimaging community's XML format: `NIFTI_INTENT_POINTSET` and `NIFTI_INTENT_TRIANGLE` arrays make a
-//! surface, arrays of any other intent a signal, with a channel for each column.
+//! Reads and writes GIfTI, the neuroimaging community's XML format. A surface consists of a `NIFTI_INTENT_POINTSET` and
+//! a `NIFTI_INTENT_TRIANGLE` array. Arrays of other intents form a signal, with a channel for each column.
 //!
-//! Source: GIFTI Surface Data Format, version 1.0 (2010). No maintained crate reads it, so this uses quick-xml, base64
-//! and flate2 and adds the rest: `xml` parses the document, `data` decodes one array, `write` writes.
+//! Source: GIFTI Surface Data Format, version 1.0 (2010). No maintained crate reads the format. Here `xml` parses the
+//! document (with quick-xml), `data` decodes an array (with base64 and flate2), and `write` writes files.
 
 mod data;
 mod names;
@@ -18,7 +18,7 @@ use xml::{DataArray, Document};
 
 /// Reads a surface or a signal.
 pub(super) fn read(bytes: &[u8]) -> Result<Input, Flaw> {
-    // The standard requires UTF-8, but an invalid byte in a comment is no reason to reject the numbers.
+    // The standard requires UTF-8. Invalid bytes are replaced instead of rejected, since they can only be in texts.
     interpret(xml::parse(&String::from_utf8_lossy(bytes))?)
 }
 
@@ -40,7 +40,7 @@ fn interpret(mut document: Document) -> Result<Input, Flaw> {
                 coordinate_system: point_array.coordinate_system,
                 ..Meta::default()
             };
-            // It belongs to the point set, but some programs write it to the file's metadata.
+            // The structure belongs to the point set, but some programs write it to the file's metadata.
             meta.anatomical_structure_primary =
                 take(&mut meta.surface_metadata, STRUCTURE).or_else(|| take(&mut meta.file_metadata, STRUCTURE));
             Ok(Input::Mesh(Mesh { vertices, faces, meta }))
@@ -80,7 +80,8 @@ fn to_positions(array: Array) -> Result<Vec<[f64; 3]>, Flaw> {
 fn to_triangles(array: Array) -> Result<Vec<[u32; 3]>, Flaw> {
     let values = rows_of_three(array, TRIANGLE)?;
     let index = |x: f64| {
-        // Exact for every integer that fits u32; a fraction, a sign or NaN fails the comparison.
+        // The conversion is exact for every integer that fits u32. Fractions, negative numbers and NaN fail the
+        // comparison.
         let i = x as u32;
         if f64::from(i) == x { Ok(i) } else { Err(Flaw::new("vertex indices from 0 to 2^32 - 1", x.to_string())) }
     };
@@ -88,7 +89,7 @@ fn to_triangles(array: Array) -> Result<Vec<[u32; 3]>, Flaw> {
     triangles.iter().map(|&[a, b, c]| Ok([index(a)?, index(b)?, index(c)?])).collect()
 }
 
-/// Joins all arrays side by side. A time series has one array per frame, a matrix is one array.
+/// Joins all arrays side by side as channels. A time series has an array per frame, a matrix is a single array.
 fn to_signal(arrays: Vec<DataArray>) -> Result<Signal, Flaw> {
     let arrays: Vec<Array> = arrays.into_iter().map(|a| a.values).collect();
     let vertices = arrays.first().map_or(0, |a| a.rows);
@@ -100,7 +101,7 @@ fn to_signal(arrays: Vec<DataArray>) -> Result<Signal, Flaw> {
             ));
         }
     }
-    // The sum can't overflow, since all values are already in memory.
+    // The sum can't overflow, since the values of all columns are already in memory.
     let channels = arrays.iter().map(|a| a.columns).sum();
     if let [array] = arrays.as_slice() {
         return Ok(Signal::new(array.values.clone(), vertices, channels));

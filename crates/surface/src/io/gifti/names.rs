@@ -1,14 +1,14 @@
-//! Words of the standard that are read or written.
+//! Names defined by the GIfTI standard.
 
-/// The intent of positions.
+/// Intent of an array of positions.
 pub(super) const POINTSET: &str = "NIFTI_INTENT_POINTSET";
-/// The intent of triangles.
+/// Intent of an array of triangles.
 pub(super) const TRIANGLE: &str = "NIFTI_INTENT_TRIANGLE";
-/// The intent of values that describe the surface's shape, such as thickness.
+/// Intent of an array of values that describe the surface's shape, such as thickness.
 pub(super) const SHAPE: &str = "NIFTI_INTENT_SHAPE";
-/// The intent of any other values.
+/// Intent of an array of any other values.
 pub(super) const NONE: &str = "NIFTI_INTENT_NONE";
-/// Name of the metadata entry for a surface's anatomical structure.
+/// Name of the metadata entry with the surface's anatomical structure.
 pub(super) const STRUCTURE: &str = "AnatomicalStructurePrimary";
-/// An unknown coordinate system.
+/// Name of an unknown coordinate system.
 pub(super) const UNKNOWN_SPACE: &str = "NIFTI_XFORM_UNKNOWN";

@@ -1,4 +1,4 @@
-//! Writes GZipBase64Binary, little-endian, row-major, which every reader accepts.
+//! Writes GIfTI files with GZipBase64Binary, little-endian, row-major data, which every reader accepts.
 
 use std::io::{self, Write};
 
@@ -49,7 +49,7 @@ pub(in crate::io) fn write_mesh(out: &mut dyn Write, mesh: &Mesh, context: &Cont
     writeln!(out, "</GIFTI>")
 }
 
-/// Returns the metadata of the point set, with the volume's geometry if the mesh comes from a FreeSurfer file.
+/// Returns the metadata of the point set. For a mesh from a FreeSurfer file, includes the geometry of its volume.
 fn surface_metadata(mesh: &Mesh) -> Vec<(String, String)> {
     let meta = &mesh.meta;
     let mut metadata = Vec::new();
@@ -99,7 +99,7 @@ fn write_floats(out: &mut dyn Write, values: impl Iterator<Item = f64>, double: 
 
 fn open(out: &mut dyn Write, arrays: usize, metadata: &[(String, String)]) -> io::Result<()> {
     writeln!(out, r#"<?xml version="1.0" encoding="UTF-8"?>"#)?;
-    // Verbatim from the standard, since some readers compare the line.
+    // The line is copied verbatim from the standard, since some readers compare it.
     writeln!(out, r#"<!DOCTYPE GIFTI SYSTEM "http://www.nitrc.org/frs/download.php/115/gifti.dtd">"#)?;
     writeln!(out, r#"<GIFTI Version="1.0" NumberOfDataArrays="{arrays}">"#)?;
     write_metadata(out, metadata)?;
@@ -115,7 +115,7 @@ fn write_metadata(out: &mut dyn Write, metadata: &[(String, String)]) -> io::Res
     writeln!(out, "</MetaData>")
 }
 
-/// Returns text that is valid in XML 1.0, which can't represent most control characters.
+/// Returns text escaped for XML 1.0. Most control characters, which XML 1.0 can't represent, are replaced by spaces.
 fn escaped(text: &str) -> String {
     let printable: String =
         text.chars().map(|c| if c.is_control() && !matches!(c, '\t' | '\n' | '\r') { ' ' } else { c }).collect();
@@ -131,7 +131,7 @@ struct Heading<'a> {
 }
 
 impl Heading<'_> {
-    /// Writes the DataArray element; `data` writes its data as little-endian bytes.
+    /// Writes a DataArray element. `data` writes the array's numbers as little-endian bytes.
     fn write(&self, out: &mut dyn Write, data: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
         let (intent, data_type) = (self.intent, self.data_type);
         write!(out, r#"<DataArray Intent="{intent}" DataType="{data_type}" ArrayIndexingOrder="RowMajorOrder" "#)?;
@@ -149,7 +149,7 @@ impl Heading<'_> {
             writeln!(out, "<CoordinateSystemTransformMatrix>")?;
             writeln!(out, "<DataSpace>{from}</DataSpace>")?;
             writeln!(out, "<TransformedSpace>{to}</TransformedSpace>")?;
-            // One row per line: nibabel infers the shape of the matrix from the lines.
+            // Each row of the matrix is on its own line, because nibabel infers the shape of the matrix from the lines.
             let rows =
                 system.matrix.chunks(4).map(|row| row.iter().map(|x| format!("{x:?}")).collect::<Vec<_>>().join(" "));
             writeln!(out, "<MatrixData>{}</MatrixData>", rows.collect::<Vec<_>>().join("\n"))?;

@@ -1,4 +1,4 @@
-//! The document: file metadata and the DataArrays, each decoded as its Data element closes.
+//! Parses a GIfTI document: its metadata and its DataArrays, each decoded as soon as its Data element ends.
 
 use std::borrow::Cow;
 
@@ -11,14 +11,14 @@ use super::data::{Array, Description, decode};
 use crate::mesh::CoordinateSystem;
 use crate::room::most_expanded;
 
-/// Contents of a GIfTI file.
+/// The contents of a GIfTI file.
 #[derive(Debug, Default)]
 pub(super) struct Document {
     pub(super) metadata: Vec<(String, String)>,
     pub(super) arrays: Vec<DataArray>,
 }
 
-/// One array with its metadata.
+/// A DataArray: its metadata and its decoded values.
 #[derive(Debug, Default)]
 pub(super) struct DataArray {
     pub(super) intent: String,
@@ -27,10 +27,10 @@ pub(super) struct DataArray {
     pub(super) values: Array,
 }
 
-/// Nesting depth beyond any valid document, so that a document of nothing but opening tags is rejected early.
+/// Largest nesting depth. No valid document is deeper, and a document of nothing but opening tags is rejected early.
 const DEEPEST: usize = 16;
 
-/// The elements whose text is kept.
+/// The elements whose text is used; all others are `Other`.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Leaf {
     Name,
@@ -45,21 +45,21 @@ enum Leaf {
 #[derive(Default)]
 struct State<'a> {
     document: Document,
-    /// Number of bytes that all compressed data may still expand to.
+    /// Number of bytes that the remaining compressed data may expand to.
     left: u64,
-    /// Open elements.
+    /// The open elements, the innermost last.
     open: Vec<Leaf>,
-    /// Whether the root has been seen.
+    /// Whether the root element has been seen.
     root: bool,
-    /// The DataArray being read, with its attributes and whether its data has been read.
+    /// The current DataArray, its attributes, and whether its data has been read.
     array: Option<(DataArray, Description, bool)>,
-    /// The text of the innermost element so far.
+    /// The text of the innermost element, as far as read.
     text: Cow<'a, str>,
     name: String,
     system: Option<CoordinateSystem>,
 }
 
-/// Parses a document.
+/// Parses the text of a GIfTI file.
 pub(super) fn parse(text: &str) -> Result<Document, Flaw> {
     let mut reader = Reader::from_str(text);
     reader.config_mut().expand_empty_elements = true;
@@ -76,7 +76,7 @@ pub(super) fn parse(text: &str) -> Result<Document, Flaw> {
             Event::CData(t) => state.push(t.into_inner()),
             Event::GeneralRef(r) => state.push(resolve(&r)?.into()),
             Event::Eof => break,
-            // With `expand_empty_elements` no Empty event occurs.
+            // `Empty` doesn't occur, because `expand_empty_elements` is set; the other events are ignored.
             Event::Empty(_) | Event::Comment(_) | Event::Decl(_) | Event::PI(_) | Event::DocType(_) => {}
         }
     }
@@ -89,7 +89,7 @@ pub(super) fn parse(text: &str) -> Result<Document, Flaw> {
     Ok(state.document)
 }
 
-/// Resolves XML's predefined entities and character references; others would require a DTD, which isn't read.
+/// Resolves XML's predefined entities and character references. Other entities would require a DTD, which isn't read.
 fn resolve(reference: &BytesRef<'_>) -> Result<String, Flaw> {
     if let Ok(Some(c)) = reference.resolve_char_ref() {
         return Ok(c.into());
@@ -103,7 +103,7 @@ fn resolve(reference: &BytesRef<'_>) -> Result<String, Flaw> {
 
 impl<'a> State<'a> {
     fn push(&mut self, text: Cow<'a, str>) {
-        // The numbers of a surface arrive as one borrowed piece, which isn't copied.
+        // A surface's numbers arrive as a single borrowed piece, which isn't copied.
         if self.text.is_empty() {
             self.text = text;
         } else {
@@ -154,7 +154,7 @@ impl<'a> State<'a> {
     }
 
     fn end<N: AsRef<[u8]>>(&mut self, name: N) -> Result<(), Flaw> {
-        // quick-xml has checked that the names match.
+        // quick-xml has checked that the closing tag matches the opening tag.
         let leaf = self.open.pop().unwrap_or(Leaf::Other);
         let text = std::mem::take(&mut self.text);
         match leaf {
@@ -186,7 +186,7 @@ impl<'a> State<'a> {
                 b"CoordinateSystemTransformMatrix" => {
                     let system = self.system.take();
                     if let Some((array, ..)) = &mut self.array {
-                        // If a file has several, the first is the one that other programs use.
+                        // If an array has several systems, the first is used, as in other programs.
                         array.coordinate_system = array.coordinate_system.take().or(system);
                     }
                 }

@@ -1,9 +1,9 @@
-//! Landmarks as JSON: 3D Slicer's markups, and plain lists.
+//! Reads and writes landmarks as JSON: 3D Slicer's markups, and plain lists.
 //!
-//! Markups:
-//! <https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/Schema/markups-schema-v1.0.3.json>,
-//! an object whose `markups` are lists of `controlPoints` with `label`, `id` and `position`. Points without a position,
-//! left undefined in Slicer, are skipped.
+//! The schema of markups is
+//! <https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/Schema/markups-schema-v1.0.3.json>.
+//! A file is an object whose `markups` are lists of `controlPoints` with `label`, `id` and `position`. Points whose
+//! position is undefined in Slicer are skipped.
 
 use serde_json::{Value, json};
 
@@ -11,7 +11,7 @@ use super::{Frame, Gathered, Landmarks};
 use crate::geometry::Vec3;
 use crate::io::flaw::{Flaw, shown};
 
-/// Reads either format, distinguished by the outermost bracket.
+/// Reads markups (a JSON object) or a plain list (a JSON array).
 pub(super) fn read(text: &str) -> Result<Landmarks, Flaw> {
     let value: Value = serde_json::from_str(text).map_err(|error| Flaw::new("JSON", error.to_string()))?;
     match &value {
@@ -40,7 +40,7 @@ fn read_markups(lists: &[Value]) -> Result<Landmarks, Flaw> {
     let mut frame = None;
     for (number, list) in lists.iter().enumerate() {
         let own = match list.get("coordinateSystem") {
-            // The schema's default if the file doesn't specify it.
+            // The default of the schema.
             None | Some(Value::Null) => Frame::Lps,
             Some(Value::String(text)) => Frame::named(text).ok_or_else(|| {
                 Flaw::new(format!("coordinateSystem LPS or RAS in markups {number}"), shown(text.as_bytes()))
@@ -59,7 +59,7 @@ fn read_markups(lists: &[Value]) -> Result<Landmarks, Flaw> {
                 "save it in mm, or as a table",
             ));
         }
-        // The lists in one file may have different frames; the result is in the frame of the first.
+        // The lists of a file may have different frames. The result has the frame of the first list.
         let turn = *frame.get_or_insert(own) != own;
         let points = match list.get("controlPoints") {
             None | Some(Value::Null) => &[][..],
@@ -82,7 +82,7 @@ fn read_markups(lists: &[Value]) -> Result<Landmarks, Flaw> {
     Ok(found.landmarks(frame))
 }
 
-/// Returns the value of the first key that holds a name: nonempty text, or a number.
+/// Returns the name of a landmark: the value of the first key that has nonempty text or a number.
 fn name(entry: &Value, keys: &[&str], at: &str) -> Result<String, Flaw> {
     if !entry.is_object() {
         return Err(Flaw::new(format!("an object as {at}"), kind(entry)));
@@ -121,7 +121,7 @@ fn kind(value: &Value) -> &'static str {
     }
 }
 
-/// Returns Slicer's markups with a single list of points.
+/// Returns Slicer's markups with all landmarks in one list.
 pub(super) fn markups(landmarks: &Landmarks) -> Vec<u8> {
     let point = |(index, (name, point)): (usize, (&String, &Vec3))| {
         json!({
@@ -149,7 +149,7 @@ pub(super) fn markups(landmarks: &Landmarks) -> Vec<u8> {
     format!("{value:#}\n").into_bytes()
 }
 
-/// Returns a plain list, one entry per line.
+/// Returns a plain list with an entry per line.
 pub(super) fn list(landmarks: &Landmarks) -> Vec<u8> {
     let entry = |(name, point): (&String, &Vec3)| json!({ "id": name, "coordinates": point }).to_string();
     let entries: Vec<String> = landmarks.names.iter().zip(&landmarks.points).map(entry).collect();

@@ -1,16 +1,16 @@
-//! Landmarks: named points set by a person, and their file formats.
+//! Reads and writes landmarks: named points set by a person.
 //!
 //! | format | names | frame |
 //! |---|---|---|
 //! | 3D Slicer's markups | `.mrk.json` | `coordinateSystem` of each list, LPS or RAS |
 //! | 3D Slicer's former fiducials | `.fcsv` | `# CoordinateSystem = `, LPS, RAS, 0 (RAS) or 1 (LPS) |
 //! | a list of `{"id": "A", "coordinates": [x, y, z]}` | `.json` | not specified |
-//! | table | `.csv`, `.tsv` of `name,x,y,z`, with or without a line of names | not specified |
+//! | table | `.csv`, `.tsv` of `name,x,y,z`, with or without a heading line | not specified |
 //!
-//! Positions are read as stored, like those of surfaces, in the file's unit, together with the frame if the file
-//! specifies it. Slicer writes landmarks and meshes in LPS, so the two agree as stored. A surface from another program
-//! may be in RAS (GIfTI and FreeSurfer are). [`Landmarks::in_frame`] converts the landmarks, and [`Landmarks::laid_on`]
-//! determines from the surface itself whether they have to be converted.
+//! Positions are read as stored, in the file's unit, like those of surfaces. The frame is read if the file specifies
+//! it. Slicer writes landmarks and meshes in LPS, so they agree. A surface from another program may be in RAS, as GIfTI
+//! and FreeSurfer surfaces are. [`Landmarks::in_frame`] converts landmarks to a given frame; [`Landmarks::laid_on`]
+//! converts them if they are then much nearer to the surface.
 
 mod json;
 mod placed;
@@ -27,10 +27,10 @@ use super::flaw::{Flaw, shown};
 use crate::error::SurfaceError;
 use crate::geometry::Vec3;
 
-/// Largest file of landmarks that is read; Slicer needs about 600 bytes per landmark.
+/// Largest number of bytes of a landmark file. Slicer needs about 600 bytes per landmark.
 const MOST_BYTES: u64 = 16 << 20;
 
-/// Anatomical axes of a file's positions. The two frames differ by half a turn about the third axis.
+/// The anatomical axes of positions. The two frames differ by half a turn about the third axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Frame {
     /// Left, posterior, superior: used by DICOM and ITK, and in the files that Slicer writes.
@@ -49,7 +49,7 @@ impl Frame {
         }
     }
 
-    /// Returns the other frame.
+    /// Returns RAS for LPS, and LPS for RAS.
     fn other(self) -> Self {
         match self {
             Self::Lps => Self::Ras,
@@ -57,7 +57,7 @@ impl Frame {
         }
     }
 
-    /// Parses a frame's name, or the number that earlier versions of Slicer wrote: 0 is RAS, 1 is LPS.
+    /// Parses a frame's name, or the number written by earlier versions of Slicer: 0 for RAS, 1 for LPS.
     #[must_use]
     pub fn named(text: &str) -> Option<Self> {
         match text.trim() {
@@ -68,12 +68,12 @@ impl Frame {
     }
 }
 
-/// The named points of one subject. Names are unique, positions are finite.
+/// The named points of a subject. Names are unique and positions finite.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Landmarks {
-    /// Names, (n).
+    /// Names of the points, (n).
     pub names: Vec<String>,
-    /// Positions, (n), in the file's unit.
+    /// Positions of the points, (n), in the file's unit.
     pub points: Vec<Vec3>,
     /// The frame of the positions, if the file specifies it.
     pub frame: Option<Frame>,
@@ -82,21 +82,21 @@ pub struct Landmarks {
 /// The landmarks that several subjects have in common.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Matched {
-    /// Names that every subject has, in the first one's order, (n).
+    /// Names that all subjects have, in the order of the first subject, (n).
     pub names: Vec<String>,
-    /// Their positions, (subjects) of (n).
+    /// Positions of these landmarks, n for each subject.
     pub points: Vec<Vec<Vec3>>,
-    /// For each subject, names that it has and at least one other subject lacks, (subjects).
+    /// For each subject, the names that at least one other subject lacks.
     pub alone: Vec<Vec<String>>,
 }
 
 impl Landmarks {
-    /// Returns landmarks after checking that names are unique and positions are finite.
+    /// Returns landmarks after checking that names are unique and not empty, and positions finite.
     ///
     /// # Errors
     ///
-    /// [`LengthMismatch`](SurfaceError::LengthMismatch); [`Malformed`](SurfaceError::Malformed), with the landmark's
-    /// number instead of a line of a file.
+    /// [`LengthMismatch`](SurfaceError::LengthMismatch); [`Malformed`](SurfaceError::Malformed), which says the
+    /// landmark's number.
     pub fn new(names: Vec<String>, points: Vec<Vec3>, frame: Option<Frame>) -> Result<Self, SurfaceError> {
         if names.len() != points.len() {
             let (expected, found) = (names.len(), points.len());
@@ -110,14 +110,14 @@ impl Landmarks {
         Ok(gathered.landmarks(frame))
     }
 
-    /// Reads a file; its name determines the format.
+    /// Reads a file in the format implied by its name.
     ///
     /// # Errors
     ///
-    /// [`UnknownFormat`](SurfaceError::UnknownFormat) for other names; [`Io`](SurfaceError::Io), also for a file of
-    /// more than 16 MiB; [`Empty`](SurfaceError::Empty); [`Malformed`](SurfaceError::Malformed), with the line or the
-    /// entry, for contents in another format, a repeated or empty name, and coordinates that are missing or not finite;
-    /// [`Unsupported`](SurfaceError::Unsupported) for markups in a unit other than mm.
+    /// [`UnknownFormat`](SurfaceError::UnknownFormat) for a name that implies no format; [`Io`](SurfaceError::Io), also
+    /// for a file of more than 16 MiB; [`Empty`](SurfaceError::Empty); [`Malformed`](SurfaceError::Malformed), with the
+    /// line or entry, for contents in another format, a repeated or empty name, or coordinates that are missing or not
+    /// finite; [`Unsupported`](SurfaceError::Unsupported) for markups in a unit other than mm.
     pub fn read(path: impl AsRef<Path>) -> Result<Self, SurfaceError> {
         let path = path.as_ref();
         let format = Format::of(path)?;
@@ -140,12 +140,12 @@ impl Landmarks {
     }
 
     /// Writes a file in the format implied by its name, completely or not at all. Slicer's formats require a frame.
-    /// Landmarks without one are written as LPS, which Slicer also assumes for meshes that don't specify theirs, so
-    /// that the two agree.
+    /// Landmarks without a frame are written as LPS. Slicer also assumes LPS for meshes without a frame, so landmarks
+    /// and mesh agree.
     ///
     /// # Errors
     ///
-    /// [`UnknownFormat`](SurfaceError::UnknownFormat), and those of [`write_new`].
+    /// [`UnknownFormat`](SurfaceError::UnknownFormat), and the errors of [`write_new`].
     pub fn write(&self, path: impl AsRef<Path>, overwrite: bool) -> Result<(), SurfaceError> {
         let path = path.as_ref();
         let bytes = match Format::of(path)? {
@@ -158,7 +158,7 @@ impl Landmarks {
         write_new(path, overwrite, |out: &mut dyn Write| out.write_all(&bytes))
     }
 
-    /// Returns the landmarks converted to `frame`; unchanged if their file didn't specify a frame.
+    /// Returns the landmarks converted to `frame`. Landmarks without a frame are returned unchanged.
     #[must_use]
     pub fn in_frame(&self, frame: Frame) -> Self {
         match self.frame {
@@ -167,14 +167,14 @@ impl Landmarks {
         }
     }
 
-    /// Returns the landmarks after half a turn about the third axis.
+    /// Returns the landmarks rotated by half a turn about the third axis, which converts between LPS and RAS.
     fn turned(&self) -> Self {
         Self { points: self.points.iter().map(|&[x, y, z]| [-x, -y, z]).collect(), ..self.clone() }
     }
 
     /// Matches the landmarks of subjects by their names.
     ///
-    /// Frames aren't compared: see [`in_frame`](Self::in_frame). The result may be empty, if no name is common to all
+    /// Frames aren't compared; see [`in_frame`](Self::in_frame). The result is empty if no name is common to all
     /// subjects.
     pub fn matched(subjects: &[Self]) -> Matched {
         let places: Vec<HashMap<&str, usize>> = subjects
@@ -192,7 +192,7 @@ impl Landmarks {
     }
 }
 
-/// A format, determined by the file's name.
+/// A format of landmark files, determined by the file's name.
 #[derive(Clone, Copy)]
 enum Format {
     Markups,
@@ -230,7 +230,7 @@ impl Format {
     }
 }
 
-/// Landmarks while they are read. All checks of a landmark are made here.
+/// The landmarks read so far. Each landmark is checked when it is added.
 #[derive(Default)]
 struct Gathered {
     names: Vec<String>,
@@ -239,7 +239,7 @@ struct Gathered {
 }
 
 impl Gathered {
-    /// Adds a landmark read at a position in the file, such as "line 3".
+    /// Adds a landmark. `at` is its position in the file for error messages, such as "line 3".
     fn add(&mut self, at: &str, name: &str, point: Vec3) -> Result<(), Flaw> {
         let name = name.trim();
         if name.is_empty() {

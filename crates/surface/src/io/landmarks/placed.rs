@@ -1,29 +1,29 @@
-//! Checks whether landmarks lie on a surface, and in which of two frames.
+//! Determines by distances from a surface whether landmarks are in the surface's frame, LPS or RAS.
 
 use super::Landmarks;
 use crate::mesh::Mesh;
 use crate::nearest::TriangleTree;
 
-/// Factor by which landmarks must be nearer to the surface after half a turn than before, to be converted. The frames
-/// differ by a reflection of two axes, so landmarks of a scan are a hundred millimetres off in the wrong one.
+/// Landmarks are converted if this makes their median distance from the surface smaller by more than this factor. In
+/// the wrong frame the signs of x and y are reversed, so landmarks of a scan are typically a hundred millimetres off.
 const NEARER: f64 = 4.0;
 
 /// Landmarks and their distances from a surface.
 #[derive(Debug, Clone)]
 pub struct Placed {
-    /// The landmarks, converted if `turned`.
+    /// The landmarks, in the other frame if `turned`.
     pub landmarks: Landmarks,
-    /// Distance of each landmark from the surface, (n), in its unit.
+    /// Distance of each landmark from the surface, (n), in the surface's unit.
     pub distances: Vec<f64>,
-    /// Whether they were converted from LPS to RAS, or back, since their median distance from the surface is then at
-    /// least four times smaller. Callers should report it: the surface's file and the landmarks' are in different
-    /// frames.
+    /// Whether the landmarks were converted from LPS to RAS or from RAS to LPS, since this makes their median distance
+    /// from the surface at least four times smaller. Callers should report a conversion: the files of surface and
+    /// landmarks are then in different frames.
     pub turned: bool,
 }
 
 impl Landmarks {
-    /// Measures the distances of landmarks from their subject's surface, and converts them to the other frame if they
-    /// lie much nearer to it there. Landmarks whose file doesn't specify a frame aren't converted.
+    /// Measures the distances of landmarks from the surface of their subject. Converts the landmarks to the other frame
+    /// if they are much nearer to the surface there. Landmarks without a frame aren't converted.
     #[must_use]
     pub fn laid_on(&self, surface: &Mesh) -> Placed {
         let tree = TriangleTree::new(surface);

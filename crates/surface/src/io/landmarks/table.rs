@@ -1,27 +1,27 @@
-//! Landmarks as tables: `name,x,y,z`, and 3D Slicer's former fiducials, whose header is in comments.
+//! Reads and writes landmarks as tables: `name,x,y,z`, and 3D Slicer's former fiducials, whose header is in comments.
 //!
-//! A cell that contains the separator or a quote is quoted, RFC 4180.
+//! A cell that contains the separator or a quotation mark is quoted as in RFC 4180.
 
 use super::{Frame, Gathered, Landmarks};
 use crate::geometry::Vec3;
 use crate::io::flaw::{Flaw, shown};
 
-/// Accepted headings of the column of names.
+/// Accepted headings for the column of names.
 const NAMES: [&str; 4] = ["name", "label", "id", "landmark"];
-/// Slicer's columns if the file doesn't specify them.
+/// Columns of a fiducials file that doesn't specify them.
 const FIDUCIALS: &str = "id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID";
 
-/// Positions of a table's columns.
+/// The columns of a table, by index.
 struct Columns {
     name: usize,
-    /// Column used if the name is empty.
+    /// The column used instead of `name` in rows whose name is empty.
     id: Option<usize>,
     at: [usize; 3],
     /// Number of columns.
     count: usize,
 }
 
-/// Returns a table's nonempty lines, split into cells, each with its line number.
+/// Splits a table's nonempty lines into cells. Returns each line's number, counted from 1, and cells.
 fn rows(text: &str, separator: u8) -> impl Iterator<Item = (usize, Vec<String>)> {
     text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()).map(move |(number, line)| {
         let mut reader = csv::ReaderBuilder::new()
@@ -29,14 +29,14 @@ fn rows(text: &str, separator: u8) -> impl Iterator<Item = (usize, Vec<String>)>
             .delimiter(separator)
             .flexible(true)
             .from_reader(line.as_bytes());
-        // A line is UTF-8 text and always forms one record, regardless of its quotes, so this can't fail.
+        // This can't fail: a line is UTF-8 text, and always forms one record, regardless of its quotation marks.
         let cells = reader.records().next().and_then(Result::ok).unwrap_or_default();
         (number + 1, cells.iter().map(|cell| cell.trim().to_owned()).collect())
     })
 }
 
-/// Reads `name,x,y,z`. A first line with column headings is recognised by a cell `x` and fewer than three numbers; the
-/// columns may then be in any order.
+/// Reads a table of `name,x,y,z`. The first line is treated as headings if it has a cell `x` and fewer than three
+/// numbers; the columns may then be in any order.
 pub(super) fn read(text: &str, separator: u8) -> Result<Landmarks, Flaw> {
     let mut found = Gathered::default();
     let mut columns = None;
@@ -54,11 +54,11 @@ pub(super) fn read(text: &str, separator: u8) -> Result<Landmarks, Flaw> {
     Ok(found.landmarks(None))
 }
 
-/// Reads Slicer's fiducials.
+/// Reads a file of Slicer's fiducials.
 pub(super) fn read_fiducials(text: &str) -> Result<Landmarks, Flaw> {
     let mut found = Gathered::default();
     let mut columns = header(&FIDUCIALS.split(',').map(str::to_owned).collect::<Vec<_>>(), 1)?;
-    // Files from before Slicer 4.11 don't specify a frame, and are in RAS.
+    // Files from before Slicer 4.11 don't specify a frame; they are in RAS.
     let mut frame = Frame::Ras;
     for (number, line) in text.lines().enumerate().filter(|(_, line)| line.starts_with('#')) {
         let Some((key, value)) = line.trim_start_matches('#').split_once('=') else { continue };
@@ -110,7 +110,7 @@ fn row(found: &mut Gathered, columns: &Columns, cells: &[String], line: usize) -
     found.add(&format!("line {line}"), name, point)
 }
 
-/// Returns a table with a line of column names; numbers have every digit.
+/// Returns a table with a heading line. Numbers are written such that they read back exactly.
 pub(super) fn text(landmarks: &Landmarks, separator: u8) -> Vec<u8> {
     let s = char::from(separator);
     let mut text = format!("name{s}x{s}y{s}z\n");
@@ -120,7 +120,7 @@ pub(super) fn text(landmarks: &Landmarks, separator: u8) -> Vec<u8> {
     text.into_bytes()
 }
 
-/// Returns a file in Slicer's fiducials format of version 4.11.
+/// Returns a fiducials file as written by Slicer 4.11.
 pub(super) fn fiducials(landmarks: &Landmarks) -> Vec<u8> {
     let frame = landmarks.frame.unwrap_or(Frame::Lps).name();
     let mut text =
@@ -131,7 +131,7 @@ pub(super) fn fiducials(landmarks: &Landmarks) -> Vec<u8> {
     text.into_bytes()
 }
 
-/// Returns a name as a cell, on one line.
+/// Returns a name as a table cell. Newlines are replaced by spaces.
 fn quoted(name: &str, separator: char) -> String {
     let name = name.replace(['\n', '\r'], " ");
     if name.contains([separator, '"', '#']) { format!("\"{}\"", name.replace('"', "\"\"")) } else { name }
