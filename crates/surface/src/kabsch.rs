@@ -1,12 +1,12 @@
-//! The singular values of 3 x 3 matrices, and the rotation that best fits two sets of vectors.
+//! Computes singular values of 3 x 3 matrices, and the rotation that best fits two sets of vectors.
 //!
-//! W. Kabsch, "A solution for the best rotation to relate two sets of vectors", Acta Cryst. A32 (1976): among all
-//! rotations Q, `tr Q^T M` with `M = sum g_i f_i^T` is largest for `Q = U diag(1, 1, d) V^T`, where `M = U S V^T` and d
-//! = det(U V^T); with reflections allowed, for `U V^T`. The largest value is `s_1 + s_2 + d s_3`, where d is the sign
-//! of det M.
+//! W. Kabsch, "A solution for the best rotation to relate two sets of vectors", Acta Cryst. A32 (1976): let `M = sum
+//! g_i f_i^T` have the singular value decomposition `M = U S V^T`, and let d = det(U V^T). Among all rotations Q, `tr
+//! Q^T M` is largest for `Q = U diag(1, 1, d) V^T`, with the value `s_1 + s_2 + d s_3`; d is the sign of det M. If
+//! reflections are allowed, too, it is largest for `Q = U V^T`.
 //!
-//! The singular value decomposition uses one-sided Jacobi rotations: a dozen of them reach rounding accuracy, with
-//! small singular values as accurate as large ones (J. Demmel and K. Veselic, SIAM J. Matrix Anal. Appl. 13, 1992).
+//! The singular value decomposition uses one-sided Jacobi rotations. A dozen of them reach rounding accuracy, and small
+//! singular values are as accurate as large ones (J. Demmel and K. Veselic, SIAM J. Matrix Anal. Appl. 13, 1992).
 
 use crate::geometry::{cross, dot};
 use crate::matrix3::{IDENTITY, Matrix3, determinant, product, transposed};
@@ -14,21 +14,21 @@ use crate::matrix3::{IDENTITY, Matrix3, determinant, product, transposed};
 /// Singular value decomposition `M = U diag(values) V^T`: U and V orthogonal, the values descending and nonnegative.
 #[derive(Debug, Clone, Copy)]
 pub struct Svd {
-    /// U.
+    /// The orthogonal matrix U.
     pub u: Matrix3,
     /// The singular values, descending.
     pub values: [f64; 3],
-    /// V.
+    /// The orthogonal matrix V.
     pub v: Matrix3,
 }
 
-/// Sweeps of three rotations each; four were enough for every matrix tried.
+/// Largest number of sweeps, each of three rotations. Four sufficed for every matrix tried.
 const SWEEPS: usize = 12;
 
-/// Decomposes a finite matrix.
+/// Returns the singular value decomposition of a matrix, whose entries must be finite.
 #[must_use]
 pub fn svd(matrix: &Matrix3) -> Svd {
-    // Columns are stored as rows here. Dividing by a power of two removes the scale, so that squares don't overflow.
+    // The matrix's columns are stored as rows here. They are divided by a power of two, so that squares don't overflow.
     let largest = matrix.iter().flatten().fold(0.0_f64, |largest, v| largest.max(v.abs()));
     let scale = if largest > 0.0 { largest.log2().floor().exp2() } else { 1.0 };
     let scale = if scale.is_normal() { scale } else { 1.0 };
@@ -63,8 +63,8 @@ pub fn svd(matrix: &Matrix3) -> Svd {
     Svd { u: transposed(&u), values: values.map(|value| value * scale), v: transposed(&order.map(|i| v[i])) }
 }
 
-/// Normalises three orthogonal vectors of given descending lengths; vectors of length zero are replaced so as to
-/// complete an orthonormal basis.
+/// Normalises three orthogonal vectors of the given descending lengths. Vectors of negligible length are replaced such
+/// that the result is an orthonormal basis.
 fn complete(vectors: Matrix3, lengths: [f64; 3]) -> Matrix3 {
     let unit = |i: usize| vectors[i].map(|v| v / lengths[i]);
     let negligible = |i: usize| lengths[i] <= f64::EPSILON * f64::EPSILON * lengths[0] || lengths[i] == 0.0;
@@ -73,7 +73,8 @@ fn complete(vectors: Matrix3, lengths: [f64; 3]) -> Matrix3 {
     }
     let first = unit(0);
     let second = if negligible(1) {
-        // The axis with the smallest component in `first`, minus its component along `first`.
+        // Starts from the coordinate axis along which `first` has its smallest component, and removes its part along
+        // `first`.
         let least = (0..3).fold(0, |least, i| if first[i].abs() < first[least].abs() { i } else { least });
         let rest: [f64; 3] = std::array::from_fn(|i| (if i == least { 1.0 } else { 0.0 }) - first[least] * first[i]);
         let length = dot(rest, rest).sqrt();
@@ -85,8 +86,8 @@ fn complete(vectors: Matrix3, lengths: [f64; 3]) -> Matrix3 {
     [first, second, third]
 }
 
-/// Returns `U diag(1, 1, d) V^T` of a matrix, the rotation for which tr Q^T M is largest; with `mirror`, the reflection
-/// if it fits better.
+/// Returns the rotation Q for which tr Q^T M is largest, `U diag(1, 1, d) V^T`. With `mirror`, returns the best of all
+/// orthogonal matrices, including reflections.
 #[must_use]
 pub fn kabsch(matrix: &Matrix3, mirror: bool) -> Matrix3 {
     let Svd { u, values: _, v } = svd(matrix);
@@ -95,14 +96,15 @@ pub fn kabsch(matrix: &Matrix3, mirror: bool) -> Matrix3 {
     product(&turned, &transposed(&v))
 }
 
-/// Returns the largest tr Q^T M over rotations Q, or over all orthogonal Q: `s_1 + s_2 +- s_3`.
+/// Returns the largest tr Q^T M over rotations Q, `s_1 + s_2 + d s_3`; with `mirror`, over all orthogonal Q, `s_1 + s_2
+/// + s_3`.
 ///
-/// Computed from the invariants of `M^T M` by Newton's iteration, at a tenth of the decomposition's cost. For use in
-/// searches: the error is about 1e-8 of `s_1` if singular values coincide.
+/// It is computed from the invariants of `M^T M` by Newton's iteration, at a tenth of the cost of the decomposition. It
+/// is meant for searches: the relative error is about 1e-8 if singular values coincide.
 #[must_use]
 pub fn best_trace(m: &Matrix3, mirror: bool) -> f64 {
-    // The largest root of x^4 - 2 e1 x^2 - 8 d x + e1^2 - 4 e2, with e1 = |M|^2, e2 the sum of squared minors and d =
-    // det M (B. Horn, J. Opt. Soc. Am. A 4, 1987, in the form of D. Theobald, Acta Cryst. A61, 2005).
+    // The result is the largest root of x^4 - 2 e1 x^2 - 8 d x + e1^2 - 4 e2, with e1 = |M|^2, e2 the sum of squared
+    // minors and d = det M (B. Horn, J. Opt. Soc. Am. A 4, 1987, in the form of D. Theobald, Acta Cryst. A61, 2005).
     let e1: f64 = m.iter().flatten().map(|v| v * v).sum();
     if e1 == 0.0 {
         return 0.0;
@@ -112,7 +114,7 @@ pub fn best_trace(m: &Matrix3, mirror: bool) -> f64 {
     let d = dot(m[0], rows[0]);
     let d = if mirror { d.abs() } else { d };
     let constant = e1 * e1 - 4.0 * e2;
-    // Since s_1 + s_2 + s_3 <= sqrt(3) |M|, Newton's iteration descends from there monotonically.
+    // Newton's iteration starts at sqrt(3) |M| >= s_1 + s_2 + s_3, from where it decreases monotonically to the root.
     let mut x = (3.0 * e1).sqrt();
     for _ in 0..60 {
         let square = x * x;
@@ -167,7 +169,7 @@ mod tests {
             check(&[[m[0], m[1], m[2]], [m[3], m[4], m[5]], [m[6], m[7], m[8]]]);
         }
 
-        /// Both forms of the best trace agree, and no rotation does better.
+        /// The two ways to compute the best trace agree, and no rotation has a larger trace.
         #[test]
         fn no_rotation_beats_kabschs(m in prop::array::uniform9(-1.0..1.0), r in prop::array::uniform4(-1.0..1.0)) {
             let m = [[m[0], m[1], m[2]], [m[3], m[4], m[5]], [m[6], m[7], m[8]]];

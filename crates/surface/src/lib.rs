@@ -1,33 +1,34 @@
 //! Triangle meshes and signals on them: files, topology, distances, synthetic surfaces.
 //!
 //! This crate reads and writes all surface files. It doesn't trust their contents: sizes are checked before memory is
-//! allocated, and an output file either appears complete or not at all.
+//! allocated. An output file appears complete or not at all.
 //!
 //! # Conventions
 //!
-//! - Positions are f64, in the file's own units (mm and RAS+ for brains), as stored: no transform is applied.
-//! - Triangles are counter-clockwise seen from outside. Vertex order and winding are never changed, since a study's
-//!   subjects share them.
+//! - Positions are f64, in the file's own unit and axes (mm and RAS+ for brains). Transforms in files aren't applied.
+//! - Triangles are counter-clockwise seen from outside. The order of vertices and the winding are never changed, since
+//!   the subjects of a study share them.
 //! - A [`Signal`] is (vertices, channels), row-major.
-//! - Distances are squared; msd and xsd are those after scaling the bounding box to volume 1.
+//! - Distances are squared. msd and xsd are the mean and maximal squared distance after scaling the bounding box to
+//!   volume 1.
 //!
 //! # Modules
 //!
 //! | module | contents |
 //! |---|---|
 //! | [`io`] | [`read_mesh`](io::read_mesh), [`read_signal`](io::read_signal), [`write_mesh`](io::write_mesh), one file per format; [`write_new`](io::write_new), which writes every output; [`check_output`](io::check_output); [`landmarks`](io::landmarks) |
-//! | [`topology`] | checks that a mesh is a closed surface of genus zero, with reasons if it isn't |
+//! | [`topology`] | checks that a mesh is a closed surface of genus zero, and gives the reasons if it isn't |
 //! | [`generate`] | icospheres, and folded surfaces with known parameterisation |
 //! | [`metrics`] | bounding-box scale, msd, xsd, distance between surfaces with different triangles, colour map |
 //! | [`nearest`], [`Place`] | the nearest point of a mesh; a point within a triangle |
 //! | [`repair`] | welds vertices, and drops triangles and vertices that belong to no closed surface |
 //! | [`npy`] | headers of NumPy's arrays |
-//! | [`Sphere`], [`Target`] | the sphere of a fit; the surface or signal fitted over it; both checked |
-//! | [`Seam`] | relation of a surface that was cut open to the original |
+//! | [`Sphere`], [`Target`] | the sphere of a fit; the surface or signal to be fitted over it; both are checked |
+//! | [`Seam`] | relation between a surface that was cut open and the original surface |
 //! | [`geometry`] | three-vectors, solid angles, winding numbers |
 //! | [`locator`] | the triangle of a sphere that a direction meets, and interpolation there |
 //! | [`samples`] | samples of a sphere's triangles, for least squares over the whole surface |
-//! | [`pose`] | the motion that brings one surface onto another, or a group together |
+//! | [`pose`] | the motion that brings one surface onto another, or the members of a group onto each other |
 //! | [`kabsch`], [`matrix3`], [`Similarity`] | the best rotation of space; 3 x 3 matrices; similarities |
 //! | [`SpreadPoints`] | points spread evenly over a mesh's area |
 //!

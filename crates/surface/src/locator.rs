@@ -1,33 +1,33 @@
-//! Finds the triangle of a sphere that a direction meets, and interpolates values there.
+//! Finds the triangle of a sphere that a direction meets, and interpolates values within the triangle.
 //!
-//! A surface over its sphere is a function on the sphere, known at the sphere's vertices. [`SphereLocator`] evaluates
-//! it everywhere: it finds the triangle with corners a, b, c that the ray along a direction d meets, and the weights of
-//! the point of intersection,
+//! A surface over its sphere is a function on the sphere that is known at the sphere's vertices. [`SphereLocator`]
+//! evaluates the function everywhere. It finds the triangle with corners a, b, c that the ray along a direction d
+//! meets, and the weights of the point of intersection,
 //!
 //! > w_a : w_b : w_c = det(d, b, c) : det(a, d, c) : det(a, b, d),  w_a + w_b + w_c = 1,
 //!
-//! which are its barycentric coordinates within the flat triangle (a gnomonic projection). At a vertex they are 1, 0, 0
-//! to the last bit.
+//! which are the point's barycentric coordinates in the flat triangle (a gnomonic projection). If d is a vertex, the
+//! weights are exactly 1, 0, 0.
 //!
 //! # Robustness
 //!
-//! Whether d is inside is decided by the signs of the three determinants, which are exact for the given numbers
-//! (Shewchuk's adaptive predicate, crate `robust`). So a sphere without flipped triangles has no gap at edges or
-//! vertices that a direction could fall through; on an edge the triangle with the smaller index is returned. Triangles
-//! that are flipped or without area are left out; if other triangles cover their part of the sphere, nothing is missed.
-//! A direction that no triangle covers, as in a hole of the sphere, is assigned to the nearest triangle if it is
-//! outside by at most [`TOLERANCE`]; otherwise it isn't found.
+//! The signs of the three determinants decide whether d is inside a triangle. They are exact for the given numbers
+//! (Shewchuk's adaptive predicate, crate `robust`), so a sphere without flipped triangles has no gaps at edges or
+//! vertices. For a direction on an edge, the triangle with the smaller index is returned. Triangles that are flipped or
+//! without area are ignored, which does no harm where other triangles cover their part of the sphere. A direction that
+//! no triangle covers, as in a hole of the sphere, is assigned to the nearest triangle if its distance is at most
+//! [`TOLERANCE`]; otherwise it isn't found.
 //!
 //! # Cost
 //!
-//! A bounding-volume hierarchy (parry3d's) holds a box around each *spherical* triangle, so the point looked up is d
-//! itself, a point of the unit sphere. The hierarchy adapts to the triangles' density, however uneven a
-//! parameterisation is. A flat triangle with longest edge e bulges from its plane by at most 1 - sqrt(1 - e^2 / 3) on
-//! the sphere; its box is larger than that of its corners by this much.
+//! A bounding-volume hierarchy (parry3d's) has a box around each *spherical* triangle, and is searched for the boxes
+//! that contain the unit vector d. The hierarchy adapts to the triangles' density, however uneven it is. A spherical
+//! triangle rises above the plane of its corners by at most 1 - sqrt(1 - e^2 / 3), with e the longest edge of the flat
+//! triangle. Its box is the box of the corners, enlarged by this much.
 //!
-//! If slivers share a pole, each lies in the boxes of nearly all others, and such boxes bulge far. So for a sphere made
-//! of slivers, such as those of fans, each flat triangle has a box in its own orientation, and all triangles whose
-//! boxes meet the segment from the origin to d are tested (`sliver_tree.rs`).
+//! If slivers share a pole, each of them lies in the boxes of nearly all others, and these boxes are enlarged by much.
+//! For spheres made of slivers, such as fans, each flat triangle therefore has a box in its own orientation, and all
+//! triangles whose boxes meet the segment from the origin to d are tested (`sliver_tree.rs`).
 
 use ndarray::{Array2, ArrayView2, Axis};
 use parry3d_f64::bounding_volume::Aabb;
@@ -41,40 +41,40 @@ use crate::geometry::{Vec3, bounds, cross, dot, orientation, sub};
 use crate::mesh::Mesh;
 use crate::sliver_tree::{SliverTree, is_of_slivers};
 
-/// Largest distance of a direction from all triangles, in radians, at which it still counts as covered.
+/// Largest distance from the nearest triangle, in radians, at which a direction counts as covered.
 pub const TOLERANCE: f64 = 1e-9;
 
 /// The point where a direction meets a sphere's triangles.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Place {
-    /// The triangle, counted from 0.
+    /// Index of the triangle, counted from 0.
     pub triangle: u32,
-    /// Weights of its corners, in the order of its corners: nonnegative, with sum 1.
+    /// Weights of the triangle's corners, in the order of the corners: nonnegative, with sum 1.
     pub barycentric: [f64; 3],
 }
 
 /// A search tree over a sphere's triangles.
 pub struct SphereLocator {
     tree: Tree,
-    /// Unit vectors, counter-clockwise seen from outside except in flipped triangles.
+    /// The corners of each triangle as unit vectors, counter-clockwise seen from outside except in flipped triangles.
     corners: Vec<[Vec3; 3]>,
-    /// Whether the sphere's own order is clockwise. If so, corners 1 and 2 are swapped in `corners`.
+    /// Whether the sphere's triangles are clockwise seen from outside. If so, corners 1 and 2 are swapped in `corners`.
     inward: bool,
     faces: Vec<[u32; 3]>,
     vertices: usize,
     flipped: usize,
 }
 
-/// Bounding boxes of triangles.
+/// A tree of bounding boxes of triangles.
 enum Tree {
-    /// Axis-aligned boxes around spherical triangles.
+    /// Axis-aligned boxes around the spherical triangles.
     Boxes(Bvh),
-    /// Boxes around flat triangles, in the orientation of slivers.
+    /// Boxes around the flat triangles, in the orientations of the triangles.
     Slivers(SliverTree),
 }
 
 impl SphereLocator {
-    /// Builds the tree for a sphere around the origin, of any radius, wound either way. O(n log n).
+    /// Builds the locator of a sphere around the origin, which can have any radius and either winding. O(n log n).
     ///
     /// # Errors
     ///
@@ -98,7 +98,7 @@ impl SphereLocator {
         let mut corners: Vec<[Vec3; 3]> = sphere.faces.iter().map(|face| face.map(corner)).collect();
         let positive = |corners: &[[Vec3; 3]]| corners.iter().filter(|c| orientation(**c) > 0.0).count();
         let mut upright = positive(&corners);
-        // Wound inwards: treated as wound outwards from here on; `locate` restores the sphere's order of the weights.
+        // An inward sphere is treated as wound outwards from here on; `locate` restores the order of the weights.
         let inward = 2 * upright < corners.len();
         if inward {
             corners.iter_mut().for_each(|c| c.swap(1, 2));
@@ -114,7 +114,7 @@ impl SphereLocator {
         Ok(Self { tree, corners, inward, faces: sphere.faces.clone(), vertices, flipped })
     }
 
-    /// Returns the number of triangles that are wound against the others or have no area: 0 for a one-to-one
+    /// Returns the number of triangles that are wound against the majority or have no area. It is 0 for a one-to-one
     /// parameterisation.
     #[must_use]
     pub fn flipped(&self) -> usize {
@@ -127,7 +127,7 @@ impl SphereLocator {
         self.vertices
     }
 
-    /// Returns the vertices that the weights of a [`Place`] belong to.
+    /// Returns the vertices of the triangle of a [`Place`], in the order of its weights.
     ///
     /// # Panics
     ///
@@ -137,7 +137,7 @@ impl SphereLocator {
         self.faces[place.triangle as usize]
     }
 
-    /// Returns the triangle that a unit vector meets; `None` if it meets none.
+    /// Returns the triangle that a unit vector meets and the weights of the point; `None` if no triangle is met.
     #[must_use]
     pub fn locate(&self, direction: [f64; 3]) -> Option<Place> {
         let mut inside: Option<u32> = None;
@@ -154,7 +154,7 @@ impl SphereLocator {
         Some(Place { triangle, barycentric })
     }
 
-    /// Locates many unit vectors in parallel; see [`locate`](Self::locate).
+    /// Locates many unit vectors in parallel, as [`locate`](Self::locate) does for one.
     ///
     /// # Errors
     ///
@@ -169,7 +169,7 @@ impl SphereLocator {
         Err(SurfaceError::NotCovered { missed, directions: directions.len(), first, flipped: self.flipped })
     }
 
-    /// Interpolates values on the sphere's vertices, (n, c), at unit vectors; returns (m, c).
+    /// Interpolates values at the sphere's vertices, (n, c), to m unit vectors; returns (m, c).
     ///
     /// # Errors
     ///
@@ -191,7 +191,7 @@ impl SphereLocator {
         let mut result = Array2::zeros((places.len(), values.ncols()));
         result.axis_iter_mut(Axis(0)).into_par_iter().zip(&places).with_min_len(256).for_each(|(mut row, place)| {
             for (vertex, weight) in self.corners(place).into_iter().zip(place.barycentric) {
-                // 0 times a value that isn't finite would make an exact result NaN.
+                // Corners of weight 0 are skipped, since 0 times an infinite or NaN value is NaN.
                 if weight != 0.0 {
                     row.scaled_add(weight, &values.row(vertex as usize));
                 }
@@ -200,7 +200,7 @@ impl SphereLocator {
         Ok(result)
     }
 
-    /// Visits the triangles that a direction may meet, or whose distance from it may be below `slack`.
+    /// Visits all triangles that a direction meets or that are within `slack` of it, and possibly others.
     fn each_near(&self, direction: Vec3, slack: f64, mut visit: impl FnMut(u32)) {
         match &self.tree {
             Tree::Boxes(tree) => {
@@ -213,11 +213,12 @@ impl SphereLocator {
         }
     }
 
-    /// Returns the triangle within [`TOLERANCE`] that a direction is least outside of.
+    /// Returns the triangle nearest to a direction outside of all triangles; `None` if it is farther than
+    /// [`TOLERANCE`].
     fn nearest(&self, direction: Vec3) -> Option<u32> {
         let outside = |t: u32| {
             let [a, b, c] = self.corners[t as usize];
-            // Sine of the angle by which d lies beyond the plane of an edge.
+            // Sine of the angle by which the direction lies outside of the plane through the edge u v and the origin.
             let beyond = |u: Vec3, v: Vec3| {
                 let normal = cross(u, v);
                 -dot(normal, direction) / dot(normal, normal).sqrt()
@@ -245,22 +246,22 @@ fn contains(corners: &[Vec3; 3], d: Vec3) -> bool {
         && orientation(*corners) > 0.0
 }
 
-/// Returns the gnomonic weights; `None` for a triangle without area, which has none.
+/// Returns the weights of the point where d meets the plane of a triangle; `None` for a triangle without area.
 fn weights([a, b, c]: &[Vec3; 3], d: Vec3) -> Option<[f64; 3]> {
     let [a, b, c] = [a, b, c].map(|&corner| sub(corner, d));
-    // Relative to d, the determinants are 0 exactly if d is a corner, and lose no digits in small triangles. The signs
-    // are already decided, so values that are negative by rounding are set to 0.
+    // Computed relative to d, the determinants are exactly 0 if d is a corner, and keep their digits in small
+    // triangles. d is known to be inside, so determinants that are negative by rounding are set to 0.
     let sizes = [(b, c), (c, a), (a, b)].map(|(u, v)| dot(cross(u, v), d).max(0.0));
     let sum: f64 = sizes.iter().sum();
     (sum > 0.0).then(|| sizes.map(|size| size / sum))
 }
 
-/// Returns a box around the part of the unit sphere above a triangle.
+/// Returns a box around a spherical triangle.
 fn spherical_box(corners: &[Vec3; 3]) -> Aabb {
     let [a, b, c] = *corners;
     let square = |u: Vec3, v: Vec3| dot(sub(u, v), sub(u, v));
     let longest = square(a, b).max(square(b, c)).max(square(c, a));
-    // |p|^2 = 1 - sum w_i w_j |v_i - v_j|^2 >= 1 - e^2 / 3 for any p of the triangle. Rounding adds some epsilons.
+    // |p|^2 = 1 - sum w_i w_j |v_i - v_j|^2 >= 1 - e^2 / 3 for any p of the flat triangle. 1e-15 is added for rounding.
     let bulge = 1.0 - (1.0 - longest / 3.0).max(0.0).sqrt() + 1e-15;
     let (low, high) = bounds(corners.iter().copied());
     Aabb::new(Vector::from(low.map(|x| x - bulge)), Vector::from(high.map(|x| x + bulge)))
@@ -272,7 +273,7 @@ mod tests {
     use crate::generate::{SplitMix64, bipyramid};
     use crate::geometry::{add, unit};
 
-    /// A fan over the sphere, not aligned with the axes.
+    /// Returns a double pyramid that isn't aligned with the axes.
     fn fan(sides: u32) -> Mesh {
         let turned = |[x, y, z]: Vec3| unit([0.8 * x + 0.6 * z, y, 0.8 * z - 0.6 * x]);
         let mesh = bipyramid(sides);
@@ -289,7 +290,7 @@ mod tests {
             let mut random = SplitMix64::new(7);
             let (mut count, points) = (0_usize, 1000_usize);
             for k in 0..points {
-                // Vertices of the rim, points of its edges and of others, and of triangles.
+                // Tests vertices of the rim, points on edges of the rim and on other edges, and random points.
                 let [a, b, c] = locator.corners[k * 29 % sides as usize];
                 let direction = match k % 10 {
                     0 => a,

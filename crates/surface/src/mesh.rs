@@ -1,16 +1,16 @@
-//! Triangle meshes and values on their vertices.
+//! Defines triangle meshes, and values on their vertices.
 
 /// A triangle mesh.
 ///
-/// The order of the vertices (which a study's subjects share) and the winding of the triangles (by convention
-/// counter-clockwise seen from outside) are never changed by this crate.
+/// This crate never changes the order of the vertices, which the subjects of a study share, or the winding of the
+/// triangles, which is counter-clockwise seen from outside by convention.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
-    /// Positions, in the file's units: mm, and RAS+, for brains.
+    /// Positions, in the file's unit and axes: mm and RAS+ for brains.
     pub vertices: Vec<[f64; 3]>,
     /// Triangles, as indices into `vertices` counted from 0.
     pub faces: Vec<[u32; 3]>,
-    /// Metadata of the file.
+    /// Metadata from the mesh's file.
     pub meta: Meta,
 }
 
@@ -25,7 +25,7 @@ impl Mesh {
     ///
     /// # Panics
     ///
-    /// When the number of vertices differs.
+    /// When the number of positions isn't the number of vertices.
     #[must_use]
     pub fn with_vertices(&self, vertices: Vec<[f64; 3]>) -> Self {
         assert_eq!(
@@ -39,7 +39,7 @@ impl Mesh {
     }
 }
 
-/// Metadata of a mesh's file, kept from reading to writing.
+/// Metadata of a mesh's file, which are preserved from reading to writing.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Meta {
     /// GIfTI's `AnatomicalStructurePrimary`, such as `CortexLeft`; Workbench requires it.
@@ -48,9 +48,9 @@ pub struct Meta {
     pub file_metadata: Vec<(String, String)>,
     /// GIfTI metadata of the point set, without `AnatomicalStructurePrimary`: (name, value).
     pub surface_metadata: Vec<(String, String)>,
-    /// GIfTI's coordinate system. It is kept and not applied: positions are as stored, as in other readers.
+    /// GIfTI's coordinate system. It is preserved but not applied: positions are as stored, as in other readers.
     pub coordinate_system: Option<CoordinateSystem>,
-    /// The comment that opens a FreeSurfer file ("created by ...").
+    /// The comment at the beginning of a FreeSurfer file ("created by ...").
     pub freesurfer_stamp: Option<String>,
     /// The bytes after a FreeSurfer file's triangles: the volume's geometry with its centre (`cras`); see
     /// [`VolumeGeometry`](crate::VolumeGeometry).
@@ -62,16 +62,16 @@ pub struct Meta {
 pub struct CoordinateSystem {
     /// The space of the positions as stored.
     pub data_space: String,
-    /// The space that `matrix` leads to.
+    /// The space of the positions after the transform by `matrix`.
     pub transformed_space: String,
-    /// Row-major 4 x 4.
+    /// The transform from `data_space` to `transformed_space`: 4 x 4, row-major.
     pub matrix: [f64; 16],
 }
 
-/// Values on the vertices of a mesh: thickness, curvature, a time series.
+/// Values on the vertices of a mesh, such as thickness, curvature or a time series.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Signal {
-    /// (vertices, channels), row-major.
+    /// The values: (vertices, channels), row-major.
     pub values: Vec<f64>,
     /// Number of vertices.
     pub vertices: usize,
@@ -80,11 +80,11 @@ pub struct Signal {
 }
 
 impl Signal {
-    /// Returns a signal with these values, (vertices, channels) row-major.
+    /// Returns a signal with the given values, (vertices, channels) row-major.
     ///
     /// # Panics
     ///
-    /// When `values` is not `vertices * channels` long.
+    /// When the number of values isn't `vertices * channels`.
     #[must_use]
     pub fn new(values: Vec<f64>, vertices: usize, channels: usize) -> Self {
         assert_eq!(
@@ -97,19 +97,19 @@ impl Signal {
     }
 }
 
-/// The meaning of the channels at each vertex.
+/// What the channels at each vertex mean.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Kind {
     /// Positions: the three channels are x, y and z.
     #[default]
     Surface,
-    /// Anything else, such as thickness.
+    /// Any other values, such as thickness.
     Signal,
 }
 
 /// The contents of a file.
 #[derive(Clone, Debug, PartialEq)]
-// One value per file read: boxing would save nothing.
+// Boxing the larger variant would save nothing, since there is only one value per file.
 #[expect(clippy::large_enum_variant)]
 pub enum Input {
     /// A surface.

@@ -1,8 +1,8 @@
-//! The nearest point of a triangle mesh.
+//! Finds the nearest point of a triangle mesh.
 //!
-//! A bounding-volume hierarchy over the triangles (parry3d's), searched best first. The result is the minimum over all
-//! triangles, of which O(log n) are visited. For slivers the boxes are rotated to the triangles' orientation. It needs
-//! about 160 bytes per triangle, 310 for slivers.
+//! A bounding-volume hierarchy over the triangles (parry3d's) is searched best first. The result is the exact minimum
+//! over all triangles, of which O(log n) are visited. For slivers the boxes are rotated to the triangles' orientation.
+//! Memory: about 160 bytes per triangle, 310 for slivers.
 
 use parry3d_f64::bounding_volume::Aabb;
 use parry3d_f64::math::Vector;
@@ -21,21 +21,21 @@ pub struct TriangleTree {
     slivers: Option<SliverTree>,
 }
 
-/// The point of a mesh that is nearest to a given one.
+/// The point of a mesh that is nearest to a given point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Nearest {
-    /// The triangle, counted from 0.
+    /// Index of the triangle that contains the nearest point, counted from 0.
     pub triangle: u32,
-    /// Weights of the triangle's corners, in the order of its corners: nonnegative, with sum 1.
+    /// Weights of that triangle's corners, in the order of the corners: nonnegative, with sum 1.
     pub barycentric: [f64; 3],
     /// The nearest point.
     pub point: [f64; 3],
-    /// Distance to that point, in the coordinates' unit.
+    /// Distance between the given and the nearest point, in the coordinates' unit.
     pub distance: f64,
 }
 
 impl TriangleTree {
-    /// Builds the tree of a mesh's triangles, O(n log n).
+    /// Builds the search tree of a mesh, O(n log n).
     ///
     /// # Panics
     ///
@@ -63,8 +63,8 @@ impl TriangleTree {
         Some(self.on_triangle(triangle, point))
     }
 
-    /// Returns the nearest triangle and the distance of `point` from it; `None` in the same cases as
-    /// [`nearest`](Self::nearest). It is fast if `near`, a triangle close to the nearest one, is given.
+    /// Returns the nearest triangle and its distance from `point`; `None` in the same cases as
+    /// [`nearest`](Self::nearest). The search is fast if `near`, a triangle close to the nearest one, is given.
     pub(crate) fn distance(&self, point: Vec3, near: Option<u32>) -> Option<(u32, f64)> {
         if self.slivers.is_some() {
             return self.nearest(point).map(|found| (found.triangle, found.distance));
@@ -75,7 +75,7 @@ impl TriangleTree {
         better.or(known).map(|(triangle, square)| (triangle, square.sqrt()))
     }
 
-    /// Returns the nearest triangle and the square of its distance; `None` if no square is below `most`.
+    /// Returns the nearest triangle and its squared distance; `None` if no squared distance is below `most`.
     fn search(&self, point: Vec3, most: f64) -> Option<(u32, f64)> {
         let p = Vector::from(point);
         if !p.is_finite() {
@@ -89,7 +89,7 @@ impl TriangleTree {
         found.filter(|(_, square)| square.is_finite())
     }
 
-    /// Returns the square of the distance to a triangle.
+    /// Returns the squared distance of `point` from a triangle.
     fn square(&self, triangle: u32, point: Vector) -> f64 {
         let found = self.triangle(triangle).project_local_point(point, false);
         (found.point - point).length_squared()

@@ -156,12 +156,12 @@ pub fn read_signal_with_gaps(path: impl AsRef<Path>) -> Result<Signal, SurfaceEr
     Ok(signal)
 }
 
-/// Returns the number of vertices given in a file's first bytes, for FreeSurfer's surfaces and curv files; `None` for
-/// other formats, which have to be read.
+/// Returns the number of vertices of a FreeSurfer surface or curv file, from the file's first bytes. `None` for other
+/// formats, which must be read completely to know it.
 ///
 /// # Errors
 ///
-/// Those of [`read_input`] for an empty file or one that can't be opened.
+/// Those of [`read_input`] for a file that is empty or can't be opened.
 pub fn declared_vertices(path: impl AsRef<Path>) -> Result<Option<u64>, SurfaceError> {
     let path = path.as_ref();
     let head = load::head(path)?;
@@ -171,13 +171,13 @@ pub fn declared_vertices(path: impl AsRef<Path>) -> Result<Option<u64>, SurfaceE
     Ok(freesurfer::declared(&head))
 }
 
-/// Reads a file without checking the values.
+/// Reads a file without checking that its numbers are finite and its indices in range.
 fn parse(path: &Path) -> Result<Input, SurfaceError> {
     let mut bytes = load::load(path)?;
     if load::is_gzip(&bytes) {
         bytes = load::gunzip(&bytes).map_err(|flaw| flaw.at(path, "a gzipped file"))?;
     }
-    // In every format the contents need at least as much memory as the file, in addition to the file's bytes.
+    // In every format the contents need at least as much memory as the file, while the file's bytes are in memory, too.
     check_room(bytes.len() as u64).map_err(|room| SurfaceError::NoRoom { path: path.to_owned(), room })?;
     if let Some(format) = volume::kind(&bytes) {
         return Err(SurfaceError::VolumeInput { path: path.to_owned(), format });
@@ -189,12 +189,13 @@ fn parse(path: &Path) -> Result<Input, SurfaceError> {
 
 /// Writes a surface in the format implied by its name, completely or not at all.
 ///
-/// Names `lh.*`, `rh.*` and FreeSurfer's own endings (`.pial`, `.white`, `.sphere`, ...) give FreeSurfer files.
+/// Names that begin with `lh.` or `rh.`, or end like FreeSurfer's (`.pial`, `.white`, `.sphere`, ...), give FreeSurfer
+/// files.
 ///
 /// # Errors
 ///
-/// If the name implies no format, the file exists and may not be replaced, or writing fails; the target is then
-/// unchanged.
+/// If the name implies no format, if the file exists and `overwrite` is false, or if writing fails. The existing file
+/// is then unchanged.
 pub fn write_mesh(path: impl AsRef<Path>, mesh: &Mesh, options: &WriteOptions) -> Result<(), SurfaceError> {
     let path = path.as_ref();
     let format = to_write_mesh(path)?;
@@ -215,8 +216,8 @@ pub fn write_signal(path: impl AsRef<Path>, signal: &Signal, options: &WriteOpti
     write_signal_of(path, signal, None, options)
 }
 
-/// Writes values on the vertices of a structure, such as `CortexLeft`. GIfTI stores it as `AnatomicalStructurePrimary`,
-/// which Workbench requires; other formats don't store it. See [`write_signal`].
+/// Writes values on the vertices of an anatomical structure, such as `CortexLeft`. GIfTI stores the structure as
+/// `AnatomicalStructurePrimary`, which Workbench requires; other formats don't store it. See [`write_signal`].
 ///
 /// # Errors
 ///
@@ -243,7 +244,7 @@ pub fn write_signal_of(
     write_as(path, options, format.write_signal, signal, structure)
 }
 
-/// Writes with a format's writer, gzipped if the name says so.
+/// Writes contents with the given writer of a format, gzipped if the file's name requires it.
 fn write_as<T>(
     path: &Path,
     options: &WriteOptions,

@@ -1,7 +1,8 @@
-//! Wavefront OBJ: `v x y z`, `f a/b/c ...`; everything else (normals, texture, groups, materials) is skipped.
+//! Reads and writes Wavefront OBJ: `v x y z`, `f a/b/c ...`. Everything else (normals, textures, groups, materials) is
+//! skipped.
 //!
-//! tobj makes a separate model of each group, with its own vertices, which loses the file's vertex order, so it isn't
-//! used.
+//! The crate tobj isn't used: it makes a separate model with separate vertices for each group, which loses the order of
+//! the vertices.
 
 use std::io::{self, Write};
 
@@ -38,7 +39,8 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     Ok(Mesh::new(vertices, faces))
 }
 
-/// Parses a corner such as `7`, `7/1`, `7//3` or `-1`, counted from 1, or backwards from the last vertex so far.
+/// Parses a corner such as `7`, `7/1`, `7//3` or `-1`. Positive indices count from 1; negative ones count back from the
+/// last vertex read so far.
 fn index(word: &[u8], vertices_so_far: usize, line_number: usize) -> Result<u32, Flaw> {
     let position = word.split(|&b| b == b'/').next().unwrap_or_default();
     let from_zero = match number::<i64>(position) {
@@ -51,7 +53,7 @@ fn index(word: &[u8], vertices_so_far: usize, line_number: usize) -> Result<u32,
         .ok_or_else(|| Flaw::new(format!("a vertex's number on line {line_number}"), shown(word)))
 }
 
-/// Writes positions with every digit, and triangles.
+/// Writes positions such that they read back exactly, and triangles.
 pub(super) fn write(out: &mut dyn Write, mesh: &Mesh) -> io::Result<()> {
     for [x, y, z] in &mesh.vertices {
         writeln!(out, "v {x:?} {y:?} {z:?}")?;

@@ -1,7 +1,7 @@
-//! Geomview's OFF: a keyword, the counts, a line per vertex, a line per polygon. Colours and normals after the
-//! positions are skipped.
+//! Reads and writes Geomview's OFF: a keyword, the counts, a line per vertex, a line per polygon. Colours and normals
+//! after the positions are skipped.
 //!
-//! off-rs rounds positions to 32 bits, so it isn't used.
+//! The crate off-rs isn't used, because it rounds positions to 32 bits.
 
 use std::io::{self, Write};
 
@@ -10,9 +10,9 @@ use super::polygon::fan;
 use super::text::{lines, next_number, next_position, words};
 use crate::mesh::Mesh;
 
-/// Reads text OFF, COFF, NOFF and CNOFF.
+/// Reads a text file with the keyword OFF, COFF, NOFF or CNOFF.
 pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
-    // Nonempty lines without comments.
+    // Comments are removed, and lines that are then empty are skipped.
     let mut lines = lines(bytes)
         .map(|(number, line)| (number, line.split(|&b| b == b'#').next().unwrap_or_default().trim_ascii()))
         .filter(|(_, line)| !line.is_empty());
@@ -42,7 +42,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     let vertex_count: u64 = next_number(&mut counts, "the count of vertices", at)?;
     let face_count: u64 = next_number(&mut counts, "the count of polygons", at)?;
 
-    // The shortest line is "0 0 0" and a newline, which the last line doesn't need.
+    // The shortest line has 6 bytes: "0 0 0" and a newline, which may be missing at the end of the file.
     let vertex_count = bounded(vertex_count, 6, bytes.len() + 1, "vertices")?;
     let mut vertices = Vec::with_capacity(vertex_count);
     for _ in 0..vertex_count {
@@ -57,7 +57,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
         let mut words = words(line);
         let count: usize = next_number(&mut words, "a count of corners", at)?;
         corners.clear();
-        // Each corner needs a word of the line, so a count that is too large fails at the end of the line.
+        // Each corner needs a word on the line, so if `count` is too large, the end of the line gives an error.
         for _ in 0..count {
             corners.push(next_number(&mut words, "a vertex's index", at)?);
         }
@@ -68,7 +68,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     Ok(Mesh::new(vertices, faces))
 }
 
-/// Writes positions with every digit, and triangles.
+/// Writes positions such that they read back exactly, and triangles.
 pub(super) fn write(out: &mut dyn Write, mesh: &Mesh) -> io::Result<()> {
     writeln!(out, "OFF\n{} {} 0", mesh.vertices.len(), mesh.faces.len())?;
     for [x, y, z] in &mesh.vertices {

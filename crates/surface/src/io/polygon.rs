@@ -1,9 +1,9 @@
 //! Splits polygons into triangles.
 
-/// Adds the fan of triangles around a polygon's first corner.
+/// Splits a polygon into triangles that share its first corner, and adds them to `faces`.
 ///
-/// The fan keeps the winding and adds no vertex. For a polygon that isn't convex it may fold over, which affects the
-/// geometry but not the topology. Returns `false` for fewer than three corners.
+/// The triangles have the polygon's winding, and no vertex is added. If the polygon isn't convex, triangles may
+/// overlap, which affects the geometry but not the topology. Returns `false` for fewer than three corners.
 pub(super) fn fan(corners: &[u32], faces: &mut Vec<[u32; 3]>) -> bool {
     let [first, second, rest @ ..] = corners else {
         return false;

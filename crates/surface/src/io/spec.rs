@@ -1,14 +1,14 @@
-//! Properties of a format, as listed in the table of formats.
+//! Defines the properties of a format that the table of formats lists.
 
 use std::io::{self, Write};
 
 use super::flaw::Flaw;
 use crate::mesh::{Input, Mesh, Signal};
 
-/// Number of bits of a position or value that a format keeps.
+/// The precision with which a format stores positions and values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Precision {
-    /// All bits, as text.
+    /// All 64 bits, as decimal text that reads back exactly.
     Exact,
     /// 32 bits, or 64 if requested.
     Choice,
@@ -16,23 +16,24 @@ pub enum Precision {
     Single,
 }
 
-/// A file format.
+/// A file format, with its properties and functions.
 #[derive(Debug)]
 pub struct FormatSpec {
-    /// Name as used in messages: "a PLY file".
+    /// The format's name as used in messages, such as "a PLY file".
     pub name: &'static str,
-    /// Endings of its files, in lower case; `.gz` may follow each.
+    /// Endings of the format's file names, in lower case; `.gz` may follow.
     pub endings: &'static [&'static str],
-    /// Precision of a position or a value.
+    /// Precision of positions and values.
     pub precision: Precision,
-    /// Whether the order of the vertices is kept. If it isn't, a surface and its sphere no longer correspond.
+    /// Whether the order of the vertices is preserved. If not, a surface read back no longer corresponds to its sphere.
     pub keeps_order: bool,
-    /// Whether this format is implied by names that begin with a hemisphere, `lh.` or `rh.`, and don't have another
-    /// format's ending. The format's own endings are common words that don't determine a file's format.
+    /// Whether this format is implied by names that begin with `lh.` or `rh.` (a hemisphere) and don't have the ending
+    /// of another format. The endings of such a format are common words that don't determine the format of a file.
     pub hemisphere_prefix: bool,
-    /// Most values per vertex.
+    /// Largest number of values per vertex.
     pub most_channels: usize,
-    /// Whether bytes at the start of a file match this format. The first matching format of the table is used.
+    /// Whether the given bytes are the beginning of a file of this format. The first format in the table that matches
+    /// is used.
     pub(super) magic: fn(&[u8]) -> bool,
     /// Reads a file's contents.
     pub(super) read: fn(&[u8]) -> Result<Input, Flaw>,
@@ -42,23 +43,23 @@ pub struct FormatSpec {
     pub(super) write_signal: Option<Writer<Signal>>,
 }
 
-/// Writes contents of one kind in a format.
+/// A function that writes a surface or a signal in some format.
 pub(super) type Writer<T> = fn(&mut dyn Write, &T, &Context<'_>) -> io::Result<()>;
 
-/// Information for a writer in addition to the contents.
+/// What a writer needs to know in addition to the contents.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Context<'a> {
     /// Whether 64 bits were requested.
     pub(super) double: bool,
     /// The file's name in lower case, without `.gz`.
     pub(super) name: &'a str,
-    /// Structure of the vertices, as a value of GIfTI's `AnatomicalStructurePrimary`, used if the contents don't
-    /// specify it.
+    /// Anatomical structure of the vertices, as a value of GIfTI's `AnatomicalStructurePrimary`; used for contents
+    /// without their own.
     pub(super) structure: Option<&'a str>,
 }
 
 impl FormatSpec {
-    /// Returns whether every bit of an f64 is kept; `double` means that 64 bits are requested.
+    /// Returns whether all bits of an f64 are stored. `double` says whether 64 bits are requested.
     #[must_use]
     pub fn holds_double(&self, double: bool) -> bool {
         match self.precision {

@@ -1,7 +1,7 @@
-//! STL, text and binary. It has no shared vertices: each triangle stores its corners, and corners with exactly equal
-//! coordinates become one vertex, numbered in the order of first appearance.
+//! Reads and writes STL, as text or binary. STL has no shared vertices: each triangle stores its corners. When read,
+//! corners with exactly equal coordinates become one vertex; vertices are numbered in the order of first appearance.
 //!
-//! stl_io treats binary files that start with "solid", as many do, as text, so it isn't used.
+//! The crate stl_io isn't used: it treats binary files that start with "solid", as many do, as text.
 
 use std::collections::HashMap;
 use std::io::{self, Write};
@@ -12,10 +12,11 @@ use super::text::{lines, next_position, words};
 use crate::mesh::Mesh;
 
 const HEADER: usize = 80;
-/// Bytes per triangle: a normal, three corners, two bytes of attributes.
+/// Number of bytes per triangle: a normal, three corners, and two bytes of attributes.
 const TRIANGLE: usize = 50;
 
-/// Reads either kind. A file whose length matches a binary file's is binary, whatever its header says.
+/// Reads a text or binary file. A file is binary if its length is that of a binary file, even if it starts with
+/// "solid".
 pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     let text = bytes.trim_ascii_start().starts_with(b"solid");
     let mut cursor = Cursor::new(bytes);
@@ -48,7 +49,7 @@ fn has_binary_length(bytes: &[u8]) -> bool {
 
 fn read_text(bytes: &[u8]) -> Result<Mesh, Flaw> {
     let mut welder = Welder::with_capacity(0);
-    // Number of corners in the open loop, and whether a solid is open.
+    // The number of corners in the current loop, and whether a solid has begun and not ended.
     let (mut corners, mut open) = (0, false);
     for (at, line) in lines(bytes) {
         let mut words = words(line);
@@ -76,7 +77,7 @@ fn read_text(bytes: &[u8]) -> Result<Mesh, Flaw> {
     Ok(welder.finish())
 }
 
-/// Assigns the same index to equal positions.
+/// Collects corners, and gives equal positions the same vertex index.
 struct Welder {
     numbers: HashMap<[u64; 3], u32>,
     vertices: Vec<[f64; 3]>,
@@ -93,7 +94,7 @@ impl Welder {
     }
 
     fn corner(&mut self, position: [f64; 3]) -> Result<(), Flaw> {
-        // Adding 0 turns -0 into +0, which is the same position.
+        // Adding 0 turns -0 into +0, so that both give the same key.
         let key = position.map(|x| (x + 0.0).to_bits());
         let next = u32::try_from(self.vertices.len()).map_err(|_| Flaw::new("fewer than 2^32 vertices", "more"))?;
         let number = *self.numbers.entry(key).or_insert(next);
@@ -110,7 +111,7 @@ impl Welder {
     }
 }
 
-/// Writes binary STL, with each triangle's unit normal (0 for one without area).
+/// Writes a binary file. Each triangle has its unit normal, or a zero normal if it has no area.
 pub(super) fn write(out: &mut dyn Write, mesh: &Mesh) -> io::Result<()> {
     let count = u32::try_from(mesh.faces.len()).map_err(|_| io::Error::other("STL counts triangles to 2^32 - 1"))?;
     let mut header = [b' '; HEADER];

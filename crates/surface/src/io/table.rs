@@ -1,4 +1,5 @@
-//! Tables of values on vertices: a row per vertex, a column per channel, an optional line of column names first.
+//! Reads and writes tables of values: a row per vertex and a column per channel, after an optional line of column
+//! names.
 
 use std::io::{self, Write};
 
@@ -6,10 +7,10 @@ use super::flaw::{Flaw, shown};
 use super::text::{lines, number};
 use crate::mesh::Signal;
 
-/// Reads a table whose cells are separated by `separator`. The first line is treated as names if any cell isn't a
-/// number.
+/// Reads a table with cells separated by `separator`. The first line is treated as column names if one of its cells
+/// isn't a number.
 pub(super) fn read(bytes: &[u8], separator: u8) -> Result<Signal, Flaw> {
-    // A byte-order mark, as written by spreadsheets.
+    // Removes the byte-order mark that spreadsheets write.
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let mut values: Vec<f64> = Vec::new();
     let (mut vertices, mut channels) = (0, None);
@@ -31,7 +32,7 @@ pub(super) fn read(bytes: &[u8], separator: u8) -> Result<Signal, Flaw> {
             if !first {
                 return Err(Flaw::new(format!("numbers on line {at}"), shown(cell)));
             }
-            // Names, whose number fixes the number of columns.
+            // A line of names determines the number of columns.
             values.truncate(start);
             channels = Some(line.split(|&b| b == separator).count());
         } else {
@@ -47,7 +48,7 @@ pub(super) fn read(bytes: &[u8], separator: u8) -> Result<Signal, Flaw> {
     Ok(Signal { values, vertices, channels: channels.unwrap_or(0) })
 }
 
-/// Writes every digit, without a line of names.
+/// Writes values such that they read back exactly, without column names.
 pub(super) fn write(out: &mut dyn Write, signal: &Signal, separator: u8) -> io::Result<()> {
     for row in signal.values.chunks_exact(signal.channels) {
         for (i, x) in row.iter().enumerate() {

@@ -1,18 +1,18 @@
-//! Parses numbers and lines of the text formats.
+//! Parses numbers and lines of text formats.
 
 use super::flaw::{Flaw, shown};
 
-/// Returns the lines with their numbers, counted from 1, without line ends.
+/// Returns each line, without its line end, and its number counted from 1.
 pub(super) fn lines(bytes: &[u8]) -> impl Iterator<Item = (usize, &[u8])> {
     bytes.split(|&b| b == b'\n').enumerate().map(|(i, line)| (i + 1, line.strip_suffix(b"\r").unwrap_or(line)))
 }
 
-/// Returns the words of a line.
+/// Returns the words of a line, separated by white space.
 pub(super) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
     line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty())
 }
 
-/// Parses a number. NaN and infinity are accepted; checks after reading reject them with the vertex's index.
+/// Parses a number. NaN and infinity are accepted here; later checks reject them and report the vertex.
 pub(super) fn number<T: std::str::FromStr>(word: &[u8]) -> Option<T> {
     std::str::from_utf8(word).ok()?.parse().ok()
 }

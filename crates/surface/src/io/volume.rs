@@ -1,8 +1,8 @@
-//! Detects volumes and images given instead of a surface.
+//! Detects files that are volumes or images, which can't be read as surfaces.
 
 use super::mgh;
 
-/// Returns the kind of volume or image that the first bytes indicate; `None` for anything else.
+/// Returns the format of a volume or image, judging by the file's first bytes; `None` for other files.
 pub(super) fn kind(bytes: &[u8]) -> Option<&'static str> {
     let starts = |magic: &[u8]| bytes.starts_with(magic);
     let nifti = |at: usize, magics: [&[u8]; 2]| {

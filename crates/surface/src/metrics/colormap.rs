@@ -1,7 +1,7 @@
-//! Colours for values.
+//! Maps values to colours.
 
-/// Matplotlib's viridis (van der Walt and Smith, CC0) at sixteenths: dark blue for 0, yellow for 1, with evenly
-/// increasing lightness, and legible to the colour-blind.
+/// Matplotlib's viridis (van der Walt and Smith, CC0) at multiples of 1/16: dark blue for 0, yellow for 1. Its
+/// lightness increases evenly, and it is legible to the colour-blind.
 const VIRIDIS: [[u8; 3]; 17] = [
     [68, 1, 84],
     [72, 24, 106],
@@ -22,7 +22,7 @@ const VIRIDIS: [[u8; 3]; 17] = [
     [253, 231, 37],
 ];
 
-/// Returns red, green and blue (sRGB) for a value from 0 to 1; values beyond are clamped, NaN is grey.
+/// Returns red, green and blue (sRGB) for a value from 0 to 1. Values outside are clamped; NaN is grey.
 #[must_use]
 pub fn viridis(value: f64) -> [u8; 3] {
     if value.is_nan() {
@@ -37,8 +37,8 @@ pub fn viridis(value: f64) -> [u8; 3] {
     })
 }
 
-/// Returns [`viridis`] over `low..=high` for each value; if the two are equal, all values get the colour of the low
-/// end.
+/// Returns the [`viridis`] colour of each value, with `low` mapped to 0 and `high` to 1. If `low` equals `high`, all
+/// values get the colour for 0.
 #[must_use]
 pub fn colors(values: &[f64], low: f64, high: f64) -> Vec<[u8; 3]> {
     let span = if high > low { high - low } else { f64::INFINITY };

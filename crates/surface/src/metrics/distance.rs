@@ -1,29 +1,31 @@
-//! Distance between two surfaces whose triangles may differ.
+//! Measures the distance between two surfaces, whose triangles may differ.
 //!
 //! A reconstruction may be exact at its vertices and oscillate between them, and different meshes have no corresponding
-//! vertices. So points are spread over both surfaces, and the distance d is measured from each point to the other
-//! surface (not to its nearest vertex).
+//! vertices. Therefore points are spread over both surfaces, and the distance d is measured from each point to the
+//! nearest point (not vertex) of the other surface.
 //!
 //! # Sample points
 //!
-//! Each triangle is cut into n^2 congruent smaller ones with edges of about one length; their centroids are the points
-//! and their areas the weights, so that mean and root mean square are midpoint rules of the integrals over the surface.
-//! For the largest distance the vertices, where peaks are, are included too. Nothing is random.
+//! Each triangle is cut into n^2 congruent smaller triangles, whose edges have about the same length in all triangles.
+//! Their centroids are the sample points and their areas the weights, so that mean and root mean square are midpoint
+//! rules of the integrals over the surface. For the largest distance, the vertices are used as well, since peaks are
+//! there. Nothing is random.
 //!
 //! # Error bound
 //!
-//! d is 1-Lipschitz, and no point of a small triangle is further from its centroid than 2/3 of its longest edge. So the
-//! true Hausdorff distance is at least the computed one, and exceeds it by at most 2/3 of the longest such edge
-//! (`spacing`); this limit is [`SurfaceDistance::bound`]. Mean and root mean square are within the same bound, in
-//! practice far closer: the midpoint rule's error is of second order where d is smooth.
+//! d is 1-Lipschitz, and no point of a small triangle is farther from the triangle's centroid than 2/3 of the longest
+//! edge. The true Hausdorff distance is therefore at least the computed one, and exceeds it by at most 2/3 of the
+//! longest edge of all small triangles (`spacing`). This limit is [`SurfaceDistance::bound`]. The errors of mean and
+//! root mean square have the same bound, but are far smaller in practice: the midpoint rule's error is of second order
+//! where d is smooth.
 //!
 //! # Cost
 //!
-//! O((n + samples) log n) time: two surfaces of 80,000 triangles, with 200,000 points and 40,962 vertices on each, take
-//! 0.5 s on two cores. Memory is linear, about 200 bytes per triangle and 60 per point.
+//! O((n + samples) log n) time. Two surfaces of 80,000 triangles, with 200,000 points and 40,962 vertices each, take
+//! 0.5 s on two cores. Memory is about 200 bytes per triangle and 60 per point.
 //!
-//! After Cignoni, Rocchini and Scopigno, "Metro: measuring error on simplified surfaces", Computer Graphics Forum 17
-//! (1998), with a grid instead of random points.
+//! The method is that of Cignoni, Rocchini and Scopigno, "Metro: measuring error on simplified surfaces", Computer
+//! Graphics Forum 17 (1998), with a grid instead of random points.
 
 use rayon::prelude::*;
 use spharm_monitor::Monitor;
@@ -36,12 +38,12 @@ use crate::mesh::Mesh;
 use crate::nearest::TriangleTree;
 use crate::range::{scaled_meshes, times};
 
-/// Sampling density.
+/// Settings of [`surface_distance`]: the sampling density.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SurfaceDistanceParams {
-    /// Approximate number of points on each surface, in addition to its vertices. Each triangle gets at least one. Long
-    /// thin triangles get more than their share; the total is at most eight times `samples`, beyond which `spacing`
-    /// grows.
+    /// Approximate number of points on each surface, in addition to its vertices. Each triangle gets at least one
+    /// point. Long thin triangles get more than their share of the area. If there would be more than eight times
+    /// `samples` points in all, the points are spaced more widely.
     pub samples: usize,
 }
 
@@ -51,56 +53,56 @@ impl Default for SurfaceDistanceParams {
     }
 }
 
-/// Distances from the points of one surface to another surface, in the coordinates' unit.
+/// Distances from the sample points of one surface to another surface, in the coordinates' unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Directed {
-    /// Mean over the area.
+    /// Mean distance, weighted by area.
     pub mean: f64,
-    /// Root of the mean square over the area.
+    /// Root mean square distance, weighted by area.
     pub rms: f64,
-    /// 95th percentile over the area.
+    /// 95th percentile of the distance, weighted by area.
     pub percentile95: f64,
-    /// Largest distance, over points and vertices.
+    /// Largest distance among sample points and vertices.
     pub max: f64,
-    /// Point of the largest distance.
+    /// The point with the largest distance.
     pub worst: [f64; 3],
-    /// Number of points, without vertices.
+    /// Number of sample points, without vertices.
     pub samples: usize,
-    /// The longest edge of the small triangles.
+    /// The longest edge of the small triangles that the sample points represent.
     pub spacing: f64,
 }
 
-/// Symmetric distance of two surfaces, in the coordinates' unit (mm). Divided by `scale`, it refers to a bounding box
-/// of volume 1, as msd and xsd do.
+/// Symmetric distance between two surfaces, in the coordinates' unit (mm). Divide by `scale` to get the distance for a
+/// bounding box of volume 1, to which msd and xsd refer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct SurfaceDistance {
-    /// Mean over the area of both surfaces.
+    /// Mean distance, weighted by the area of both surfaces.
     pub mean: f64,
-    /// Root of the mean square over the area of both surfaces.
+    /// Root mean square distance, weighted by the area of both surfaces.
     pub rms: f64,
-    /// 95th percentile over the area of both surfaces.
+    /// 95th percentile of the distance, weighted by the area of both surfaces.
     pub percentile95: f64,
     /// Hausdorff distance: the larger of the two directed maxima.
     pub hausdorff: f64,
-    /// From the first surface to the second.
+    /// Distances from the first surface to the second.
     pub forward: Directed,
-    /// From the second surface to the first.
+    /// Distances from the second surface to the first.
     pub backward: Directed,
-    /// Most by which the true Hausdorff distance may exceed `hausdorff`.
+    /// Largest amount by which the true Hausdorff distance can exceed `hausdorff`.
     pub bound: f64,
-    /// The first surface's [`bounding_box_scale`].
+    /// [`bounding_box_scale`] of the first surface.
     pub scale: f64,
 }
 
-/// Returns mean, root mean square, 95th percentile and Hausdorff distance of two surfaces of any topology. Swapping the
-/// surfaces changes only `scale`, `forward` and `backward`.
+/// Returns mean, root mean square, 95th percentile and Hausdorff distance between two surfaces of any topology.
+/// Exchanging the surfaces changes only `scale`, `forward` and `backward`.
 ///
 /// # Errors
 ///
-/// [`Argument`](SurfaceError::Argument) for a surface without area or with a coordinate that isn't finite, and
-/// [`FlatBox`](SurfaceError::FlatBox) if the first one's bounding box has no volume.
+/// [`Argument`](SurfaceError::Argument) for a surface without area or with a coordinate that isn't finite;
+/// [`FlatBox`](SurfaceError::FlatBox) if the bounding box of the first surface has no volume;
 /// [`Interrupted`](SurfaceError::Interrupted).
 ///
 /// # Panics
@@ -120,7 +122,7 @@ pub fn surface_distance(
     let back = Samples::towards(second, &TriangleTree::new(first), params, monitor)?;
     let (forward, backward) = (there.summary(), back.summary());
     let area = there.area + back.area;
-    // A sum of two terms doesn't depend on their order.
+    // A sum of two terms doesn't depend on their order, so exchanging the surfaces doesn't change it.
     let mean = (there.area * forward.mean + back.area * backward.mean) / area;
     let square = (there.area * forward.rms * forward.rms + back.area * backward.rms * backward.rms) / area;
     let bound = forward.spacing.max(backward.spacing) * (2.0 / 3.0);
@@ -145,7 +147,7 @@ impl Directed {
 }
 
 impl SurfaceDistance {
-    /// Returns the distance of surfaces scaled by 2^exponent.
+    /// Returns the distance for both surfaces scaled by 2^exponent.
     #[must_use]
     pub fn times(self, exponent: i32) -> Self {
         let by = |length: f64| times(length, exponent);
@@ -162,11 +164,11 @@ impl SurfaceDistance {
     }
 }
 
-/// Returns the bytes that [`surface_distance`] needs in addition to the surfaces.
+/// Returns the number of bytes that [`surface_distance`] needs in addition to the surfaces.
 ///
-/// They consist of a tree over one surface, 250 per triangle while it is built; the division of each triangle, 120 per
-/// triangle; and 136 per point, vertices included: its position, twice while positions are collected, its distance, and
-/// the pair of distance and area, twice while pairs are sorted. The number of points is computed exactly.
+/// These are 250 per triangle for the search tree of one surface while it is built, 120 per triangle for its division,
+/// and 136 per sample point or vertex: its position, twice while positions are collected, its distance, and the pair of
+/// distance and area, twice while pairs are sorted. The number of points is computed exactly.
 ///
 /// # Panics
 ///
@@ -185,7 +187,7 @@ pub fn surface_distance_bytes(first: &Mesh, second: &Mesh, params: &SurfaceDista
 
 /// The points of one surface, with their distances to the other surface.
 struct Samples {
-    /// (distance, area).
+    /// (distance to the other surface, area) of each point.
     weighted: Vec<(f64, f64)>,
     area: f64,
     worst: (f64, Vec3),
@@ -211,7 +213,7 @@ impl Samples {
         if !(grid.area > 0.0 && grid.area.is_finite()) {
             return Err(wrong(format!("{} triangles of area {}", mesh.faces.len(), grid.area)));
         }
-        // In the mesh's order, so that sums don't depend on the number of threads.
+        // Points are in the order of the mesh, so that sums don't depend on the number of threads.
         let pieces = grid.triangles.par_iter().flat_map_iter(|&(corners, n)| centroids(corners, n));
         let mut points: Vec<Vec3> = pieces.collect();
         points.extend_from_slice(&mesh.vertices);
@@ -244,9 +246,9 @@ impl Samples {
     }
 }
 
-/// The number of pieces that each triangle is cut into.
+/// The division of each triangle into pieces.
 struct Grid {
-    /// Corners, and the number of pieces along an edge.
+    /// The corners of each triangle, and the number of pieces along an edge.
     triangles: Vec<([Vec3; 3], u32)>,
     areas: Vec<f64>,
     area: f64,
@@ -269,12 +271,13 @@ impl Grid {
         let edges: Vec<f64> = mesh.faces.iter().map(longest).collect();
         let area: f64 = areas.iter().sum();
         let wanted = wanted.max(1);
-        // Edge of an equilateral triangle with one point's share of the area.
+        // Edge of an equilateral triangle that has one point's share of the area.
         let mut step = (4.0 / 3.0_f64.sqrt() * area / wanted as f64).sqrt();
         let pieces = |edge: f64, step: f64| (edge / step).round().clamp(1.0, 4096.0) as u32;
         let count = |step: f64| edges.iter().map(|&e| u64::from(pieces(e, step)).pow(2)).sum::<u64>();
         let most = (wanted.max(mesh.faces.len()) as u64).saturating_mul(8);
-        // Slivers have long edges and next to no area; `is_normal` ends the loop for surfaces without any area.
+        // Slivers have long edges and hardly any area, so they can need too many points. For a surface without area,
+        // `is_normal` ends the loop.
         while step.is_normal() && count(step) > most {
             step *= std::f64::consts::SQRT_2;
         }
@@ -299,9 +302,9 @@ fn centroids([a, b, c]: [Vec3; 3], n: u32) -> impl Iterator<Item = Vec3> {
     })
 }
 
-/// Returns the smallest value that at least a fraction `part` of the weight doesn't exceed.
+/// Returns the smallest value such that the values up to it have at least a fraction `part` of the total weight.
 fn percentile(mut weighted: Vec<(f64, f64)>, part: f64) -> f64 {
-    // Ties are sorted by weight as well, so that the original order doesn't matter.
+    // Equal values are sorted by weight, so that the result doesn't depend on the original order.
     weighted.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
     let wanted = part * weighted.iter().map(|(_, w)| w).sum::<f64>();
     let mut below = 0.0;

@@ -1,4 +1,4 @@
-//! Distances between a surface and its reconstruction.
+//! Measures distances between a surface and its reconstruction, and maps them to colours.
 
 mod colormap;
 mod distance;

@@ -1,4 +1,4 @@
-//! The distance at each vertex of a reconstruction, to be shown in colour.
+//! Measures the distance at each vertex of a reconstruction, to be displayed in colour.
 
 use rayon::prelude::*;
 use spharm_monitor::{Monitor, Stage};
@@ -11,14 +11,14 @@ use crate::nearest::TriangleTree;
 use crate::range::{exponent, scale_all, scaled_points};
 use crate::topology::different_triangles;
 
-/// Returns whether two meshes have the same number of vertices and the same triangles, so that their vertices
-/// correspond.
+/// Returns whether two meshes have the same number of vertices and the same triangles, in any order. Their vertices
+/// then correspond.
 #[must_use]
 pub fn correspond(a: &Mesh, b: &Mesh) -> bool {
     a.vertices.len() == b.vertices.len() && different_triangles(&a.faces, &b.faces) == 0
 }
 
-/// Returns the distance of each vertex of a reconstruction from the original's vertex with the same index, in the
+/// Returns the distance of each vertex of a reconstruction from the original's vertex of the same index, in the
 /// coordinates' unit.
 ///
 /// # Errors
@@ -66,26 +66,26 @@ pub fn distances_to_surface(
     nearest_distances(&tree, points, none, monitor)
 }
 
-/// Returns the bytes that [`distances_to_surface`] needs for a surface with `faces` triangles and `points` points: 250
-/// per triangle for the tree while it is built, and a distance per point.
+/// Returns the number of bytes that [`distances_to_surface`] needs for a surface of `faces` triangles and `points`
+/// points: 250 per triangle for the search tree while it is built, and 8 per point.
 #[must_use]
 pub fn distances_to_surface_bytes(faces: usize, points: usize) -> u64 {
     250 * faces as u64 + 8 * points as u64
 }
 
-/// Returns the distance of each point from the nearest triangle, or the error `none` for a point without one.
+/// Returns the distance of each point from the nearest triangle. `none` makes the error for a point without one.
 pub(super) fn nearest_distances(
     tree: &TriangleTree,
     points: &[Vec3],
     none: impl Fn(Vec3) -> SurfaceError + Sync,
     monitor: &dyn Monitor,
 ) -> Result<Vec<f64>, SurfaceError> {
-    /// Number of points between checks of the monitor. A point in the middle of a sphere is equally near to all of its
-    /// triangles, and takes milliseconds.
+    /// Number of points between checks of the monitor. It is small because a point in the middle of a sphere is equally
+    /// near to all triangles and takes milliseconds.
     const CHUNK: usize = 16;
-    /// Points that are searched one after another, each starting from the triangle nearest to the previous point, since
-    /// most points follow their neighbours. If triangles are equally near except for rounding, the order of points can
-    /// change the last digit.
+    /// Number of points that are searched one after another. Each search starts from the triangle nearest to the
+    /// previous point, since consecutive points are mostly close. If several triangles are equally near up to rounding,
+    /// the order of points can change the last digit of a distance.
     const RUN: usize = 16 * CHUNK;
     monitor.begin(Stage::counted("distance", "points"), points.len() as u64);
     let mut distances = vec![0.0; points.len()];

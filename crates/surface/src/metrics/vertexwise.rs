@@ -1,4 +1,4 @@
-//! Distances between vertices that correspond, and the scale of a surface.
+//! Measures distances between corresponding vertices, and the scale of a surface.
 
 use crate::error::SurfaceError;
 use crate::geometry::{Vec3, bounds, dot, sub};
@@ -8,31 +8,33 @@ use crate::topology::different_triangles;
 
 /// Distances between a surface and its reconstruction, vertex by vertex.
 ///
-/// `msd` and `xsd` are those of Shen and Chung (3DPVT 2006, section 4.2): mean and maximum of the squared distances
-/// once the surface is scaled so that its axis-aligned bounding box has volume 1.
+/// `msd` and `xsd` are defined as by Shen and Chung (3DPVT 2006, section 4.2): mean and maximum of the squared
+/// distances after the surface is scaled such that its axis-aligned bounding box has volume 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Distances {
-    /// Mean squared distance, with bounding-box volume 1.
+    /// Mean squared distance for a bounding box of volume 1.
     pub msd: f64,
-    /// Maximal squared distance, with bounding-box volume 1.
+    /// Maximal squared distance for a bounding box of volume 1.
     pub xsd: f64,
     /// Mean squared distance, in squared units of the coordinates (mm^2).
     pub msd_raw: f64,
     /// Maximal squared distance, in squared units of the coordinates (mm^2).
     pub xsd_raw: f64,
-    /// Root of `msd_raw`, in units of the coordinates (mm). It is valid even if the square leaves the range of f64 and
-    /// `msd_raw` is clamped to the end of that range.
+    /// Square root of the mean squared distance, in units of the coordinates (mm). It is correct even if its square is
+    /// outside of f64's range, in which case `msd_raw` is clamped.
     pub rms_raw: f64,
-    /// Root of `xsd_raw`, likewise.
+    /// Square root of the maximal squared distance, in units of the coordinates (mm); correct where `xsd_raw` is
+    /// clamped.
     pub max_raw: f64,
-    /// Vertex of the maximum.
+    /// Index of the vertex with the maximal distance.
     pub worst_vertex: usize,
-    /// The original's [`bounding_box_scale`], in units of the coordinates.
+    /// [`bounding_box_scale`] of the original, in units of the coordinates.
     pub scale: f64,
 }
 
-/// Returns (dx dy dz)^(1/3) of the axis-aligned bounding box. Dividing the coordinates by it gives a box of volume 1.
+/// Returns (dx dy dz)^(1/3), with dx, dy, dz the extents of the axis-aligned bounding box. Coordinates divided by it
+/// have a bounding box of volume 1.
 ///
 /// # Errors
 ///
@@ -40,7 +42,8 @@ pub struct Distances {
 pub fn bounding_box_scale(vertices: &[[f64; 3]]) -> Result<f64, SurfaceError> {
     let (low, high) = bounds(vertices.iter().copied());
     let [x, y, z] = sub(high, low);
-    // Roots first: the product of three extents may leave the range of f64 even if the scale doesn't.
+    // The roots are taken first, since the product of the extents can overflow or underflow although the result
+    // doesn't.
     let scale = x.cbrt() * y.cbrt() * z.cbrt();
     if [x, y, z].iter().all(|&d| d > 0.0) && scale.is_finite() && scale > 0.0 {
         Ok(scale)
@@ -69,12 +72,13 @@ pub fn squared_distances(original: &[[f64; 3]], reconstruction: &[[f64; 3]]) -> 
     Ok(original.iter().zip(reconstruction).map(squared).collect())
 }
 
-/// Returns msd, xsd and the worst vertex, scaled by the original.
+/// Returns the distances between a surface and its reconstruction. msd and xsd are scaled by the original's bounding
+/// box.
 ///
 /// # Errors
 ///
 /// [`TopologyDiffers`](SurfaceError::TopologyDiffers) or [`LengthMismatch`](SurfaceError::LengthMismatch) if the meshes
-/// don't have the same triangles over the same number of vertices, [`FlatBox`](SurfaceError::FlatBox).
+/// don't have the same triangles or numbers of vertices; [`FlatBox`](SurfaceError::FlatBox).
 pub fn compare(original: &Mesh, reconstruction: &Mesh) -> Result<Distances, SurfaceError> {
     if original.faces.len() != reconstruction.faces.len() {
         return Err(SurfaceError::LengthMismatch {
@@ -83,7 +87,7 @@ pub fn compare(original: &Mesh, reconstruction: &Mesh) -> Result<Distances, Surf
             found: reconstruction.faces.len(),
         });
     }
-    // The same triangles in another order, or wound the other way, are the same topology.
+    // Triangles may be in another order, start at another corner or be wound the other way.
     let mut pairs = original.faces.iter().zip(&reconstruction.faces).enumerate();
     if different_triangles(&original.faces, &reconstruction.faces) > 0
         && let Some((face, (expected, found))) = pairs.find(|(_, (a, b))| a != b)
@@ -107,8 +111,8 @@ pub fn compare(original: &Mesh, reconstruction: &Mesh) -> Result<Distances, Surf
     })
 }
 
-/// Returns the mean, the maximum and its vertex. A NaN anywhere makes both NaN, so that a broken reconstruction doesn't
-/// pass for a good one.
+/// Returns the mean, the maximum and the vertex of the maximum. Any NaN makes both NaN, so that a broken reconstruction
+/// isn't reported as a good one.
 fn summarise(squared: &[f64], scale: f64) -> Distances {
     let msd_raw = squared.iter().sum::<f64>() / squared.len() as f64;
     let mut worst = (0, f64::NEG_INFINITY);

@@ -1,4 +1,4 @@
-//! The data after the header.
+//! Reads the data of a PLY file, which follow the header.
 
 use super::super::bytes::Cursor;
 use super::super::flaw::{Flaw, bounded, shown};
@@ -7,7 +7,7 @@ use super::super::text::number;
 use super::header::{Element, Encoding, Header, Kind, Scalar};
 use crate::mesh::Mesh;
 
-/// Reads positions and polygons; skips everything else.
+/// Reads positions and polygons, and skips all other data.
 pub(super) fn read(header: &Header, cursor: Cursor<'_>) -> Result<Mesh, Flaw> {
     let mut values = Values { cursor, encoding: header.encoding };
     let mut mesh = Mesh::default();
@@ -70,7 +70,7 @@ fn faces(element: &Element, values: &mut Values<'_>) -> Result<Vec<[u32; 3]>, Fl
                 Kind::List { count, item } if is_corners(&property.name) => {
                     let n = values.index(count)?;
                     corners.clear();
-                    // Each corner needs bytes, so a count that is too large fails at the end of the file.
+                    // Each corner needs bytes, so if `n` is too large, the end of the file gives an error.
                     for _ in 0..n {
                         corners.push(values.index(item)?);
                     }
@@ -100,7 +100,7 @@ fn skip(element: &Element, values: &mut Values<'_>) -> Result<(), Flaw> {
     Ok(())
 }
 
-/// The numbers of the body in sequence; in text, newlines are treated like blanks.
+/// The numbers of the data, read one after another. In text files, newlines separate numbers like blanks.
 struct Values<'a> {
     cursor: Cursor<'a>,
     encoding: Encoding,
@@ -108,7 +108,7 @@ struct Values<'a> {
 
 impl Values<'_> {
     fn bounded(&self, element: &Element) -> Result<usize, Flaw> {
-        // The last number of a text needs no blank after it.
+        // The last number in a text needs no separator after it, hence the added byte.
         let remaining = self.cursor.remaining() + 1;
         let what = String::from_utf8_lossy(&element.name);
         bounded(element.count, element.least_size(self.encoding).max(1), remaining, &what)
@@ -132,13 +132,13 @@ impl Values<'_> {
         })
     }
 
-    /// Reads a count or a vertex's index.
+    /// Reads a number that is a count or a vertex index.
     fn index(&mut self, scalar: Scalar) -> Result<u32, Flaw> {
         let Encoding::Binary(e) = self.encoding else {
             let word = self.cursor.token();
             return number(word).ok_or_else(|| Flaw::new("a whole number from 0", shown(word)));
         };
-        // A fast path for the two types that nearly all files use.
+        // Fast path for the two types that nearly all files use.
         match scalar {
             Scalar::U8 => return Ok(self.cursor.u8(e)?.into()),
             Scalar::U32 => return self.cursor.u32(e),

@@ -1,17 +1,17 @@
-//! Parses the header.
+//! Parses the header of a PLY file.
 
 use super::super::bytes::{Cursor, Endian};
 use super::super::flaw::{Flaw, shown};
 use super::super::text::{number, words};
 
-/// Layout of the data.
+/// The encoding of the data after the header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Encoding {
     Ascii,
     Binary(Endian),
 }
 
-/// A number's type.
+/// The type of a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Scalar {
     I8,
@@ -69,10 +69,10 @@ pub(super) struct Element {
 }
 
 impl Element {
-    /// Returns the smallest size of one of these elements, in bytes.
+    /// Returns the smallest possible size of an instance of this element, in bytes.
     pub(super) fn least_size(&self, encoding: Encoding) -> usize {
         let sizes = self.properties.iter().map(|p| match (encoding, p.kind) {
-            // At least a digit and a blank.
+            // A number in text takes at least two bytes, a digit and a separator.
             (Encoding::Ascii, _) => 2,
             (Encoding::Binary(_), Kind::Scalar(scalar)) => scalar.size(),
             (Encoding::Binary(_), Kind::List { count, .. }) => count.size(),
@@ -87,7 +87,7 @@ pub(super) struct Header {
     pub(super) elements: Vec<Element>,
 }
 
-/// Reads the header, including `end_header`.
+/// Reads the header, up to and including `end_header`.
 pub(super) fn read(cursor: &mut Cursor<'_>) -> Result<Header, Flaw> {
     let magic = cursor.line().unwrap_or_default();
     if magic.trim_ascii() != b"ply" {

@@ -1,7 +1,7 @@
-//! Stanford PLY: a text header that names elements and their properties, then text or binary data.
+//! Reads and writes Stanford PLY: a text header that names elements and their properties, then text or binary data.
 //!
-//! `header` parses the header, `body` reads vertices and polygons and skips the rest. ply-rs-bw keeps a map for each
-//! element and grows without bound on elements that have no properties, so it isn't used.
+//! `header` parses the header; `body` reads vertices and polygons and skips the rest. The crate ply-rs-bw isn't used:
+//! it keeps a map for each element, and needs unbounded memory for elements without properties.
 
 mod body;
 mod header;
@@ -13,19 +13,19 @@ use crate::error::SurfaceError;
 use crate::mesh::Mesh;
 pub(super) use write::write;
 
-/// Reads the `vertex` and `face` elements.
+/// Reads the elements `vertex` and `face`.
 pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     let mut cursor = Cursor::new(bytes);
     let header = header::read(&mut cursor)?;
     body::read(&header, cursor)
 }
 
-/// Attributes of each vertex in addition to its position.
+/// Values that each vertex has in addition to its position.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PlyAttributes<'a> {
-    /// A property's name, a single word, and its values, one per vertex; written in 32 bits.
+    /// Name of a property, a single word, and its values, one per vertex; written as 32-bit floats.
     pub scalar: Option<(&'a str, &'a [f64])>,
-    /// Red, green, blue for each vertex.
+    /// Red, green and blue of each vertex.
     pub colors: Option<&'a [[u8; 3]]>,
 }
 

@@ -1,11 +1,11 @@
-//! Writes little-endian binary, which every viewer reads.
+//! Writes PLY files as little-endian binary, which every viewer reads.
 
 use std::io::{self, Write};
 
 use super::PlyAttributes;
 use crate::mesh::Mesh;
 
-/// Writes a mesh with its attributes, whose lengths must have been checked.
+/// Writes a mesh with its attributes. The caller must have checked the attributes' lengths.
 pub(in crate::io) fn write(
     out: &mut dyn Write,
     mesh: &Mesh,
@@ -25,7 +25,7 @@ pub(in crate::io) fn write(
         writeln!(out, "property uchar red\nproperty uchar green\nproperty uchar blue")?;
     }
     writeln!(out, "element face {}", mesh.faces.len())?;
-    // int rather than uint, since some viewers support only int.
+    // Indices have type int if possible, because some viewers don't support uint.
     let index = if mesh.vertices.len() > i32::MAX as usize { "uint" } else { "int" };
     writeln!(out, "property list uchar {index} vertex_indices\nend_header")?;
 

@@ -1,11 +1,11 @@
-//! Reads numbers, points, cells and fields, in text or big-endian binary.
+//! Reads the numbers, points, cells and fields of a VTK file, in text or big-endian binary.
 
 use super::super::bytes::{Cursor, Endian};
 use super::super::flaw::{Flaw, bounded, shown};
 use super::super::polygon::fan;
 use super::super::text::number;
 
-/// VTK's type names that occur in geometry and fields.
+/// The number types of VTK that occur in points, cells and fields.
 #[derive(Clone, Copy)]
 enum Type {
     I8,
@@ -29,7 +29,7 @@ impl Type {
             b"unsigned_short" => Self::U16,
             b"int" | b"vtktypeint32" => Self::I32,
             b"unsigned_int" | b"vtktypeuint32" => Self::U32,
-            // 64 bits, as VTK writes them on current systems.
+            // VTK writes these types with 64 bits on current systems.
             b"long" | b"vtkIdType" | b"vtktypeint64" | b"long_long" => Self::I64,
             b"unsigned_long" | b"vtktypeuint64" => Self::U64,
             b"float" => Self::F32,
@@ -53,7 +53,7 @@ impl Type {
     }
 }
 
-/// The data, read number by number.
+/// The data of a file, read number by number.
 pub(super) struct Values<'a> {
     pub(super) cursor: Cursor<'a>,
     pub(super) ascii: bool,
@@ -65,14 +65,14 @@ impl Values<'_> {
         number(word).ok_or_else(|| Flaw::new(what, shown(word)))
     }
 
-    /// Binary data start after the newline of the line that announces them.
+    /// Moves to the data. Binary data start after the newline of the line that announces them.
     fn begin(&mut self) {
         if !self.ascii {
             self.cursor.line();
         }
     }
 
-    /// Returns the smallest size of one item of a type, in bytes.
+    /// Returns the smallest number of bytes of a number that takes `size` bytes in binary.
     fn least(&self, size: usize) -> usize {
         if self.ascii { 2 } else { size }
     }
@@ -108,7 +108,8 @@ impl Values<'_> {
             match kind {
                 Type::I64 => self.cursor.i64(Endian::Big)?,
                 Type::I32 => self.cursor.i32(Endian::Big)?.into(),
-                // Other types are never used for indices; their values are small and exact.
+                // Other types aren't used for indices in practice; converting their values by way of f64 is exact for
+                // small values.
                 other => self.float(other)? as i64,
             }
         };
@@ -143,7 +144,7 @@ impl Values<'_> {
         Ok(faces)
     }
 
-    /// Passes each cell's corners to `cell`.
+    /// Reads cells, and passes the corners of each to `cell`.
     pub(super) fn cells(&mut self, mut cell: impl FnMut(&[u32]) -> Result<(), Flaw>) -> Result<(), Flaw> {
         let first: u64 = self.header("the number of cells")?;
         let second: u64 = self.header("the size of the cells' list")?;
@@ -175,7 +176,8 @@ impl Values<'_> {
         Ok(())
     }
 
-    /// Version 5: `offsets` numbers, the start of each cell and the end of the last one, then all corners in sequence.
+    /// Reads cells of version 5: `offsets` numbers, which are the start of each cell and the end of the last one, then
+    /// the corners of all cells in sequence.
     fn cells_by_offset(
         &mut self,
         offsets: u64,
@@ -216,7 +218,7 @@ impl Values<'_> {
         u32::try_from(i).map_err(|_| Flaw::new("a point's index", i.to_string()))
     }
 
-    /// Skips `FIELD name arrays`; each array is `name components tuples type` and the data.
+    /// Skips a field: `FIELD name arrays`, then for each array `name components tuples type` and its data.
     pub(super) fn skip_field(&mut self) -> Result<(), Flaw> {
         self.cursor.token();
         let arrays: u64 = self.header("the number of a field's arrays")?;

@@ -1,9 +1,10 @@
-//! VTK's legacy format, PolyData with POLYGONS, in text and (big-endian) binary, with both layouts of polygons: each
-//! polygon with its count (up to version 4.2), and offsets with connectivity (5.x).
+//! Reads and writes VTK's legacy format: PolyData with POLYGONS, in text or big-endian binary. Both layouts of polygons
+//! are read: each polygon preceded by its number of corners (up to version 4.2), and offsets with connectivity (5.x).
 //!
 //! `cells` reads the data between the keywords: numbers, points, cells, fields.
 //!
-//! Source: "VTK File Formats", the simple legacy formats. vtkio reads these too, but allocates memory as headers say.
+//! Source: "VTK File Formats", the simple legacy formats. The crate vtkio isn't used: it allocates memory by the
+//! header's counts unchecked.
 
 mod cells;
 
@@ -14,7 +15,7 @@ use super::flaw::{Flaw, shown};
 use crate::mesh::Mesh;
 use cells::Values;
 
-/// Reads a PolyData file's points and polygons. Attributes (POINT_DATA, CELL_DATA) come after them and are not read.
+/// Reads the points and polygons of a PolyData file. Attributes (POINT_DATA, CELL_DATA) follow them and are ignored.
 pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     let mut cursor = Cursor::new(bytes);
     let magic = cursor.line().unwrap_or_default();
@@ -45,12 +46,12 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
             b"TRIANGLE_STRIPS" => {
                 return Err(Flaw::unsupported("triangle strips", "save it through vtkTriangleFilter"));
             }
-            // Cells that aren't part of a surface, in the same layout as polygons.
+            // Cells that aren't part of the surface are skipped; they have the same layout as polygons.
             b"VERTICES" | b"LINES" => {
                 values.cells(|_| Ok(()))?;
             }
             b"FIELD" => values.skip_field()?,
-            // Metadata, which ends with an empty line.
+            // Metadata are skipped; they end with an empty line.
             b"METADATA" => {
                 values.cursor.line();
                 while values.cursor.line().is_some_and(|line| !line.trim_ascii().is_empty()) {}
@@ -61,8 +62,8 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     }
 }
 
-/// Writes text, version 3.0, which every version of VTK reads, with every digit; `scalar` holds the name and the values
-/// of an attribute with one value per vertex.
+/// Writes a text file of version 3.0, which every version of VTK reads. All numbers read back exactly. `scalar` is the
+/// name and the values of an attribute with one value per vertex.
 pub(super) fn write(out: &mut dyn Write, mesh: &Mesh, scalar: Option<(&str, &[f64])>) -> io::Result<()> {
     writeln!(out, "# vtk DataFile Version 3.0\nsurface by spharm\nASCII\nDATASET POLYDATA")?;
     writeln!(out, "POINTS {} double", mesh.vertices.len())?;
