@@ -1,7 +1,7 @@
-//! Headers of NumPy's array files (`.npy`), versions 1 to 3: a single parser, shared by all readers.
+//! Parses the headers of NumPy's array files (`.npy`), versions 1 to 3, for all readers.
 //!
 //! A file consists of the magic, the version, the length of the header, the header, and the values. The header is the
-//! text of a Python dictionary with exactly three keys. The parser accepts only the following grammar, plus blanks and
+//! text of a Python dictionary with exactly three keys. The parser accepts only the following grammar, with blanks and
 //! line breaks between the tokens:
 //!
 //! ```text
@@ -13,25 +13,25 @@
 //! type   = a string of "<", ">", "|" or "=", a letter and a number of bytes (of characters for "U")
 //! ```
 //!
-//! A string is in either kind of quotes and has no escapes. The grammar doesn't nest, so no input makes the parser
-//! recurse, and nothing is allocated based on a number in the header. Source: NumPy Enhancement Proposal 1, and
+//! A string has either kind of quotation marks and no escapes. The grammar doesn't nest, so the parser never recurses.
+//! No memory is allocated based on a number in the header. Source: NumPy Enhancement Proposal 1, and
 //! `numpy.lib.format`.
 
 use std::io::{self, Read};
 
 /// First bytes of a `.npy` file.
 pub const MAGIC: &[u8] = b"\x93NUMPY";
-/// NumPy's own limit is 10,000 characters.
+/// Largest number of bytes of a header. NumPy's own limit is 10,000 characters.
 const LONGEST: usize = 1 << 16;
-/// NumPy's own limit.
+/// Largest number of axes, which is NumPy's own limit.
 const MOST_AXES: usize = 64;
 
-/// Contents of an array's header.
+/// The contents of an array's header.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Header {
-    /// Kind of the values, in NumPy's notation: `f`, `i`, `u`, `c`, `b`, `U`; `V` for an array with fields.
+    /// Kind of the values, in NumPy's notation: `f`, `i`, `u`, `c`, `b`, `U`; `V` for a structured array.
     pub kind: char,
-    /// Bytes per value.
+    /// Number of bytes per value.
     pub size: usize,
     /// Whether the values are little-endian.
     pub little: bool,
@@ -39,31 +39,31 @@ pub struct Header {
     pub fortran: bool,
     /// Lengths of the axes.
     pub shape: Vec<usize>,
-    /// Fields of a value, in order; empty for a plain array.
+    /// Fields of a value of a structured array, in order; empty for a plain array.
     pub fields: Vec<Field>,
-    /// File offset of the values, in bytes.
+    /// Position of the first value in the file, in bytes.
     pub start: u64,
 }
 
-/// A field of the values of a structured array.
+/// A field of a structured array's values.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Field {
     /// Name of the field.
     pub name: String,
-    /// Kind, as in [`Header`].
+    /// Kind of the field, as in [`Header`].
     pub kind: char,
-    /// Bytes, as in [`Header`].
+    /// Number of bytes of the field.
     pub size: usize,
-    /// Byte order, as in [`Header`].
+    /// Whether the field is little-endian.
     pub little: bool,
 }
 
 impl Header {
-    /// Reads a header, and leaves the input at the first value.
+    /// Reads a header. The input is then at the first value.
     ///
     /// # Errors
     ///
-    /// Those of `input`; [`InvalidData`](io::ErrorKind::InvalidData) for anything except such a header.
+    /// Those of `input`; [`InvalidData`](io::ErrorKind::InvalidData) if it doesn't begin with a valid header.
     pub fn read(input: &mut dyn Read) -> io::Result<Self> {
         let invalid = |text: String| io::Error::new(io::ErrorKind::InvalidData, text);
         let mut begin = [0; 8];
@@ -98,14 +98,14 @@ impl Header {
         self.shape.iter().try_fold(1_u64, |product, &n| product.checked_mul(n as u64))
     }
 
-    /// Returns the bytes of all values; `None` on overflow.
+    /// Returns the number of bytes of all values; `None` on overflow.
     #[must_use]
     pub fn bytes(&self) -> Option<u64> {
         self.count()?.checked_mul(self.size as u64)
     }
 }
 
-/// A type of values.
+/// The type of a value or field.
 struct Type {
     kind: char,
     size: usize,
@@ -121,15 +121,15 @@ impl Type {
         let kind = rest.chars().next().filter(char::is_ascii_alphabetic)?;
         let digits = rest.get(1..).filter(|digits| digits.bytes().all(|byte| byte.is_ascii_digit()))?;
         let size: usize = digits.parse().ok()?;
-        // A character has four bytes. Strings may be empty; any other value of size 0 would allow any number of values
-        // in no bytes.
+        // A character of a string has four bytes. Strings may be empty. Other values of size 0 are rejected, since a
+        // file without bytes could claim any number of them.
         let size = if kind == 'U' { size.checked_mul(4)? } else { Some(size).filter(|&size| size > 0)? };
         let little = if order == '=' { cfg!(target_endian = "little") } else { order != '>' };
         Some(Self { kind, size, little })
     }
 }
 
-/// The text of a header, and the part not yet parsed.
+/// The text of a header, and the part that isn't parsed yet.
 struct Parser<'a> {
     text: &'a str,
     rest: &'a str,
@@ -205,7 +205,7 @@ impl<'a> Parser<'a> {
         if shape.len() <= MOST_AXES { Ok(shape) } else { Err(format!("more than {MOST_AXES} axes")) }
     }
 
-    /// Parses items separated by commas, up to the closing token.
+    /// Parses items separated by commas, up to and including the closing token.
     fn items<T>(
         &mut self,
         close: &'static str,
@@ -228,7 +228,7 @@ impl<'a> Parser<'a> {
         let number = self.rest.get(..digits).and_then(|digits| digits.parse().ok());
         let number = number.ok_or_else(|| self.expected("a length of an axis"))?;
         self.rest = self.rest.get(digits..).unwrap_or_default();
-        // Suffix of Python 2's long integers.
+        // Python 2 writes long integers with the suffix L.
         self.rest = self.rest.strip_prefix('L').unwrap_or(self.rest);
         Ok(number)
     }
@@ -266,7 +266,7 @@ impl<'a> Parser<'a> {
     }
 }
 
-/// Returns text from a file, shortened and made printable.
+/// Returns text from a file, shortened and in printable form.
 fn shown(text: &str) -> String {
     const MOST: usize = 32;
     let more = if text.chars().nth(MOST).is_some() { "..." } else { "" };
@@ -292,7 +292,8 @@ mod tests {
             expected
         );
         assert_eq!((header.count(), header.bytes()), (Some(6), Some(24)));
-        // In any order, with either quotes, as Python 2 wrote lengths, and without axes.
+        // Keys in another order, both kinds of quotation marks, a length as written by Python 2, and an array without
+        // axes.
         let header = read("{\"shape\": (7L,), 'fortran_order':False,'descr':'|u1'}").unwrap();
         assert_eq!((header.kind, header.shape, header.little), ('u', vec![7], true));
         assert_eq!(read("{'descr': '<U3', 'fortran_order': False, 'shape': (), }\n").unwrap().bytes(), Some(12));

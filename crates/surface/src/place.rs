@@ -1,20 +1,20 @@
-//! A point within a triangle of a mesh, independent of the vertices' positions.
+//! Represents a point within a triangle of a mesh, independently of the vertices' positions.
 
 use crate::geometry::Vec3;
 use crate::mesh::Mesh;
 use crate::nearest::TriangleTree;
 
-/// A point within a triangle, given by weights, so that it corresponds on all meshes with these triangles.
+/// A point within a triangle, given by weights of the corners. It corresponds on all meshes with the same triangles.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Place {
-    /// The triangle's corners.
+    /// The vertices of the triangle.
     pub corners: [u32; 3],
     /// Weights of the corners, which sum to 1.
     pub shares: [f64; 3],
 }
 
 impl Place {
-    /// Returns the places on a mesh that are nearest to the given points; `None` if a point isn't finite or the mesh
+    /// Returns the places on a mesh that are nearest to the given points. `None` if a point isn't finite or the mesh
     /// has no triangles.
     #[must_use]
     pub fn nearest(mesh: &Mesh, points: &[Vec3]) -> Option<Vec<Self>> {
@@ -26,20 +26,20 @@ impl Place {
         points.iter().map(of).collect()
     }
 
-    /// Returns the position of the place for the given vertices of a mesh.
+    /// Returns the position of the place on a mesh with the given vertices.
     #[must_use]
     pub fn of(&self, vertices: &[Vec3]) -> Vec3 {
         let [a, b, c] = self.corners.map(|v| vertices[v as usize]);
         std::array::from_fn(|k| self.shares[0] * a[k] + self.shares[1] * b[k] + self.shares[2] * c[k])
     }
 
-    /// Whether all corners are below a number of vertices.
+    /// Whether the indices of all corners are below `vertices`.
     #[must_use]
     pub fn is_within(&self, vertices: usize) -> bool {
         self.corners.iter().all(|v| (*v as usize) < vertices)
     }
 
-    /// Returns the same weighted combination of the rows of a matrix, (vertices, width), row-major.
+    /// Returns the weighted sum of the corners' rows of a matrix, (vertices, width), row-major.
     #[must_use]
     pub fn row(&self, rows: &[f64], width: usize) -> Vec<f64> {
         let own = |k: usize| {

@@ -1,35 +1,35 @@
-//! Numbers whose squares leave the range of f64.
+//! Scales numbers whose squares leave the range of f64.
 //!
 //! Squares of numbers above 1e154 overflow, and squares of numbers below 1e-162 underflow. Sums of squares are then
-//! infinite or zero, although the numbers themselves, and results computed from them, can be represented with all their
-//! digits. Such numbers are multiplied by a power of two first, and results by its inverse afterwards. Both
-//! multiplications are exact, except for results too small for a normal number. Ordinary numbers aren't changed.
+//! infinite or zero, although the numbers and the final results can be represented with all digits. Such numbers are
+//! therefore multiplied by a power of two beforehand, and results by its inverse afterwards. Both multiplications are
+//! exact, except for results below the smallest normal number. Numbers of ordinary size aren't changed.
 
 use crate::geometry::Vec3;
 use crate::mesh::Mesh;
 
-/// Exponent up to which numbers, from 2^-200 to 2^200 (about 1e-60 to 1e60), are left unchanged: products of a few of
-/// them are in the range.
+/// Numbers from 2^-200 to 2^200 (about 1e-60 to 1e60) are left unchanged, since products of a few of them stay in
+/// range.
 const SAFE: i32 = 200;
 
-/// The largest power of two that a step multiplies by.
+/// Largest exponent of a power of two by which [`times`] multiplies at once; f64 represents exponents up to 1023.
 const STEP: i32 = 1000;
 
-/// Returns the exponent e, an even number so that the root of 2^e is exact, for which the largest magnitude divided by
-/// 2^e is from 1 to 4. Returns 0 if that magnitude is from 1e-60 to 1e60, is zero, or isn't finite.
+/// Returns the exponent e for which the largest magnitude divided by 2^e is from 1 to 4. e is even, so that the square
+/// root of 2^e is exact. Returns 0 if the magnitude is from 1e-60 to 1e60, is zero, or isn't finite.
 #[must_use]
 pub fn exponent(values: impl IntoIterator<Item = f64>) -> i32 {
     let largest = values.into_iter().fold(0.0_f64, |most, value| most.max(value.abs()));
     if largest == 0.0 || !largest.is_finite() {
         return 0;
     }
-    // Subnormal numbers are made normal first.
+    // A subnormal number has no exponent of its own, so it is multiplied by a power of two first.
     let of = |normal: f64| (normal.to_bits() >> 52) as i32 - 1023;
     let exponent = if largest.is_normal() { of(largest) } else { of(times(largest, STEP)) - STEP };
     if exponent.abs() <= SAFE { 0 } else { exponent - exponent.rem_euclid(2) }
 }
 
-/// Returns `value * 2^exponent`: exact unless it is below the smallest normal number, infinite if it is too large.
+/// Returns `value * 2^exponent`. It is exact unless it is below the smallest normal number; infinite if it overflows.
 #[must_use]
 pub fn times(value: f64, exponent: i32) -> f64 {
     let power = |e: i32| f64::from_bits(((1023 + e) as u64) << 52);
@@ -42,9 +42,8 @@ pub fn times(value: f64, exponent: i32) -> f64 {
     value
 }
 
-/// Same as [`times`], clamped to the range: too large values become the largest finite number, and nonzero values that
-/// would become zero the smallest number above zero. For figures of a report, where infinity and zero would be
-/// misleading.
+/// Returns `value * 2^exponent`, clamped: on overflow the largest finite number, and for a nonzero value never 0, but
+/// at least the smallest number above 0. It is meant for reports, where infinity and zero would mislead.
 #[must_use]
 pub fn times_within(value: f64, exponent: i32) -> f64 {
     let found = times(value, exponent);
@@ -64,12 +63,12 @@ pub fn scale_all<'a>(values: impl IntoIterator<Item = &'a mut f64>, exponent: i3
     }
 }
 
-/// Returns points divided by 2^exponent.
+/// Returns points with their coordinates divided by 2^exponent.
 pub(crate) fn scaled_points(points: &[Vec3], exponent: i32) -> Vec<Vec3> {
     points.iter().map(|point| point.map(|x| times(x, -exponent))).collect()
 }
 
-/// Returns meshes with coordinates divided by 2^e, and e, the [`exponent`] of all coordinates; `None` if e is 0.
+/// Returns meshes with their coordinates divided by 2^e, and e, the [`exponent`] of all coordinates; `None` if e is 0.
 #[must_use]
 pub fn scaled_meshes<const N: usize>(meshes: [&Mesh; N]) -> Option<([Mesh; N], i32)> {
     let exponent = exponent(meshes.iter().flat_map(|mesh| mesh.vertices.iter().flatten().copied()));

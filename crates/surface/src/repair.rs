@@ -1,8 +1,8 @@
-//! Repairs common defects of scanned or exported meshes: corners that aren't welded, repeated triangles, unreferenced
-//! vertices, loose pieces and small holes.
+//! Repairs common defects of scanned or exported meshes: duplicate vertices, repeated triangles, unreferenced vertices,
+//! loose pieces and small holes.
 //!
-//! No vertex is moved and no triangle is reversed: triangles wound against each other and edges of more than two
-//! triangles remain, and [`Topology`](crate::topology::Topology) still reports them.
+//! No vertex is moved and no triangle is reversed. Triangles wound against each other and edges of more than two
+//! triangles remain; [`Topology`](crate::topology::Topology) reports them.
 
 use std::collections::hash_map::Entry;
 use std::collections::{HashMap, HashSet};
@@ -11,26 +11,26 @@ use std::fmt;
 use crate::mesh::Mesh;
 use crate::topology::UnionFind;
 
-/// Largest number of edges around a hole that is filled.
+/// Largest number of edges of a hole that is filled.
 pub const LARGEST_HOLE: usize = 32;
 
-/// The changes made, in this order.
+/// The changes that a repair made, in the order in which they are made.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct MeshRepair {
-    /// Vertices merged with others at exactly the same position.
+    /// Number of vertices merged with another vertex at exactly the same position.
     pub welded: usize,
-    /// Triangles dropped because they used a vertex twice.
+    /// Number of triangles dropped because they used a vertex twice.
     pub degenerate: usize,
-    /// Triangles dropped because they had the vertices of an earlier one.
+    /// Number of triangles dropped because an earlier triangle has the same vertices.
     pub repeated: usize,
-    /// Pieces dropped: all except the one with the most triangles.
+    /// Number of pieces dropped, which are all except the one with the most triangles.
     pub pieces: usize,
-    /// Holes filled, of at most [`LARGEST_HOLE`] edges.
+    /// Number of holes filled, each of at most [`LARGEST_HOLE`] edges.
     pub holes: usize,
-    /// Triangles added to fill the holes.
+    /// Number of triangles added to fill the holes.
     pub filled: usize,
-    /// Vertices dropped because no triangle used them after all other changes.
+    /// Number of vertices dropped because no triangle used them after all other changes.
     pub unused: usize,
 }
 
@@ -41,7 +41,7 @@ impl MeshRepair {
         *self != Self::default()
     }
 
-    /// Returns the counts with their names.
+    /// Returns each count with its name for reports.
     #[must_use]
     pub fn counts(&self) -> [(&'static str, usize); 7] {
         [
@@ -82,8 +82,8 @@ impl fmt::Display for MeshRepair {
     }
 }
 
-/// Repairs a mesh, whose triangles must have valid indices, and returns it with the changes made. The remaining
-/// vertices keep their order; those of filled holes come last.
+/// Repairs a mesh, whose triangles must have valid indices. Returns the repaired mesh and the changes. The remaining
+/// vertices keep their order; vertices added to fill holes come last.
 #[must_use]
 pub fn repair(mesh: &Mesh) -> (Mesh, MeshRepair) {
     let mut found = MeshRepair::default();
@@ -104,12 +104,12 @@ pub fn repair(mesh: &Mesh) -> (Mesh, MeshRepair) {
     fill_holes(&mut vertices, &mut faces, &mut found);
     let welded = found.welded;
     let (vertices, unused) = compact(&vertices, &mut faces);
-    // Welded vertices are among those that no triangle uses any more.
+    // No triangle uses the vertices that were merged with others, so they are subtracted.
     found.unused = unused.saturating_sub(welded);
     (Mesh { vertices, faces, meta: mesh.meta.clone() }, found)
 }
 
-/// Returns the triangles, with each corner replaced by the first vertex at the same position. -0 and +0 are equal.
+/// Returns the triangles with each vertex replaced by the first vertex at the same position. -0 and +0 are equal.
 fn weld(mesh: &Mesh, found: &mut MeshRepair) -> Vec<[u32; 3]> {
     let mut first: HashMap<[u64; 3], u32> = HashMap::with_capacity(mesh.vertices.len());
     let mut place = Vec::with_capacity(mesh.vertices.len());
@@ -121,7 +121,7 @@ fn weld(mesh: &Mesh, found: &mut MeshRepair) -> Vec<[u32; 3]> {
     mesh.faces.iter().map(|face| face.map(|v| place.get(v as usize).copied().unwrap_or(v))).collect()
 }
 
-/// Keeps the triangles of the piece that has the most, the first in case of ties; returns the number of pieces dropped.
+/// Keeps the piece with the most triangles; in case of ties, the first one. Returns the number of pieces dropped.
 fn keep_largest(vertices: usize, faces: &mut Vec<[u32; 3]>) -> usize {
     let mut pieces = UnionFind::new(vertices);
     for &[a, b, c] in faces.iter() {
@@ -137,11 +137,12 @@ fn keep_largest(vertices: usize, faces: &mut Vec<[u32; 3]>) -> usize {
     sizes.len().saturating_sub(1)
 }
 
-/// Fills loops of edges that have one triangle: loops of three edges by one triangle, of four by two, longer ones by a
-/// fan around their middle.
+/// Fills holes, which are loops of edges with one triangle each. A loop of three edges is filled by one triangle, a
+/// loop of four by two, a longer one by a fan around the mean of its vertices.
 fn fill_holes(vertices: &mut Vec<[f64; 3]>, faces: &mut Vec<[u32; 3]>, found: &mut MeshRepair) {
     let edges: HashSet<(u32, u32)> = faces.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]).collect();
-    // The rim runs against the triangles. Rims that meet at a vertex are separated by taking the shortest ones.
+    // The rim's edges run opposite to those of the triangles. Rims that meet at a vertex are separated by taking the
+    // shortest rim through each edge.
     let mut open: Vec<(u32, u32)> =
         edges.iter().filter(|&&(a, b)| !edges.contains(&(b, a))).map(|&(a, b)| (b, a)).collect();
     open.sort_unstable();
@@ -166,7 +167,7 @@ fn fill_holes(vertices: &mut Vec<[f64; 3]>, faces: &mut Vec<[u32; 3]>, found: &m
                     let [p, q] = [p, q].map(|v| vertices.get(v as usize).copied().unwrap_or_default());
                     (0..3).map(|k| (p[k] - q[k]).powi(2)).sum::<f64>()
                 };
-                // An existing edge can't be the diagonal.
+                // A diagonal that is already an edge can't be used.
                 let taken = |p: u32, q: u32| edges.contains(&(p, q)) || edges.contains(&(q, p));
                 let along = if taken(a, c) || (!taken(b, d) && length(b, d) < length(a, c)) {
                     [[b, c, d], [b, d, a]]
@@ -190,7 +191,7 @@ fn fill_holes(vertices: &mut Vec<[f64; 3]>, faces: &mut Vec<[u32; 3]>, found: &m
     }
 }
 
-/// Returns the shortest rim that begins with an edge; `None` if it is longer than that of a small hole.
+/// Returns the shortest rim that begins with a given edge; `None` if it has more than [`LARGEST_HOLE`] edges.
 fn rim(from: u32, to: u32, next: &HashMap<u32, Vec<u32>>) -> Option<Vec<u32>> {
     let mut before = HashMap::from([(to, from)]);
     let mut front = vec![to];
@@ -217,7 +218,7 @@ fn rim(from: u32, to: u32, next: &HashMap<u32, Vec<u32>>) -> Option<Vec<u32>> {
     None
 }
 
-/// Returns the vertices that triangles use, and the number of the others.
+/// Returns the vertices that triangles use, and the number of dropped vertices. Renumbers the triangles' corners.
 fn compact(vertices: &[[f64; 3]], faces: &mut [[u32; 3]]) -> (Vec<[f64; 3]>, usize) {
     let mut used = vec![false; vertices.len()];
     for &corner in faces.as_flattened() {
@@ -264,7 +265,7 @@ mod tests {
         assert_eq!((welded.vertices.len(), found.welded, found.unused), (162, 960 - 162, 0));
     }
 
-    /// -0 and +0 are the same position; nearly equal positions aren't.
+    /// -0 and +0 are the same position, nearly equal positions aren't.
     #[test]
     fn only_what_lies_exactly_on_another_is_welded() {
         let mut mesh = icosphere(0);
@@ -276,12 +277,12 @@ mod tests {
         assert_eq!((found.welded, found.unused, welded.vertices.len()), (1, 1, 12));
         assert!(Topology::of(&welded).is_sphere());
         mesh.faces[0] = mesh.faces[0].map(|v| if v == whole { whole + 1 } else { v });
-        // A crack, which is filled as a hole of four edges.
+        // The crack along an edge is filled as a hole of four edges.
         let (cracked, found) = repair(&mesh);
         assert_eq!((found.welded, found.holes, cracked.vertices.len()), (1, 1, 13));
     }
 
-    /// Holes are filled by fans around the middle of the rim or, for four edges, by the shorter diagonal.
+    /// Holes of four edges are filled along the shorter diagonal, larger holes by a fan around the mean of the rim.
     #[test]
     fn holes_are_filled_without_bumps() {
         let tent = |top: [f64; 3], rim: Vec<[f64; 3]>| {
@@ -313,13 +314,13 @@ mod tests {
         let apart = [around[0], *second];
         let next = around.iter().find(|face| **face != around[0] && edge(face, &around[0])).unwrap();
         let joined = [around[0], *next];
-        // Every triangle around a vertex: five or six edges; one triangle; two that share an edge.
+        // Removes all triangles around a vertex (five or six edges), one triangle, or two that share an edge.
         let at = |vertex: u32| move |face: &[u32; 3]| face.contains(&vertex);
         for (drop, holes) in [
             (Box::new(at(0)) as Box<dyn Fn(&[u32; 3]) -> bool>, 1),
             (Box::new(|face: &[u32; 3]| at(0)(face) || at(400)(face)), 2),
             (Box::new(|face: &[u32; 3]| *face == whole.faces[7]), 1),
-            // Two triangles that share a vertex and no edge.
+            // Removes two triangles that share a vertex but no edge.
             (Box::new(|face: &[u32; 3]| apart.contains(face)), 2),
             (Box::new(|face: &[u32; 3]| joined.contains(face)), 1),
         ] {

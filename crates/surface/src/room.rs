@@ -1,30 +1,31 @@
-//! Checks that memory suffices for the contents of files before it is allocated.
+//! Checks, before memory is allocated for a file's contents, that it suffices.
 //!
-//! A file states the size of its contents, and the contents of a compressed file may be a thousand times its size.
-//! Readers check that size against two bounds before they allocate, and again while they decode: the free memory, if
-//! the program has provided a way to query it, and [`most_expanded`], which no genuine file of numbers exceeds.
+//! A file states the size of its contents, and the contents of a compressed file can be a thousand times as large as
+//! the file. Before readers allocate memory, and again while they decode, they compare the size with two bounds. These
+//! are the free memory, if the program has provided a function that returns it, and [`most_expanded`], which no genuine
+//! file of numbers exceeds.
 
 use std::fmt;
 use std::sync::OnceLock;
 
-/// The function that returns the bytes of free memory.
+/// The function that returns the number of bytes of free memory, if set.
 static FREE: OnceLock<fn() -> usize> = OnceLock::new();
 
-/// Amounts below this are allocated without a check.
+/// Number of bytes below which memory is allocated without a check.
 const SMALL: u64 = 4 << 20;
 
-/// Sets the function by which the readers of this process query the bytes of free memory. Only the first call has an
-/// effect; without one, memory is assumed to suffice.
+/// Sets the function that returns the number of bytes of free memory, for all readers of this process. Only the first
+/// call has an effect. If no function is set, memory is assumed to suffice.
 pub fn ask_for_free_memory(free: fn() -> usize) {
-    // A second call passes the same function: the program calls this at its start.
+    // A second call is ignored; programs call this once, at their start.
     let _ = FREE.set(free);
 }
 
-/// Checks that this many bytes of memory are free.
+/// Checks that `needed` bytes of memory are free.
 ///
 /// # Errors
 ///
-/// [`NoRoom`] if they aren't.
+/// [`NoRoom`] if less memory is free.
 pub fn check_room(needed: u64) -> Result<(), NoRoom> {
     if needed < SMALL {
         return Ok(());
@@ -35,19 +36,19 @@ pub fn check_room(needed: u64) -> Result<(), NoRoom> {
     }
 }
 
-/// Returns the largest plausible size of the contents of `compressed` bytes: numbers of surfaces and text compress two-
-/// to tenfold, constants up to a thousandfold, but files contain few of those.
+/// Returns the largest plausible size of the contents of a file with `compressed` bytes. Numbers of surfaces and text
+/// compress two- to tenfold; constants compress up to a thousandfold, but files contain few of them.
 #[must_use]
 pub fn most_expanded(compressed: u64) -> u64 {
     compressed.saturating_mul(256).saturating_add(64 << 20)
 }
 
-/// Insufficient memory. Its text gives the bytes needed and free, for the end of a sentence.
+/// Memory doesn't suffice. The text gives the bytes needed and free, in a form that ends a sentence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub struct NoRoom {
-    /// Bytes needed.
+    /// Number of bytes needed.
     pub needed: u64,
-    /// Bytes that are free.
+    /// Number of bytes free.
     pub free: u64,
 }
 
@@ -57,7 +58,7 @@ impl fmt::Display for NoRoom {
     }
 }
 
-/// A size in human-readable form.
+/// A number of bytes, displayed in human-readable form.
 pub(crate) struct Bytes(pub(crate) u64);
 
 impl fmt::Display for Bytes {
@@ -91,7 +92,8 @@ mod tests {
         assert_eq!(room.to_string(), "2.5 GiB of memory, of which 1.5 MiB are free");
     }
 
-    /// If the program doesn't report free memory, nothing is rejected; the size of decompressed data is still bounded.
+    /// If no function for free memory is set, every amount of memory passes, but the size of decompressed data is still
+    /// bounded.
     #[test]
     fn expansion_is_bounded() {
         assert_eq!(check_room(u64::MAX), Ok(()));

@@ -1,11 +1,11 @@
-//! A set of rotations that covers all rotations: each has one of the set nearby.
+//! Computes a finite set of rotations such that every rotation is near to one in the set.
 //!
-//! The 60 rotations of an icosahedron are, as quaternions, the vertices of the 600-cell (J. Conway and D. Smith, "On
-//! Quaternions and Octonions", 2003, chapter 3): every rotation is within 44.5 degrees of one of them. The cell around
-//! each is filled with the same small turns, at the points of a body-centred lattice of rotation vectors. Together
-//! these are 3,900 rotations, and every rotation is within 14 degrees of one of them. They include the half turns about
-//! the three axes and the cyclic permutations of the axes; the other rotations of a cube, which map principal axes onto
-//! each other, are added.
+//! As quaternions, the 60 rotations of an icosahedron are the vertices of the 600-cell (J. Conway and D. Smith, "On
+//! Quaternions and Octonions", 2003, chapter 3), so every rotation is within 44.5 degrees of one of the 60. The Voronoi
+//! cell of each of them is filled by combining it with the same small rotations, whose rotation vectors are the points
+//! of a body-centred lattice. This gives 3,900 rotations; every rotation is within 14 degrees of one of them. They
+//! include the half turns about the three axes and the cyclic permutations of the axes. The other rotations of a cube
+//! are added, because they map principal axes onto each other.
 
 use crate::geometry::dot;
 use crate::matrix3::{Matrix3, angle_between, exponential, of_quaternion, product};
@@ -13,10 +13,10 @@ use crate::matrix3::{Matrix3, angle_between, exponential, of_quaternion, product
 /// Half of the golden ratio, and half of its inverse.
 const GOLDEN: [f64; 2] = [0.809_016_994_374_947_4, 0.309_016_994_374_947_4];
 
-/// Side of the lattice's cubes, in radians.
+/// Side of the cubes of the lattice of rotation vectors, in radians.
 const SIDE: f64 = 0.33;
 
-/// Returns the covering, with the rotations of a cube first.
+/// Returns the set of rotations; those of a cube come first.
 pub(super) fn covering() -> Vec<Matrix3> {
     let group = group();
     let (cube, icosahedron) = group.split_at(CUBE);
@@ -27,8 +27,8 @@ pub(super) fn covering() -> Vec<Matrix3> {
     for point in lattice.flat_map(|p| [p.map(f64::from), p.map(|v| f64::from(v) + 0.5)]) {
         let turn = exponential(point.map(|v| SIDE * v));
         let angle = dot(point, point).sqrt() * SIDE;
-        // The turn lies in the cell of the identity. The identity itself is the only rotation of that cell that is
-        // already in the list.
+        // Whether the small rotation lies in the cell of the identity. The identity is excluded, since it is already in
+        // the list.
         let own = icosahedron.iter().skip(1).all(|other| angle_between(other, &turn) >= angle);
         if angle > 0.0 && angle < std::f64::consts::FRAC_PI_4 && own {
             all.extend(icosahedron.iter().map(|rotation| product(rotation, &turn)));
@@ -37,18 +37,18 @@ pub(super) fn covering() -> Vec<Matrix3> {
     all
 }
 
-/// Number of rotations of a cube, and of those that are also rotations of an icosahedron.
+/// Number of rotations of a cube; `SHARED` of them are also rotations of an icosahedron.
 const CUBE: usize = 24;
 const SHARED: usize = 12;
 
-/// Returns the rotations of both solids, with the half turns of the cube first.
+/// Returns the rotations of a cube and of an icosahedron, without repetition; the half turns of the cube come first.
 fn group() -> Vec<Matrix3> {
     let mut quaternions: Vec<[f64; 4]> = Vec::with_capacity(72);
     for k in 0..4 {
         quaternions.push(std::array::from_fn(|i| if i == k { 1.0 } else { 0.0 }));
     }
     let sign = |bits: usize, k: usize| if bits >> k & 1 == 1 { -1.0 } else { 1.0 };
-    // A quaternion and its negative are the same rotation: one sign is kept.
+    // Only one of each pair of opposite quaternions is generated, since both are the same rotation.
     for bits in 0..8 {
         quaternions.push(std::array::from_fn(|i| if i == 0 { 0.5 } else { 0.5 * sign(bits, i - 1) }));
     }

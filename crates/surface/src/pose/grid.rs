@@ -1,9 +1,9 @@
-//! Fast approximate search for the nearest piece of a surface: a table over a box of cells.
+//! Finds the nearest piece of a surface fast and approximately, by a table over a box of cells.
 //!
-//! Thousands of rotations are evaluated before one is improved, and a search in a tree takes 0.15 us. For every cell,
-//! the table holds the point nearest to the cell's middle; positions outside the box are moved onto it. That point
-//! isn't always the nearest one to other positions in the cell, but since distances are measured to the disk that the
-//! point represents, a neighbour will do. There are 32,768 cells in the box of the principal axes: 64 KiB.
+//! Thousands of rotations are evaluated before any is improved, and a search in a tree takes 0.15 us. The table has,
+//! for each cell, the point nearest to the cell's middle. A position outside of the box uses the nearest cell. The
+//! point found isn't always the nearest one, but a neighbour of it suffices, since distances are measured to the disk
+//! that a point represents. The table has 32,768 cells over the box of the principal axes and takes 64 KiB.
 
 use super::level::Level;
 use crate::geometry::{Vec3, add, scale, sub};
@@ -11,11 +11,11 @@ use crate::matrix3::{Matrix3, times, transposed};
 
 /// Approximate number of cells in a table.
 const CELLS: f64 = 32_768.0;
-/// Number of cells of margin around the surface's own box.
+/// Width of the margin around the surface's own box, in cells.
 const MARGIN: f64 = 4.0;
 
 pub(super) struct Grid {
-    /// Map from positions to cells: `cells x + origin`.
+    /// The map from positions to cell coordinates is `cells x + origin`.
     cells: Matrix3,
     origin: Vec3,
     counts: [usize; 3],
@@ -23,12 +23,12 @@ pub(super) struct Grid {
 }
 
 impl Grid {
-    /// Makes the table of a level of at most 65,536 points. The rows of `axes` are those of a rotation.
+    /// Builds the table of a level, which must have at most 65,536 points. `axes` is a rotation, by rows.
     pub(super) fn new(level: &Level, axes: &Matrix3) -> Self {
         let (low, high) = crate::geometry::bounds(level.points.iter().map(|p| times(axes, *p)));
         let sides = sub(high, low);
         let volume = |side: f64| sides.iter().map(|s| s / side + 2.0 * MARGIN).product::<f64>();
-        // Bisection for the cell size at which the box and its margin fill the table.
+        // Bisection for the cell size at which the box with its margin has the wanted number of cells.
         let longest = sides.iter().fold(0.0_f64, |most, s| most.max(*s));
         let (mut small, mut large) = (1e-6 * longest, longest);
         for _ in 0..50 {
@@ -48,7 +48,7 @@ impl Grid {
         Self { cells, origin, counts, nearest }
     }
 
-    /// Returns the index of the point nearest to `p`, or of a neighbour of it.
+    /// Returns the index of the point nearest to `p`, or of a neighbour of that point.
     pub(super) fn nearest(&self, p: Vec3) -> usize {
         let at = add(times(&self.cells, p), self.origin);
         let cell = |k: usize| (at[k].max(0.0) as usize).min(self.counts[k] - 1);
@@ -76,7 +76,7 @@ mod tests {
             assert!(to(surface.grid.nearest(p)) < to(level.nearest(p)) + 2.0 * level.radius, "{p:?}");
         }
         assert!(surface.grid.nearest.len() < 40_000);
-        // Whatever lies far away has a point, too.
+        // Positions far away get a point, too.
         for far in [[1e9, 0.0, 0.0], [-1e300, 1e300, 0.0], [f64::INFINITY, 0.0, 0.0]] {
             assert!(surface.grid.nearest(far) < level.points.len());
         }

@@ -1,13 +1,14 @@
-//! Alignment of a group of surfaces.
+//! Aligns a group of surfaces.
 //!
-//! All members are first brought to the most typical one: the one whose size and spread along the principal axes have
-//! the least distance from the others'. If another member is nearer to all in the resulting poses, all are then brought
-//! to that one. A surface with two nearly equally good poses takes the one in which it is nearer to the others. This is
-//! repeated until no pose changes: the two ends of a nearly symmetric body may differ by little, which shows only
-//! against others in the right pose. Finally each member moves to all of the others, or to [`OTHERS`] of them, at once.
-//! Without a mean surface between them, which would have no member's shape, the distances of the pairs decrease, as in
-//! a generalised Procrustes analysis (J. Gower, Psychometrika 40, 1975) with nearest points in place of corresponding
-//! ones. They are weighted so that a part that only some members have doesn't turn them. The group keeps the position
+//! First, all members are aligned to the most typical member: the one whose lengths along the principal axes have the
+//! least total distance from the others'. If in the resulting poses another member is nearer to all others, all members
+//! are then aligned to that one. A member with two nearly equally good poses gets the pose in which it is nearer to the
+//! other members. This choice is repeated until no pose changes, because the ends of a nearly symmetric body may differ
+//! by so little that only members in the right pose reveal the difference. Finally, each member moves towards all
+//! others, or towards [`OTHERS`] of them, at once. No mean surface is computed, since it would have no member's shape.
+//! As in a generalised Procrustes analysis (J. Gower, Psychometrika 40, 1975), the distances between the members
+//! decrease, with nearest points in place of corresponding points. Distances are weighted such that a part that only
+//! some members have doesn't rotate these members. The group keeps the position of the typical member.
 //! of the typical member.
 
 use std::fmt;
@@ -22,36 +23,39 @@ use crate::kabsch::kabsch;
 use crate::matrix3::{product, times, transposed};
 use crate::similarity::Similarity;
 
-/// Most other members that a member moves to at once: every n-th one after it.
+/// Largest number of other members that a member moves towards at once. They are evenly spaced in the list.
 pub const OTHERS: usize = 8;
-/// Rounds in which all members move to each other.
+/// Number of rounds in which all members move towards each other.
 const ROUNDS: usize = 5;
-/// Share of the trimmed area that is left out of these rounds. Parts where members differ most, such as the tips of
-/// processes, aren't necessarily outliers. For landmarks of a vertebra, the residual is 1.25 times that of a fit to the
-/// landmarks themselves if all of the trimmed area is left out, and 1.14 times with this share.
+/// Share of the trimmed area that is left out in these rounds. It is less than 1, since parts in which members differ
+/// most, such as the tips of processes, aren't necessarily outliers. Example: for landmarks of vertebrae, the residual
+/// is 1.14 times that of a fit to the landmarks themselves; it would be 1.25 times if all of the trimmed area were left
+/// out.
 const OUTLYING: f64 = 0.25;
-/// If the distances of two poses differ by a factor less than this, they are compared by distances to the other
-/// members.
+/// If the distances of a member's two best poses differ by less than this factor, the pose is chosen by the distances
+/// from the other members.
 const CLOSE: f64 = 1.5;
-/// Most other members used to compare two poses.
+/// Largest number of other members used to compare two poses of a member.
 const JUDGES: usize = 32;
-/// Most sweeps in which each member chooses the better of two poses.
+/// Largest number of sweeps in which each member chooses the better of its two poses.
 const SWEEPS: usize = 10;
-/// A pose is doubtful if the distance of the next one is within this factor.
+/// A pose is doubtful if the distance in the second-best pose is below this multiple of its own.
 pub const DOUBTFUL: f64 = 1.1;
-/// A member is an outlier (of another kind) if its distance from the others exceeds the members' median by this factor.
+/// A member counts as an outlier (such as a surface of another kind) if its distance from the others exceeds this
+/// multiple of the median over the members.
 pub const OF_ANOTHER_KIND: f64 = 3.0;
 
 /// The poses of a group.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GroupPoses {
-    /// Maps from each surface's own frame to the group's.
+    /// For each surface, the map from its own frame to the group's frame.
     pub similarities: Vec<Similarity>,
-    /// The most typical surface, counted from 0, whose position the group keeps.
+    /// Index of the most typical surface, counted from 0. The group keeps its position.
     pub template: usize,
-    /// Median of each member's distances from the others, as defined by [`Pose::distance`], in the group's unit.
+    /// For each member, the median of its distances from the others, as defined by [`Pose::distance`], in the group's
+    /// unit.
     pub distances: Vec<f64>,
-    /// Members to check.
+    /// Warnings about members whose poses should be checked.
     pub warnings: Vec<GroupPoseWarning>,
 }
 
@@ -59,37 +63,38 @@ pub struct GroupPoses {
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum GroupPoseWarning {
-    /// Another pose is nearly as good.
+    /// Another pose of the member is nearly as good.
     Doubtful {
         /// The member, counted from 0.
         member: usize,
-        /// Its distance from the others in the chosen pose.
+        /// The member's distance from the others in the chosen pose.
         distance: f64,
-        /// Its distance from the others in the other pose.
+        /// The member's distance from the others in the other pose.
         second: f64,
     },
-    /// It is much farther from the others than they are from each other, such as a surface of another kind or unit.
+    /// The member is much farther from the others than is usual in the group. It may be of another kind or in another
+    /// unit.
     Far {
         /// The member, counted from 0.
         member: usize,
-        /// Its distance from the others.
+        /// The member's distance from the others.
         distance: f64,
-        /// The median over the members.
+        /// The median of this distance over all members.
         median: f64,
     },
-    /// Its mirror image is nearer to the others, and mirror images weren't requested.
+    /// The member's mirror image is nearer to the others, and mirror images weren't allowed.
     Mirrored {
         /// The member, counted from 0.
         member: usize,
-        /// Its distance from the others.
+        /// The member's distance from the others.
         distance: f64,
-        /// The distance of its mirror image.
+        /// The distance of the member's mirror image from the others.
         mirrored: f64,
     },
 }
 
 impl GroupPoseWarning {
-    /// Returns the member, counted from 0.
+    /// Returns the index of the member, counted from 0.
     #[must_use]
     pub fn member(&self) -> usize {
         match self {
@@ -121,15 +126,15 @@ impl fmt::Display for GroupPoseWarning {
     }
 }
 
-/// A member is reported as mirrored if its mirror image's distance to the others is below this fraction of its own. The
-/// fraction is as low as 0.97 for bodies that are their own mirror images, and 0.82 to 0.89 for hippocampi of the other
-/// side.
+/// A member is reported as mirrored if the distance of its mirror image from the others is below this multiple of its
+/// own. The quotient of the two distances is 0.97 or more for bodies that equal their mirror images, and 0.82 to 0.89
+/// for hippocampi of the other side.
 const NEARER_MIRRORED: f64 = 0.94;
-/// Number of steps by which a mirror image is fitted to the others.
+/// Number of steps by which a mirror image moves towards the others.
 const MIRRORED_STEPS: usize = 3;
 
-/// Aligns a group of surfaces as described in the module. Takes about 30 ms per surface on two threads. With `scale`,
-/// all members are scaled to the geometric mean of their sizes.
+/// Aligns a group of surfaces, as described in the module. It takes about 30 ms per surface on two threads. With
+/// `scale`, all members are scaled to the geometric mean of their sizes.
 ///
 /// # Errors
 ///
@@ -155,11 +160,11 @@ pub fn group_poses(
         poses = group.to(template)?;
     }
     let (mut motions, doubts) = group.decided(&poses)?;
-    // Outliers don't affect the others.
+    // Outliers are excluded from the rounds below, so that they don't affect the other members.
     let as_decided = group.distances(&motions);
     let usual = OF_ANOTHER_KIND * median(as_decided.clone());
     let alike: Vec<bool> = as_decided.iter().map(|distance| *distance <= usual).collect();
-    // Of two members, one has already been brought to the other.
+    // A group of two needs no rounds, since one member has already been aligned to the other.
     for _ in 0..if count > 2 { ROUNDS } else { 0 } {
         motions = group.closer(&motions, &alike)?;
         let back = motions[template].inverse();
@@ -181,7 +186,7 @@ pub fn group_poses(
     if !params.mirror {
         others.extend(group.mirrored(&motions, template, &distances)?);
     }
-    // An outlier has no right pose, so no other warning about it is given.
+    // An outlier has no right pose, so other warnings about it are dropped.
     others.retain(|warning| !far.contains(&warning.member()));
     let named = far.iter().map(|&member| GroupPoseWarning::Far { member, distance: distances[member], median });
     let warnings = named.chain(others).collect();
@@ -196,7 +201,7 @@ struct Group<'a> {
 }
 
 impl Group<'_> {
-    /// Returns the member with the most typical size and lengths along its axes.
+    /// Returns the member whose lengths along the principal axes are most typical.
     fn typical(&self) -> usize {
         let described: Vec<[f64; 3]> = self.surfaces.iter().map(|surface| surface.lengths).collect();
         let from_all = |a: &[f64; 3]| described.iter().map(|b| dot(sub(*a, *b), sub(*a, *b)).sqrt()).sum::<f64>();
@@ -204,7 +209,7 @@ impl Group<'_> {
         least(&sums)
     }
 
-    /// Returns the poses of all members on one of them.
+    /// Returns the poses of all members after alignment to one of them.
     fn to(&self, template: usize) -> Result<Vec<Pose>, Interrupted> {
         let one = |member: usize| -> Result<Pose, Interrupted> {
             let found = if member == template {
@@ -219,12 +224,12 @@ impl Group<'_> {
         found.into_iter().collect()
     }
 
-    /// Returns the member that is nearest to the others in these poses.
+    /// Returns the member with the least distance from the others in the given poses.
     fn nearest(&self, motions: &[Similarity]) -> usize {
         least(&self.distances(motions))
     }
 
-    /// Returns other members, at most `most`, spaced evenly over the list.
+    /// Returns at most `most` members other than `member`, evenly spaced in the list.
     fn others(&self, member: usize, most: usize) -> impl Iterator<Item = usize> {
         let count = self.surfaces.len();
         let taken = most.min(count - 1);
@@ -236,8 +241,8 @@ impl Group<'_> {
         (0..motions.len()).into_par_iter().map(of).collect()
     }
 
-    /// Returns the median distance of a member in a pose from the others in theirs; the median ignores an outlier among
-    /// them.
+    /// Returns the median distance of a member in a given pose from the others in their poses. The median ignores
+    /// outliers among the others.
     fn distance_of(&self, member: usize, motion: &Similarity, motions: &[Similarity]) -> f64 {
         let view = self.surfaces[member].view(Density::Some);
         let others: Vec<usize> = self.others(member, OTHERS).collect();
@@ -248,9 +253,9 @@ impl Group<'_> {
         median(others.par_iter().map(distance).collect())
     }
 
-    /// Returns the mean square distance of a member in a pose from others in theirs. Nothing is trimmed, since the part
-    /// in which two ends of a body differ may be as small as the trimmed share. Distances are capped at twice their
-    /// median, to limit the effect of surfaces of other kinds.
+    /// Returns the mean squared distance of a member in a given pose from others in their poses. Nothing is trimmed,
+    /// because the part in which two ends of a body differ may be as small as the trimmed share. Distances are capped
+    /// at twice their median, to limit the effect of surfaces of other kinds.
     fn judged(&self, member: usize, motion: &Similarity, motions: &[Similarity]) -> f64 {
         let moving = &self.surfaces[member];
         let distance = |other: &usize| {
@@ -263,8 +268,8 @@ impl Group<'_> {
         found.iter().map(|distance| distance.min(most).powi(2)).sum::<f64>() / found.len() as f64
     }
 
-    /// Chooses a pose for each member: of two nearly equally good ones, the one that is nearer to the others. Also
-    /// returns a warning for each member that even this doesn't decide.
+    /// Chooses a pose for each member: of two nearly equally good poses, the one in which it is nearer to the others.
+    /// Also returns a warning for each member whose two poses remain nearly equally good.
     fn decided(&self, poses: &[Pose]) -> Result<(Vec<Similarity>, Vec<GroupPoseWarning>), Interrupted> {
         let close = |pose: &Pose| pose.other.filter(|_| pose.second < CLOSE * pose.distance);
         let mut motions: Vec<Similarity> = poses.iter().map(|pose| pose.similarity).collect();
@@ -294,7 +299,7 @@ impl Group<'_> {
         Ok((motions, doubts))
     }
 
-    /// Returns a member's pose after one step to others.
+    /// Returns a member's pose after one step towards others.
     fn step(&self, member: usize, motion: &Similarity, others: &[(View<'_>, Similarity)]) -> Similarity {
         let rounds = icp::Rounds {
             most: 1,
@@ -307,7 +312,7 @@ impl Group<'_> {
         icp::step_to_all(self.surfaces[member].view(Density::Some), others, motion, &rounds)
     }
 
-    /// Returns the views and poses of the others that a member is compared with.
+    /// Returns the points and poses of the members that a member is compared with.
     fn seen(
         &self,
         member: usize,
@@ -318,8 +323,8 @@ impl Group<'_> {
         others.map(|other| (self.surfaces[other].view(Density::Some), motions[other])).collect()
     }
 
-    /// Returns warnings for members whose mirror images are nearer to the others. They are reflected in the planes of
-    /// the group's principal axes, and in its centre.
+    /// Returns warnings for members whose mirror images are nearer to the others. Members are mirrored in the three
+    /// planes through the group's principal axes, and in the group's centre.
     fn mirrored(
         &self,
         motions: &[Similarity],
@@ -352,7 +357,7 @@ impl Group<'_> {
         Ok(found.into_iter().collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect())
     }
 
-    /// Moves each member one step to the others that are `alike`.
+    /// Returns the poses after each member has moved one step towards the other members for which `alike` is true.
     fn closer(&self, motions: &[Similarity], alike: &[bool]) -> Result<Vec<Similarity>, Interrupted> {
         let one = |member: usize| -> Result<Similarity, Interrupted> {
             self.monitor.check()?;
@@ -363,12 +368,12 @@ impl Group<'_> {
     }
 }
 
-/// Returns the index of the smallest number, the first in case of ties.
+/// Returns the index of the smallest number; the first one in case of ties.
 fn least(numbers: &[f64]) -> usize {
     (1..numbers.len()).fold(0, |least, i| if numbers[i] < numbers[least] { i } else { least })
 }
 
-/// Returns the median of one or more numbers, the upper one of two middle ones.
+/// Returns the median of one or more numbers; of two middle numbers, the larger one.
 fn median(mut numbers: Vec<f64>) -> f64 {
     numbers.sort_by(f64::total_cmp);
     numbers[numbers.len() / 2]

@@ -1,64 +1,64 @@
-//! Improvement of one motion by nearest points, in both directions.
+//! Improves a motion by iterative closest points, in both directions.
 //!
-//! Let x = scale Q p + t for a point p of the moving surface, q its partner on the fixed one, and n the normal at q (or
-//! that of p, rotated, if p was found as the point nearest to q). A round minimises over small motions
+//! Let x = scale Q p + t for a point p of the moving surface, and let q be its partner on the fixed surface. n is the
+//! normal at the point that was found as the nearest one: at q, or at p and then rotated by Q. A round minimises
 //!
 //! ```text
 //! sum_pairs (n . (x - q))^2 + tangential |x - q|^2
 //! ```
 //!
-//! by one Gauss-Newton step. The first term is point-to-plane (Y. Chen and G. Medioni, Image and Vision Computing 10,
-//! 1992), which lets surfaces slide freely along each other. The second, with a small weight, is point-to-point (P.
-//! Besl and N. McKay, IEEE TPAMI 14, 1992), which determines what planes leave open, as on a ball. Pairs beyond the
-//! quantile `1 - trimmed` of all distances are left out of a round (D. Chetverikov et al., Image and Vision Computing
-//! 23, 2005).
+//! over small motions by one Gauss-Newton step. The first term is the point-to-plane distance (Y. Chen and G. Medioni,
+//! Image and Vision Computing 10, 1992), which lets surfaces slide freely along each other. The second term has a small
+//! weight and is the point-to-point distance (P. Besl and N. McKay, IEEE TPAMI 14, 1992). It determines motions that
+//! the planes leave undetermined, such as rotations of a ball. Pairs beyond the quantile `1 - trimmed` of all distances
+//! are left out of a round (D. Chetverikov et al., Image and Vision Computing 23, 2005).
 //!
-//! A pair's distance is measured to a disk: each point represents a piece of the surface that extends along its tangent
-//! plane by its radius. So 256 points measure distances far below their spacing.
+//! The distance of a pair is measured to a disk: each point represents a piece of the surface that extends along the
+//! tangent plane by the point's radius. 256 points can therefore measure distances far below their spacing.
 //!
-//! A round costs 2 n searches in trees of n points, about 0.15 us each, and 200 flops per pair.
+//! Cost of a round: 2 n searches in trees of n points, about 0.15 us each, and 200 flops per pair.
 
 use super::surface::View;
 use crate::geometry::{Vec3, add, cross, dot, scale, sub};
 use crate::matrix3::{Matrix3, exponential, times};
 use crate::similarity::Similarity;
 
-/// The largest turn of one step, in radians; beyond it a step is no longer small.
+/// Largest rotation of one step, in radians. Steps must be small, since they are computed to first order.
 const LARGEST_TURN: f64 = 0.6;
 
-/// The distance at which a pair has half its weight in a step to several surfaces, in units of the median.
+/// In a step to several surfaces, the distance at which a pair has half its weight, relative to the median distance.
 const HALF: f64 = 1.5;
 
-/// Settings of the rounds.
+/// Settings of the rounds of [`improved`] and [`step_to_all`].
 #[derive(Clone, Copy)]
 pub(super) struct Rounds {
-    /// Most rounds.
+    /// Largest number of rounds.
     pub(super) most: usize,
-    /// Motion of the points below which the rounds end, in the unit of the surfaces.
+    /// Rounds end when points move by less than this, in the unit of the surfaces.
     pub(super) rest: f64,
-    /// Relative decrease of the sum of squared distances below which a round is the last.
+    /// Rounds end when the relative decrease of the sum of squared distances is below this.
     pub(super) gain: f64,
-    /// Share of the pairs that are left out.
+    /// Share of the pairs that are left out, those with the largest distances.
     pub(super) trimmed: f64,
-    /// Weight of point-to-point terms relative to point-to-plane terms.
+    /// Weight of the point-to-point term relative to the point-to-plane term.
     pub(super) tangential: f64,
-    /// Whether the scale is free.
+    /// Whether the scale is an unknown, too.
     pub(super) scale: bool,
 }
 
-/// A pair of points in their positions after a motion.
+/// A pair of points, positioned by a motion.
 struct Pair {
-    /// The moving surface's point.
+    /// The point on the moving surface.
     place: Vec3,
-    /// Vector from the fixed surface's point to it.
+    /// The vector from the fixed surface's point to the moving surface's point.
     off: Vec3,
-    /// The unit normal at the point that was found as the nearest.
+    /// The unit normal at the point that was found as the nearest one.
     normal: Vec3,
-    /// The square of the distance.
+    /// The squared distance of the pair.
     square: f64,
 }
 
-/// Returns the motion after the rounds.
+/// Returns a motion improved by rounds, starting from `start`.
 pub(super) fn improved(moving: View<'_>, fixed: View<'_>, start: Similarity, rounds: &Rounds) -> Similarity {
     let mut motion = start;
     let mut pairs = Vec::new();
@@ -83,11 +83,11 @@ pub(super) fn improved(moving: View<'_>, fixed: View<'_>, start: Similarity, rou
     motion
 }
 
-/// Returns the motion after one step to several surfaces at once, each in the pose given by its own motion.
+/// Returns the motion after one step towards several surfaces at once, each in the pose given by its own motion.
 ///
 /// Pairs have Cauchy's weights `1 / (1 + d^2 / (1.5 m)^2)`, where m is the median of their distances d (P. Holland and
-/// R. Welsch, "Robust regression using iteratively reweighted least-squares", Communications in Statistics 6, 1977), so
-/// that a bump on some of the surfaces doesn't turn them relative to the others.
+/// R. Welsch, "Robust regression using iteratively reweighted least-squares", Communications in Statistics 6, 1977). A
+/// bump that only some of the surfaces have then doesn't rotate these relative to the others.
 pub(super) fn step_to_all(
     moving: View<'_>,
     fixed: &[(View<'_>, Similarity)],
@@ -111,7 +111,8 @@ pub(super) fn step_to_all(
     equations.step(rounds.scale).map_or(*motion, |(step, _)| motion.then(&step))
 }
 
-/// Returns the root mean square distance in both directions after a motion, over all pairs except the share `trimmed`.
+/// Returns the root mean square distance in both directions after a motion. The share `trimmed` of the pairs with the
+/// largest distances is left out.
 pub(super) fn distance(moving: View<'_>, fixed: View<'_>, motion: &Similarity, trimmed: f64) -> f64 {
     let mut pairs = Vec::new();
     gather(moving, fixed, motion, &mut pairs);
@@ -119,8 +120,8 @@ pub(super) fn distance(moving: View<'_>, fixed: View<'_>, motion: &Similarity, t
     (pairs.iter().map(|pair| pair.square).sum::<f64>() / pairs.len().max(1) as f64).sqrt()
 }
 
-/// Returns the mean distance in both directions after a motion. For evaluating many motions, it skips the cost of
-/// leaving out the farthest pairs.
+/// Returns the mean distance in both directions after a motion. Nothing is trimmed, so it is fast enough to evaluate
+/// many motions.
 pub(super) fn mean_distance(moving: View<'_>, fixed: View<'_>, motion: &Similarity) -> f64 {
     let back = motion.inverse();
     let there = moving.asking.points.iter().map(|p| {
@@ -138,7 +139,7 @@ pub(super) fn mean_distance(moving: View<'_>, fixed: View<'_>, motion: &Similari
     (there.sum::<f64>() + here.sum::<f64>()) / (moving.asking.points.len() + fixed.asking.points.len()) as f64
 }
 
-/// Pairs every point of either surface with the nearest one of the other.
+/// Pairs each point of either surface with the nearest point of the other surface.
 fn gather(moving: View<'_>, fixed: View<'_>, motion: &Similarity, pairs: &mut Vec<Pair>) {
     pairs.clear();
     for p in &moving.asking.points {
@@ -162,7 +163,7 @@ fn pair(place: Vec3, other: Vec3, normal: Vec3, radius: f64) -> Pair {
     Pair { place, off, normal, square: across * across + beyond * beyond }
 }
 
-/// Removes the farthest pairs, in place; the others keep their order.
+/// Removes the share `trimmed` of the pairs with the largest distances. The remaining pairs keep their order.
 fn trim(pairs: &mut Vec<Pair>, trimmed: f64) {
     let keep = ((1.0 - trimmed) * pairs.len() as f64).ceil() as usize;
     if keep == 0 || keep >= pairs.len() {
@@ -173,33 +174,33 @@ fn trim(pairs: &mut Vec<Pair>, trimmed: f64) {
     pairs.retain(|pair| pair.square <= limit);
 }
 
-/// Returns the median of the squared distances, 0 without pairs.
+/// Returns the median of the squared distances; 0 if there are no pairs.
 fn median_square(pairs: &[Pair]) -> f64 {
     let mut squares: Vec<f64> = pairs.iter().map(|pair| pair.square).collect();
     let half = squares.len() / 2;
     if squares.is_empty() { 0.0 } else { *squares.select_nth_unstable_by(half, f64::total_cmp).1 }
 }
 
-/// Unknowns: a turn, a translation and the logarithm of a scale factor, about a centre.
+/// Number of unknowns: a rotation vector, a translation, and the logarithm of a scale factor, all about a centre.
 const UNKNOWNS: usize = 7;
 
-/// The normal equations of a step: those of the planes, and the sums from which those of the points are made.
+/// The normal equations of a step: the point-to-plane terms, and the sums from which point-to-point terms are computed.
 struct Equations {
     centre: Vec3,
     matrix: [[f64; UNKNOWNS]; UNKNOWNS],
     right: [f64; UNKNOWNS],
-    /// The weighted sums of a a^T, off, a x off and a . off over pairs, where a is the arm from the centre. The centre
-    /// is the weighted mean of the positions, so that the sum of a is zero.
+    /// Weighted sums over pairs of a a^T (`arms`), off (`offs`), a x off (`turns`) and a . off (`growth`), where a is
+    /// the vector from the centre to the point. The centre is the weighted mean of the points, so the sum of a is zero.
     arms: Matrix3,
     offs: Vec3,
     turns: Vec3,
     growth: f64,
-    /// The sum of the weights.
+    /// Sum of the weights.
     total: f64,
 }
 
 impl Equations {
-    /// Returns the equations of pairs with nonnegative weights.
+    /// Returns the equations for pairs with the given nonnegative weights.
     fn of(pairs: &[Pair], weight: impl Fn(&Pair) -> f64) -> Self {
         let (mut sum, mut total) = ([0.0; 3], 0.0);
         for pair in pairs {
@@ -214,7 +215,7 @@ impl Equations {
         equations
     }
 
-    /// Adds a pair. Only lower triangles are filled.
+    /// Adds a pair. Only the lower triangles of the matrices are filled.
     fn add(&mut self, Pair { place, off, normal, .. }: &Pair, weight: f64) {
         let arm = sub(*place, self.centre);
         let turn = cross(arm, *normal);
@@ -236,7 +237,8 @@ impl Equations {
         self.growth += dot(arm, weighted_off);
     }
 
-    /// Adds the point-to-point terms with a weight. A point is equivalent to three planes, whose normals are the axes.
+    /// Adds the point-to-point terms, multiplied by a weight. A point is equivalent to three planes with the axes as
+    /// normals.
     fn with_points(mut self, weight: f64) -> Self {
         let square = self.spread();
         for i in 0..3 {
@@ -253,13 +255,13 @@ impl Equations {
         self
     }
 
-    /// Returns the sum of squared distances from the centre.
+    /// Returns the weighted sum of squared distances from the centre.
     fn spread(&self) -> f64 {
         self.arms[0][0] + self.arms[1][1] + self.arms[2][2]
     }
 
-    /// Returns the motion that minimises the sum of squares, and an upper bound of the root mean square by which it
-    /// moves points; `None` if the motion isn't determined or isn't finite.
+    /// Returns the motion that minimises the sum of squares, and an upper bound of the root mean square distance by
+    /// which it moves the points. `None` if the motion is undetermined or not finite.
     fn step(&self, with_scale: bool) -> Option<(Similarity, f64)> {
         let unknowns = if with_scale { UNKNOWNS } else { UNKNOWNS - 1 };
         let x = solved(&self.matrix, &self.right, unknowns)?;
@@ -278,7 +280,7 @@ impl Equations {
     }
 }
 
-/// Solves the leading equations by Cholesky factorisation of the lower triangle.
+/// Solves the first `unknowns` equations by Cholesky factorisation of the lower triangle.
 fn solved(matrix: &[[f64; UNKNOWNS]; UNKNOWNS], right: &[f64; UNKNOWNS], unknowns: usize) -> Option<[f64; UNKNOWNS]> {
     let mut l = *matrix;
     for j in 0..unknowns {
@@ -288,7 +290,7 @@ fn solved(matrix: &[[f64; UNKNOWNS]; UNKNOWNS], right: &[f64; UNKNOWNS], unknown
                 l[i][j] -= l[i][k] * l[j][k];
             }
         }
-        // A pivot below the rounding error of what was subtracted determines nothing.
+        // If a pivot is below the rounding error of the numbers subtracted, the unknown is undetermined.
         if l[j][j].is_nan() || l[j][j] <= 1e-13 * diagonal {
             return None;
         }

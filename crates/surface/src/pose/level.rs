@@ -1,14 +1,14 @@
-//! Points that each represent a disk of a surface's area, and the search for the nearest one.
+//! Represents a surface by points that each stand for a disk of its area, and finds the nearest one.
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 
 use crate::geometry::Vec3;
 
-/// Points that each represent a disk, which is the point's share of the area.
+/// Points on a surface. Each represents a disk with the point's share of the area.
 pub(super) struct Level {
     pub(super) points: Vec<Vec3>,
     pub(super) normals: Vec<Vec3>,
-    /// Radius of the disk that a point represents, along the surface.
+    /// Length along the tangent plane that a point's disk extends: the square root of its share of the area.
     pub(super) radius: f64,
     tree: ImmutableKdTree<f64, 3>,
 }
@@ -20,7 +20,7 @@ impl Level {
         Some(Self { points, normals, radius, tree })
     }
 
-    /// Returns the index of the point nearest to `p`, which must be finite.
+    /// Returns the index of the point nearest to `p`. The coordinates of `p` must be finite.
     pub(super) fn nearest(&self, p: Vec3) -> usize {
         self.tree.query(&p).nearest_one::<SquaredEuclidean<f64>>().execute().item as usize
     }

@@ -1,24 +1,24 @@
-//! The motion that brings one surface onto another, determined from the surfaces alone.
+//! Finds the motion that brings one surface onto another, from the surfaces alone.
 //!
-//! A pose that is based on distances at equal directions depends on how each surface was mapped to the sphere. Here
-//! only the surfaces matter, with any topology and triangles. With d the distance of a point from the other surface,
-//! the pose minimises
+//! A pose based on distances at equal directions would depend on how each surface was mapped to the sphere. Here only
+//! the surfaces matter, which can have any topology and triangles. With d the distance of a point from the other
+//! surface, the pose minimises
 //!
 //! ```text
 //! distance^2 = mean of the least 1 - trimmed of { d(x_i, B)^2, d(y_j, A)^2 },   x_i on A, y_j on B
 //! ```
 //!
-//! over points that are spread evenly over the area. This has many local minima, so the search starts from a covering
-//! of all rotations, defined relative to both surfaces' principal axes, so that the result doesn't depend on a
-//! surface's initial pose. All 3,900 are evaluated with 256 points of each surface. The best 32, which differ by 15
-//! degrees or more, are improved by nearest points in both directions, then the best 6 of the results on 1,024 points,
-//! and the best 2 on 4,096. `trimmed` leaves out a part of the area that has no counterpart, such as a process that is
-//! cut off.
+//! over points that are spread evenly over the area. This function has many local minima, so the search starts from a
+//! set of 3,900 rotations that covers all rotations. They are relative to both surfaces' principal axes, so the result
+//! doesn't depend on a surface's initial pose. All are evaluated with 256 points of each surface. The best 32 that
+//! differ by at least 15 degrees are improved by nearest points in both directions, then the best 6 of the results with
+//! 1,024 points, and the best 2 of these with 4,096 points. `trimmed` is the share of the area that is left out because
+//! it may have no counterpart, such as a process that is cut off on one surface.
 //!
-//! Symmetric and nearly symmetric surfaces have several equally good poses: [`Pose::second`] is the distance of the
-//! second best.
+//! Symmetric and nearly symmetric surfaces have several poses that are equally or nearly equally good; see
+//! [`Pose::second`].
 //!
-//! The result is bit-identical for any number of threads.
+//! The result has the same bits for any number of threads.
 
 mod covering;
 mod grid;
@@ -40,14 +40,14 @@ use crate::kabsch::kabsch;
 use crate::matrix3::{Matrix3, angle_between, product, times, transposed};
 use crate::similarity::Similarity;
 
-/// Settings of a pose.
+/// Settings of a pose search.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseParams {
-    /// Whether the moving surface is scaled to the fixed one's size; `false` by default.
+    /// Whether the moving surface is scaled to the size of the fixed surface; `false` by default.
     pub scale: bool,
-    /// Whether mirror images are matched too; `false` by default.
+    /// Whether mirror images of the moving surface are allowed; `false` by default.
     pub mirror: bool,
-    /// Share of the points to leave out as outliers, from 0 to less than 1; 0.1 by default.
+    /// Share of the points to leave out as outliers, at least 0 and less than 1; 0.1 by default.
     pub trimmed: f64,
 }
 
@@ -57,54 +57,55 @@ impl Default for PoseParams {
     }
 }
 
-/// The best pose of a surface on another, and the second best.
+/// The best pose of a surface on another surface, and the second best.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pose {
-    /// The motion.
+    /// The motion of the best pose.
     pub similarity: Similarity,
-    /// Root mean square distance of the surfaces after the motion, in both directions, over all points except the
-    /// trimmed ones, in the fixed surface's unit.
+    /// Root mean square distance between the surfaces after the motion, in both directions, without the trimmed points,
+    /// in the fixed surface's unit.
     pub distance: f64,
-    /// The distance after the best motion whose rotation differs by more than [`DISTINCT`]; infinite if all starts led
-    /// to the same optimum.
+    /// The distance after the best motion whose rotation differs from `similarity` by more than [`DISTINCT`]. Infinite
+    /// if all starts led to the same optimum.
     pub second: f64,
-    /// The motion that belongs to `second`.
+    /// The motion with the distance `second`.
     pub other: Option<Similarity>,
 }
 
-/// Rotations that differ by less than this angle, in radians, are the same optimum: 15 degrees.
+/// Angle in radians up to which two rotations count as the same optimum: 15 degrees.
 pub const DISTINCT: f64 = 0.261_799_387_799_149_4;
 
-/// Number of the covering's rotations that are improved: those that bring the surfaces nearest before any improvement.
+/// Number of starts that are improved: the rotations of the covering that give the least distances.
 const STARTS: usize = 32;
 
-/// Relative decrease of the sum of squared distances below which a round is the last, even if surfaces still slide.
+/// Rounds end when the relative decrease of the sum of squared distances is below this, even if surfaces still slide.
 const GAIN: f64 = 2e-3;
 
-/// A stage of the search: points, rounds, and the number of results that go on to the next stage.
+/// A stage of the search, with the number of points and rounds, and the number of results for the next stage.
 struct Stage {
     density: Density,
     rounds: usize,
     tangential: f64,
-    /// Motion below which the rounds end, relative to the fixed surface's size.
+    /// Rounds end when points move by less than this, relative to the fixed surface's size.
     rest: f64,
     /// Number of results that are candidates for the next stage.
     candidates: usize,
-    /// Number of candidates that go on, the best as measured with the points of the next stage. Of the others, the one
-    /// with the least untrimmed distance goes on too.
+    /// Number of candidates that enter the next stage: the best ones as measured with that stage's points. Of the other
+    /// candidates, the one with the least untrimmed distance enters the next stage, too.
     go_on: usize,
 }
 
-/// Candidates whose distance exceeds the best by this factor don't go on. Few points can't distinguish nearer ones, of
-/// which a square rod has eight.
+/// Candidates whose distance exceeds this multiple of the best distance don't enter the next stage. With few points,
+/// better candidates can't be distinguished from each other; a square rod has eight of them.
 const CANDIDATE: f64 = 1.5;
-/// Trimmed distances within this factor are treated as equal; untrimmed ones decide between them.
+/// Trimmed distances within this factor count as equal; then the untrimmed distances decide.
 const EQUAL: f64 = 1.03;
-/// Rounds with few points in which surfaces scaled to the same size are brought nearer.
+/// Largest number of rounds, with few points, that improve a motion after both surfaces have been scaled to the same
+/// size.
 const SETTLING: usize = 4;
 
-// The point-to-point terms (`tangential`) stop surfaces from sliding: at a weight of 0.03, a third of nearly round
-// bodies didn't converge.
+// The point-to-point terms (`tangential`) stop surfaces from sliding along each other. With a weight of 0.03 in the
+// first stage, a third of nearly round bodies didn't converge.
 const STAGES: [Stage; 3] = [
     Stage { density: Density::Few, rounds: 12, tangential: 0.2, rest: 1e-3, candidates: 24, go_on: 6 },
     Stage { density: Density::Some, rounds: 10, tangential: 2e-3, rest: 1e-4, candidates: 4, go_on: 2 },
@@ -124,7 +125,7 @@ impl Stage {
     }
 }
 
-/// Finds the motion that brings `moving` onto `fixed`, see the [module](self). Takes about 30 ms on two threads.
+/// Finds the motion that brings `moving` onto `fixed`; see the [module](self). It takes about 30 ms on two threads.
 ///
 /// # Errors
 ///
@@ -158,8 +159,8 @@ pub fn pose(
     })
 }
 
-/// Sorts motions by their untrimmed distances: two poses may differ in a part as small as the trimmed share, such as
-/// the knob at one end of a rod.
+/// Sorts motions by their untrimmed distances. Two poses may differ only in a part as small as the trimmed share, such
+/// as the knob at one end of a rod.
 fn in_whole_order(
     moving: &PoseSurface,
     fixed: &PoseSurface,
@@ -175,8 +176,9 @@ fn in_whole_order(
     ranked.into_iter().map(|(end, _)| end).collect()
 }
 
-/// Returns the untrimmed distance, at the given sizes or with both scaled to the same size, whichever is less: a larger
-/// body hides bumps of a smaller one, and a body that is cut off must not be scaled up.
+/// Returns the smaller of two untrimmed distances: at the given sizes, and with the moving surface scaled to the size
+/// of the fixed one. Without scaling, a larger body hides the bumps of a smaller one; with scaling, a body that is cut
+/// off would be enlarged.
 fn whole(moving: &PoseSurface, fixed: &PoseSurface, density: Density, motion: &Similarity) -> f64 {
     let (a, b) = (moving.view(density), fixed.view(density));
     let [as_it_is, of_one_size] =
@@ -184,7 +186,7 @@ fn whole(moving: &PoseSurface, fixed: &PoseSurface, density: Density, motion: &S
     as_it_is.min(of_one_size)
 }
 
-/// Returns a motion that also scales one surface to the size of the other, improved by a few rounds.
+/// Returns a motion that also scales the moving surface to the size of the fixed one, improved by a few rounds.
 fn of_size(motion: &Similarity, moving: &PoseSurface, fixed: &PoseSurface) -> Similarity {
     let size = fixed.size() / moving.size();
     let translation = sub(motion.apply(moving.centre), scale(times(&motion.orthogonal, moving.centre), size));
@@ -200,7 +202,7 @@ fn of_size(motion: &Similarity, moving: &PoseSurface, fixed: &PoseSurface) -> Si
     icp::improved(moving.view(Density::Few), fixed.view(Density::Few), start, &rounds)
 }
 
-/// Returns the local optimum that a motion leads to, and its distance, as defined in [`Pose`].
+/// Returns the local optimum that is reached from a motion, and its distance, as defined in [`Pose`].
 #[must_use]
 pub fn improved(
     moving: &PoseSurface,
@@ -215,14 +217,15 @@ pub fn improved(
     (motion, distance(moving, fixed, &motion, params.trimmed))
 }
 
-/// Returns the root mean square distance of two surfaces after a motion, in both directions, without the farthest share
-/// `trimmed` of the points, in the fixed surface's unit. Takes about 2 ms.
+/// Returns the root mean square distance between two surfaces after a motion, in both directions, in the fixed
+/// surface's unit. The share `trimmed` of the points, those with the largest distances, is left out. It takes about 2
+/// ms.
 #[must_use]
 pub fn distance(moving: &PoseSurface, fixed: &PoseSurface, motion: &Similarity, trimmed: f64) -> f64 {
     icp::distance(moving.view(Density::All), fixed.view(Density::All), motion, trimmed)
 }
 
-/// Improves motions, and returns the best distinct ones, best first.
+/// Improves motions, and returns those that are different optima, sorted by distance.
 fn staged(
     moving: &PoseSurface,
     fixed: &PoseSurface,
@@ -242,7 +245,7 @@ fn staged(
     Ok(distinct(found.into_iter().collect::<Result<Vec<_>, _>>()?, stage.candidates))
 }
 
-/// Returns the motions that are nearly as good as the best, at least `least` of them, sorted by their distances as
+/// Returns the motions that are nearly as good as the best, but at least `least` of them, sorted by their distances as
 /// measured with the points of `density`.
 fn measured(
     moving: &PoseSurface,
@@ -265,7 +268,7 @@ fn measured(
     Ok(found)
 }
 
-/// Returns the best motions that are different optima, best first.
+/// Returns the best motions that are different optima, at most `most`, sorted by distance.
 fn distinct(mut found: Vec<(Similarity, f64)>, most: usize) -> Vec<(Similarity, f64)> {
     found.sort_by(|a, b| a.1.total_cmp(&b.1));
     let mut distinct: Vec<(Similarity, f64)> = Vec::with_capacity(most);
@@ -280,12 +283,14 @@ fn distinct(mut found: Vec<(Similarity, f64)>, most: usize) -> Vec<(Similarity, 
     distinct
 }
 
-/// Whether two motions are different optima.
+/// Whether two motions are different optima: one of them is a reflection, or their rotations differ by more than
+/// [`DISTINCT`].
 fn differ(a: &Similarity, b: &Similarity) -> bool {
     a.mirrors() != b.mirrors() || angle_between(&a.orthogonal, &b.orthogonal) > DISTINCT
 }
 
-/// Returns the best of the covering's rotations, defined from axes to axes, with centres aligned.
+/// Returns the best starts. Each start applies a rotation of the covering between the principal axes of the two
+/// surfaces, and brings their centres together.
 fn starts(
     moving: &PoseSurface,
     fixed: &PoseSurface,

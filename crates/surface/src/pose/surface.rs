@@ -1,4 +1,4 @@
-//! A surface represented by points that each stand for a piece of it, at three densities.
+//! Represents a surface by points that each stand for a piece of it, at three densities.
 
 use super::grid::Grid;
 use super::level::Level;
@@ -8,27 +8,28 @@ use crate::matrix3::{Matrix3, determinant, transposed};
 use crate::mesh::Mesh;
 use crate::spread::SpreadPoints;
 
-/// Number of points at each density. The first is used to rank starts, the last determines the final motion.
+/// Number of points at each density. The first one is for ranking starts, the last one for the final motion.
 const DENSITIES: [usize; 3] = [256, 1024, 4096];
 
-/// A surface prepared for pose searches: points on it, search trees, axes. About 0.5 MB.
+/// A surface prepared for pose searches: points on it, search trees, and principal axes. It takes about 0.5 MB.
 pub struct PoseSurface {
     pub(super) levels: [Level; 3],
-    /// Table of the second density's points.
+    /// Table for approximate searches among the points of the second density.
     pub(super) grid: Grid,
-    /// The mean of the surface's points, in its unit.
+    /// Mean of the surface's points, in the surface's unit.
     pub centre: Vec3,
-    /// Principal axes of its area, longest first, as rows of a rotation.
+    /// Principal axes of the surface's area, the longest first, as the rows of a rotation.
     pub axes: Matrix3,
-    /// Root mean square distances of its area from the centre along the axes.
+    /// Root mean square distance of the surface's area from the centre along each axis.
     pub lengths: Vec3,
-    /// Its area, in the square of its unit.
+    /// Area of the surface, in the square of its unit.
     pub area: f64,
-    /// The volume that its triangles enclose with the centre, in the cube of its unit; negative if it is inside out.
+    /// Volume between the surface's triangles and the centre, in the cube of the unit; negative if the surface is
+    /// inside out.
     pub volume: f64,
 }
 
-/// Number of points used for a surface: 256 and a table, 1,024, or 4,096.
+/// Number of points used for a surface: 256 with a table, 1,024, or 4,096.
 #[derive(Clone, Copy)]
 pub(super) enum Density {
     Few,
@@ -36,8 +37,8 @@ pub(super) enum Density {
     All,
 }
 
-/// A surface in one step of the search: the points that search the other surface, and the pieces that the other's
-/// points find.
+/// The points of a surface for one step of the search: those that look for nearest pieces of the other surface, and the
+/// pieces among which the other surface's points look.
 #[derive(Clone, Copy)]
 pub(super) struct View<'a> {
     pub(super) asking: &'a Level,
@@ -46,21 +47,21 @@ pub(super) struct View<'a> {
 }
 
 impl View<'_> {
-    /// Returns the piece nearest to `p`, approximately if a table is used.
+    /// Returns the index of the piece nearest to `p`; approximately, if there is a table.
     pub(super) fn nearest(&self, p: Vec3) -> usize {
         self.grid.map_or_else(|| self.pieces.nearest(p), |grid| grid.nearest(p))
     }
 }
 
 impl PoseSurface {
-    /// Spreads points over a mesh of any topology, with triangles in any order. `None` for a mesh without area, or if
-    /// its coordinates or their squares aren't finite.
+    /// Spreads points over a mesh, which can have any topology and order of triangles. `None` for a mesh without area,
+    /// or with coordinates that aren't finite or whose squares aren't.
     #[must_use]
     pub fn new(mesh: &Mesh) -> Option<Self> {
         let [few, some, all] = DENSITIES;
         let spread = SpreadPoints::new(mesh, all, 0);
         let SpreadPoints { points, normals, .. } = spread;
-        // Rounding may lose the last point.
+        // One point may be missing because of rounding.
         if points.len() + 1 < all {
             return None;
         }
@@ -93,7 +94,7 @@ impl PoseSurface {
         Some(Self { levels, grid, centre, axes, lengths: found.values.map(f64::sqrt), area, volume })
     }
 
-    /// Returns the surface as one step of the search uses it.
+    /// Returns the points that a step of the search with the given density uses.
     pub(super) fn view(&self, density: Density) -> View<'_> {
         match density {
             Density::Few => View { asking: &self.levels[0], pieces: &self.levels[1], grid: Some(&self.grid) },
@@ -102,22 +103,22 @@ impl PoseSurface {
         }
     }
 
-    /// Returns a measure of the surface's size: the square root of its area.
+    /// Returns the square root of the surface's area, a measure of its size.
     #[must_use]
     pub fn size(&self) -> f64 {
         self.area.sqrt()
     }
 
-    /// Returns the points of the finest density, spread evenly over the area, and their normals.
+    /// Returns the points of the finest density, which are spread evenly over the area, and their normals.
     #[must_use]
     pub fn points(&self) -> (&[Vec3], &[Vec3]) {
         (&self.levels[2].points, &self.levels[2].normals)
     }
 }
 
-/// Returns the indices of `count` points that are as evenly spread as all of them. Space is halved, along the longest
-/// side of the box, into cells of equal numbers of points, and the point nearest to the middle of each cell is taken.
-/// Taking every n-th point would be even only if consecutive triangles were neighbours on the surface.
+/// Returns the indices of `count` points that are spread as evenly as all points. Space is repeatedly halved along the
+/// longest side of the points' box into cells of equal numbers of points, and the point nearest to the mean of each
+/// cell is taken. Taking every n-th point would be even only if consecutive triangles were neighbours on the surface.
 fn thinned(points: &[Vec3], count: usize) -> Vec<usize> {
     let mut indices: Vec<usize> = (0..points.len()).collect();
     let mut chosen = Vec::with_capacity(count);
@@ -155,12 +156,12 @@ mod tests {
     #[test]
     fn few_points_are_even_whatever_the_order_of_the_triangles() {
         let mut ball = icosphere(5);
-        // Multiplication by a number without a common factor puts them in disorder.
+        // Multiplication by a number coprime to the number of triangles shuffles the triangles.
         let faces = ball.faces.len();
         ball.faces = (0..faces).map(|i| ball.faces[i * 7919 % faces]).collect();
         let surface = PoseSurface::new(&ball).unwrap();
         for level in &surface.levels[..2] {
-            // A point of the sphere is within twice the side of a share of the nearest one.
+            // The bound is twice the side of a square with a point's share of the area.
             let asked = icosphere(4).vertices;
             let far = asked.iter().map(|v| {
                 let off = sub(level.points[level.nearest(*v)], *v);
@@ -177,7 +178,7 @@ mod tests {
             ball.with_vertices(ball.vertices.iter().map(|v| [2.0 * v[2] + 7.0, 5.0 * v[0], 9.0 * v[1]]).collect());
         let surface = PoseSurface::new(&ellipsoid).unwrap();
         let PoseSurface { axes, centre, lengths, .. } = surface;
-        // y of the ball lies along z, x along y.
+        // The longest axis of the new body lies along z, the second along y.
         assert!(axes[0][2].abs() > 0.999 && axes[1][1].abs() > 0.999 && axes[2][0].abs() > 0.999, "{axes:?}");
         assert!((determinant(&axes) - 1.0).abs() < 1e-12);
         assert!(lengths[0] > lengths[1] && lengths[1] > lengths[2]);

@@ -6,7 +6,7 @@ use crate::generate::{SplitMix64, icosphere};
 use crate::geometry::{Vec3, dot};
 use crate::matrix3::{of_quaternion, times};
 
-/// An ellipsoid with bumps, which no rotation or reflection maps to itself.
+/// Returns an ellipsoid with bumps that no rotation or reflection maps to itself.
 fn lump(level: u32) -> Mesh {
     let ball = icosphere(level);
     let bump = |v: &Vec3| {
@@ -23,7 +23,7 @@ fn turn(random: &mut SplitMix64) -> Matrix3 {
     of_quaternion(q.map(|v| v / length))
 }
 
-/// Returns the largest distance of points from their original positions, for a surface that was moved and brought back.
+/// Returns the largest distance of the vertices from their original positions, after `moved` and then `found`.
 fn error(mesh: &Mesh, moved: &Similarity, found: &Similarity) -> f64 {
     let both = moved.then(found);
     let off = |v: &Vec3| dot(sub(both.apply(*v), *v), sub(both.apply(*v), *v)).sqrt();
@@ -46,7 +46,7 @@ fn a_surface_meshed_anew_returns_from_any_pose() {
         assert!(error(&other, &moved, &found.similarity) < 0.1, "{n}: {}", error(&other, &moved, &found.similarity));
         assert!(found.distance < 0.02 && found.second > 5.0 * found.distance, "{n}: {found:?}");
         assert_eq!(found.similarity.mirrors(), mirror);
-        // Rotations stay what they are.
+        // Rotations must remain orthogonal.
         let q = found.similarity.orthogonal;
         assert!((crate::matrix3::determinant(&q) - sign).abs() < 1e-13);
     }
@@ -55,7 +55,7 @@ fn a_surface_meshed_anew_returns_from_any_pose() {
 #[test]
 fn what_has_no_counterpart_doesnt_pull() {
     let (fixed, mut part) = (lump(5), lump(4));
-    // A tip is cut off, some tenth of the area.
+    // One tip, about a tenth of the area, is cut off.
     part.faces.retain(|face| face.iter().all(|v| part.vertices[*v as usize][0] < 7.5));
     let mut random = SplitMix64::new(2);
     let moved = Similarity { orthogonal: turn(&mut random), ..Similarity::default() };
@@ -69,7 +69,8 @@ fn what_has_no_counterpart_doesnt_pull() {
 
 #[test]
 fn a_part_smaller_than_what_is_trimmed_still_decides() {
-    // An ellipsoid, which has four poses, with a bump on 4 % of its area, of another size.
+    // An ellipsoid alone has four equally good poses; a bump on 4 % of its area leaves one. The other surface is 7 %
+    // larger.
     let bumped = |level: u32, size: f64| {
         let ball = icosphere(level);
         let place = |v: &Vec3| {
@@ -112,7 +113,7 @@ fn the_number_of_threads_changes_no_bit() {
 
 #[test]
 fn distances_are_those_of_the_surfaces() {
-    // Shells 1 apart, and one moved along itself, whose points lie elsewhere on it.
+    // Concentric shells at distance 1, and a shell rotated onto itself, whose points lie elsewhere on it.
     let shell = |r: f64, level| {
         let ball = icosphere(level);
         PoseSurface::new(&ball.with_vertices(ball.vertices.iter().map(|v| v.map(|x| r * x)).collect())).unwrap()
@@ -144,7 +145,7 @@ fn a_group_comes_together_and_strangers_are_named() {
     let mut surfaces = Vec::new();
     let mut moved = Vec::new();
     for n in 0..6 {
-        // The last is a ball among lumps.
+        // The last member is a ball, the others are lumps.
         let mesh = match n {
             5 => ball.with_vertices(ball.vertices.iter().map(|v| v.map(|x| 6.0 * x)).collect()),
             _ => {
@@ -167,8 +168,8 @@ fn a_group_comes_together_and_strangers_are_named() {
     assert_eq!(far, [5], "{found:?}");
     assert!(found.distances[..5].iter().all(|d| *d < 0.3), "{found:?}");
     assert!(found.template < 5);
-    // All lumps are brought to the same place by what moved them and what brought them back, but for the 6 % of 6 by
-    // which they differ.
+    // The known motion followed by the found one must be the same for all lumps, up to 6 % of their size of 6, since
+    // the lumps differ by this much.
     let [first, second] = [0, 3].map(|n| moved[n].then(&found.similarities[n]));
     let off = sub(first.apply([9.0, 0.0, 0.0]), second.apply([9.0, 0.0, 0.0]));
     assert!(dot(off, off).sqrt() < 0.36, "{off:?}");
@@ -180,8 +181,8 @@ fn a_group_comes_together_and_strangers_are_named() {
 #[test]
 fn a_bump_that_half_of_a_group_has_turns_no_one() {
     let ball = icosphere(4);
-    // Nearly round across its length, so that little keeps it from turning, wider at one end and bent, so that no half
-    // turn brings it to itself.
+    // The body is nearly round across its length, so little prevents it from rotating. It is wider at one end and bent,
+    // so that no half turn maps it to itself.
     let body = |v: &Vec3, height: f64| {
         let bump = 1.0 + height * (12.0 * (dot(*v, [0.48, 0.64, 0.6]) - 1.0)).exp();
         [(1.0 + 0.2 * v[0]) * 12.0 * v[0], bump * 7.0 * v[1], bump * 6.0 * v[2] + 2.0 * v[0] * v[0]]
