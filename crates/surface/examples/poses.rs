@@ -1,10 +1,11 @@
-//! Measures how often poses miss the best optimum, how long they take, and the resulting distances of landmarks.
+//! Measures how often pose searches miss the best optimum, their time, and the resulting distances between landmarks.
 //!
-//! `cargo run --release -p spharm-surface --example poses [PAIRS [ROTATIONS]]`: number of pairs of each kind and of
-//! rotations, 10 and 20 by default. Pairs are vertebrae of the shared data, and generated rods, boxes, cubes and
-//! near-spheres, two of a kind that differ slightly and are meshed differently; each pair is tried from 20 random
-//! rotations. An optimum is missed if the distance exceeds 1.05 times the least distance found from any of these
-//! rotations, from 24 random starts that are independent of the search, or from the true pose.
+//! Usage: `cargo run --release -p spharm-surface --example poses [PAIRS [ROTATIONS]]`, with the number of pairs of each
+//! kind and the number of rotations, 10 and 20 by default. Pairs are vertebrae of the shared data, and generated rods,
+//! boxes, cubes and near-spheres. The two bodies of a generated pair differ slightly and are meshed differently. Each
+//! pair is tried from ROTATIONS random rotations. The optimum counts as missed if the distance exceeds 1.05 times the
+//! least distance found. This least distance is taken over all these rotations, 24 random starts that are independent
+//! of the search, and the true pose.
 
 use std::time::Instant;
 
@@ -20,7 +21,7 @@ use spharm_surface::{Mesh, Similarity};
 
 type Failure = Box<dyn std::error::Error>;
 
-/// Number of random starts that are independent of the search.
+/// Number of random starts, independent of the search, that are used to find the best optimum.
 const STARTS: usize = 24;
 const KINDS: [&str; 4] = ["rods", "boxes", "cubes", "near-spheres"];
 
@@ -44,8 +45,8 @@ fn main() -> Result<(), Failure> {
     landmarks(&vertebrae)
 }
 
-/// Prints the distance of each vertebra's landmarks from the mean of the others' in a group's poses, relative to the
-/// residual of the best rigid motions of the landmarks.
+/// Prints, for a group's poses, the distance of each vertebra's landmarks from the mean of the other vertebrae's
+/// landmarks, relative to the residual of the best rigid motions of the landmarks.
 fn landmarks(vertebrae: &[Vertebra]) -> Result<(), Failure> {
     let surfaces: Vec<PoseSurface> = vertebrae.iter().filter_map(|v| PoseSurface::new(&v.mesh)).collect();
     let start = Instant::now();
@@ -84,7 +85,7 @@ fn mean_of_others(landmarks: &[Vec<Vec3>], member: usize) -> Vec<Vec3> {
     mean
 }
 
-/// Returns each member's root mean square distance from the others' mean.
+/// Returns the root mean square distance of each member's landmarks from the mean of the other members' landmarks.
 fn from_others(landmarks: &[Vec<Vec3>]) -> Vec<f64> {
     let one = |member: usize| {
         let mean = mean_of_others(landmarks, member);
@@ -94,7 +95,7 @@ fn from_others(landmarks: &[Vec<Vec3>]) -> Vec<f64> {
     (0..landmarks.len()).map(one).collect()
 }
 
-/// Returns the rigid motion that best fits points to others.
+/// Returns the rigid motion of `points` that brings them closest to `others`.
 fn onto(points: &[Vec3], others: &[Vec3]) -> Similarity {
     let centre = |points: &[Vec3]| -> Vec3 {
         std::array::from_fn(|k| points.iter().map(|p| p[k]).sum::<f64>() / points.len() as f64)
@@ -141,7 +142,7 @@ fn missed(pairs: &[(Mesh, Mesh)], rotations: usize, random: &mut SplitMix64) -> 
             let start = Instant::now();
             let pose = pose(&surface, &target, &params, &Silent)?;
             row.seconds += start.elapsed().as_secs_f64();
-            // The points are the same in every pose, so distances are comparable.
+            // The same points are used in every pose, so distances are comparable.
             found.push(distance(&plain, &target, &turned.then(&pose.similarity), params.trimmed));
         }
         least = found.iter().copied().fold(least, f64::min);
@@ -167,7 +168,7 @@ fn turn(random: &mut SplitMix64) -> Matrix3 {
     }
 }
 
-/// Returns the rotation about a point, followed by the translation to another point.
+/// Returns the motion that rotates about `from`, then translates `from` to `to`.
 fn about(from: Vec3, to: Vec3, orthogonal: Matrix3) -> Similarity {
     Similarity { orthogonal, scale: 1.0, translation: sub(to, times(&orthogonal, from)) }
 }
@@ -191,7 +192,7 @@ fn vertebrae() -> Result<Vec<Vertebra>, Failure> {
     paths.iter().map(read).collect()
 }
 
-/// Returns two bodies of a kind in the same pose.
+/// Returns two bodies of a kind, in the same pose.
 fn bodies(kind: &str, random: &mut SplitMix64) -> (Mesh, Mesh) {
     let sides: [f64; 3] = match kind {
         "rods" => [10.0, 1.0, 1.0],
@@ -212,7 +213,7 @@ fn bodies(kind: &str, random: &mut SplitMix64) -> (Mesh, Mesh) {
         let place = |v: &Vec3| {
             let u = times(&turn, *v);
             let side = |k: usize| u[k].abs() / sides[k];
-            // A box with slightly rounded edges, or a ball.
+            // Radius of a box with slightly rounded edges, or of a ball.
             let r = match kind {
                 "near-spheres" => 1.0,
                 _ => (0..3).map(|k| side(k).powi(12)).sum::<f64>().powf(-1.0 / 12.0),

@@ -1,5 +1,5 @@
-//! Writes one mesh in every format, for `tests/scripts/make_mesh_fixtures.py --check DIR` to read with the formats' own
-//! libraries: `cargo run --example write_all -- tests/data/meshes/double.surf.gii DIR`.
+//! Writes a mesh in every format. `tests/scripts/make_mesh_fixtures.py --check DIR` then reads the files with the
+//! formats' reference libraries. Usage: `cargo run --example write_all -- tests/data/meshes/double.surf.gii DIR`.
 
 use std::error::Error;
 use std::path::PathBuf;

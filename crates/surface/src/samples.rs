@@ -1,30 +1,30 @@
-//! Samples over all points of a sphere's triangles, for least squares over a surface rather than over its vertices.
+//! Samples a sphere's triangles densely, for least squares over a whole surface rather than only over its vertices.
 //!
-//! A mesh over a sphere is a function on that sphere: linear on each triangle, mapping the triangle on the sphere
-//! (projected from the centre) to that of the surface. Take a function on the sphere that a model of degree L can be
-//! compared with. Its integral is a sum over samples that are no further apart than the model's resolution, pi / L,
-//! each weighted by its solid angle:
+//! A mesh over a sphere is a function on the sphere: it maps each triangle of the sphere (projected from the centre)
+//! linearly to a triangle of the surface. To fit a model of degree L, integrals over the sphere are needed. They are
+//! computed as sums over samples that are no farther apart than the model's resolution, pi / L, each weighted by its
+//! solid angle:
 //!
 //! ```text
 //! integral f(u) du  =  sum_t sum_i  w_ti f(u_ti),   u = p / |p|,   w = share det(a, b, c) / (2 |p|^3)
 //! ```
 //!
-//! where p is the sample's position on the flat triangle (a, b, c) on the sphere and `share` its part of that
-//! triangle's area.
+//! where p is the sample's position on the flat triangle (a, b, c) of the sphere, and `share` is the sample's share of
+//! that triangle's area.
 //!
 //! # Positions of the samples
 //!
 //! A triangle with edges shorter than the spacing has the three points of the symmetric rule that is exact for
-//! polynomials of degree 2 (G. Strang and G. J. Fix, "An analysis of the finite element method", 1973, section 4.3):
-//! the squared distance to a surface that is linear there is integrated exactly. A larger triangle is cut parallel to
-//! its shortest edge into layers that are no thicker than the spacing, measured along its sides, and each layer into
-//! cells that are no wider. A cell has 2 x 2 points of Gauss's rule, across and down with the cell's width as weight,
-//! which is exact for degree 3. Triangles that come near the sphere's centre have smaller cells, since their points lie
-//! further apart on the sphere than on the triangle. Slivers get a single row of n cells, where a grid of similar
-//! triangles would need n^2.
+//! polynomials of degree 2 (G. Strang and G. J. Fix, "An analysis of the finite element method", 1973, section 4.3).
+//! The squared distance from a linear function is then integrated exactly. A larger triangle is cut parallel to its
+//! shortest edge into layers no thicker than the spacing, measured along its sides. Each layer is cut into cells no
+//! wider than the spacing. A cell has 2 x 2 points of Gauss's rule, which is exact for degree 3; its two points from
+//! apex to base take the growing width of the cell into account. Triangles that come near the sphere's centre have
+//! smaller cells, since their points lie farther apart on the sphere than on the triangle. A sliver gets a single row
+//! of n cells, where a grid of similar triangles would need n^2.
 //!
-//! With a spacing of 3 / L the points are about as dense as midpoints 1.5 / L apart would be, and the fit agrees to a
-//! thousandth with that of twice as many points: docs/algorithms/least-squares.md gives the measurements.
+//! With a spacing of 3 / L the points are about as dense as midpoints at distance 1.5 / L. A fit agrees to a thousandth
+//! with the fit for twice as many points; docs/algorithms/least-squares.md gives the measurements.
 
 mod cut;
 
@@ -38,33 +38,34 @@ use self::cut::Cut;
 use crate::error::SurfaceError;
 use crate::geometry::{Vec3, add, cross, dot, scale};
 
-/// Size of the cells for models of degree L, times L; docs/algorithms/least-squares.md gives the resulting error.
+/// Size of the cells for models of degree L, multiplied by L. docs/algorithms/least-squares.md gives the resulting
+/// error.
 const CELLS_OF_DEGREE: f64 = 3.0;
 
-/// Triangles per task.
+/// Number of triangles per parallel task.
 const RUN: usize = 1024;
 
-/// The division of each triangle of a sphere into cells. The samples themselves are made for as many triangles at a
-/// time as memory allows.
+/// The division of each triangle of a sphere into cells. The samples themselves are computed later, for as many
+/// triangles at a time as fit in memory.
 #[derive(Debug, Clone)]
 pub struct SphereSampling {
     cuts: Vec<Cut>,
-    /// Number of samples before each triangle, and the total number of samples at the end.
+    /// For each triangle, the number of samples before it; at the end, the total number of samples.
     first: Vec<usize>,
 }
 
-/// Samples of some of a sphere's triangles.
+/// Samples of a range of a sphere's triangles.
 #[derive(Debug, Clone)]
 pub struct SphereSamples {
-    /// Directions of the samples, (samples, 3).
+    /// Direction of each sample, (samples, 3).
     pub directions: Directions,
-    /// Solid angle of each sample, in steradians, (samples). On a sphere that is covered once they sum to 4 pi, to the
-    /// accuracy that the spacing allows.
+    /// Solid angle of each sample, in steradians, (samples). If the triangles cover the sphere once, all solid angles
+    /// sum to 4 pi, up to the error of the rule.
     pub weights: Vec<f64>,
 }
 
 impl SphereSampling {
-    /// Plans samples as dense as models of degree L (`max_degree`) need, in cells of 3 / L.
+    /// Divides a sphere's triangles for models of degree L (`max_degree`), into cells of size 3 / L.
     ///
     /// # Errors
     ///
@@ -73,8 +74,7 @@ impl SphereSampling {
         Self::new(directions, faces, CELLS_OF_DEGREE / max_degree.max(1) as f64)
     }
 
-    /// Plans samples of a sphere's triangles in cells no larger than `spacing`, in radians: 3 / L for models of degree
-    /// L.
+    /// Divides a sphere's triangles into cells no larger than `spacing`, in radians. Models of degree L need 3 / L.
     ///
     /// # Errors
     ///
@@ -118,8 +118,8 @@ impl SphereSampling {
         self.first.windows(2).map(|pair| pair[0]..pair[1])
     }
 
-    /// Returns consecutive ranges of triangles with at most `most` samples in each, or a single triangle if it has
-    /// more.
+    /// Divides the triangles into consecutive ranges with at most `most` samples each. A triangle with more samples
+    /// gets a range of its own.
     #[must_use]
     pub fn runs(&self, most: usize) -> Vec<Range<usize>> {
         let (mut runs, mut start) = (Vec::new(), 0);
@@ -132,8 +132,8 @@ impl SphereSampling {
         runs
     }
 
-    /// Returns the samples of a range of triangles, over the directions that they were planned for. Triangles that face
-    /// inwards are treated like the others.
+    /// Returns the samples of a range of triangles. `directions` must be the ones given to [`new`](Self::new).
+    /// Triangles that face inwards are treated like those that face outwards.
     ///
     /// # Errors
     ///
@@ -151,7 +151,8 @@ impl SphereSampling {
                     let Some(out) = out.next() else { return };
                     let p = add(scale(a, u), add(scale(b, v), scale(c, w)));
                     let radius = dot(p, p).sqrt();
-                    // A triangle through the centre has no well-defined directions there, and no solid angle either.
+                    // Near the centre a point has no well-defined direction and hardly any solid angle, so its weight
+                    // is 0.
                     *out =
                         if radius > 1e-9 { (p, 0.5 * share * volume / (radius * radius * radius)) } else { (a, 0.0) };
                 });
@@ -163,11 +164,12 @@ impl SphereSampling {
         Ok(SphereSamples { directions, weights })
     }
 
-    /// Interpolates values on the vertices, (n, c), linearly at the samples of a range of triangles: (samples, c).
+    /// Interpolates values at the vertices, (n, c), linearly to the samples of a range of triangles; returns (samples,
+    /// c).
     ///
     /// # Panics
     ///
-    /// If there are fewer rows than the triangles' indices require.
+    /// If `values` has fewer rows than the triangles' indices require.
     #[must_use]
     pub fn interpolate(&self, values: ArrayView2<'_, f64>, triangles: Range<usize>) -> Array2<f64> {
         let mut samples = Array2::zeros((self.samples(triangles.clone()), values.ncols()));
@@ -175,12 +177,12 @@ impl SphereSampling {
         samples
     }
 
-    /// Writes the values that [`interpolate`](Self::interpolate) returns to `samples`, (samples, c), which may be some
-    /// of an array's columns.
+    /// As [`interpolate`](Self::interpolate), but writes the values to `samples`, (samples, c), which may be a part of
+    /// an array's columns.
     ///
     /// # Panics
     ///
-    /// If there are fewer rows of `values` than the triangles' indices require, or fewer rows of `samples` than
+    /// If `values` has fewer rows than the triangles' indices require, or `samples` has fewer rows than there are
     /// samples.
     pub fn interpolate_to(
         &self,
@@ -202,8 +204,7 @@ impl SphereSampling {
         });
     }
 
-    /// Returns the corners of each sample's triangle and their barycentric weights at the sample, for a range of
-    /// triangles.
+    /// Returns, for each sample of a range of triangles, the corners of its triangle and its barycentric weights.
     #[must_use]
     pub fn corners(&self, triangles: Range<usize>) -> (Vec<[u32; 3]>, Vec<[f64; 3]>) {
         let samples = self.samples(triangles.clone());
@@ -217,7 +218,7 @@ impl SphereSampling {
         (corners, shares)
     }
 
-    /// Returns runs of triangles, each with the rows of an array that belong to its samples.
+    /// Divides a range of triangles into parallel tasks, each with the rows of an array that belong to its samples.
     fn parts<'a, T, D: Dimension>(
         &'a self,
         triangles: Range<usize>,
@@ -254,7 +255,7 @@ mod tests {
         }
     }
 
-    /// Splitting the triangles into ranges gives the same samples as all of them at once.
+    /// Computing the samples of ranges one after another gives the same samples as computing all at once.
     #[test]
     fn samples_dont_depend_on_the_runs() {
         let sphere = Sphere::from_mesh(&icosphere(2)).unwrap();

@@ -1,42 +1,43 @@
-//! Relation of a surface that was cut open to the original.
+//! Relates a surface that was cut open along loops to the original surface.
 //!
-//! A surface with handles can't be mapped to the sphere; once it is cut open along loops, with both sides of each loop
-//! filled, it can. The vertices of the cut surface are the n given ones in their order, then copies of those on the
-//! seams, then the vertices of the fillings. Its triangles are the F given ones in their order, over copies on one side
-//! of each seam, then the triangles of the fillings. So n, F and the list of copied vertices suffice to recover the
-//! original.
+//! A surface with handles can't be mapped to the sphere. It can be mapped after it was cut open along loops and both
+//! sides of each loop were filled. The vertices of the cut surface are the n vertices of the original in their order,
+//! then copies of those on the seams, then the vertices of the fillings. Its triangles are the F triangles of the
+//! original in their order, on one side of each seam with copied vertices, then the triangles of the fillings.
+//! Therefore n, F and the list of copied vertices suffice to recover the original.
 //!
-//! The sphere's GIfTI file stores these in its metadata, `SpharmCutFrom` (n and F) and `SpharmSeam` (the vertices that
-//! were copied); a model has arrays for them.
+//! The GIfTI file of the sphere stores them as metadata: `SpharmCutFrom` has n and F, `SpharmSeam` the vertices that
+//! were copied. A model stores them in arrays.
 
 use crate::mesh::{Mesh, Meta};
 
 const CUT_FROM: &str = "SpharmCutFrom";
 const COPIES: &str = "SpharmSeam";
 
-/// The parts of a cut surface that belong to the original.
+/// The data that relate a cut surface to the original surface.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Seam {
-    /// Vertices of the given surface, n.
+    /// Number of vertices of the original surface, n.
     pub vertices: usize,
-    /// Triangles of the given surface, F.
+    /// Number of triangles of the original surface, F.
     pub faces: usize,
-    /// Vertex n + i of the cut surface is a copy of vertex `copies[i]`, below n. The vertices after these belong to
-    /// fillings.
+    /// Vertex n + i of the cut surface is a copy of the original's vertex `copies[i]`. The vertices after the copies
+    /// belong to fillings.
     pub copies: Vec<u32>,
 }
 
-/// A surface that was reassembled.
+/// A surface reassembled from a cut surface.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Welded {
-    /// The surface, with the given vertices and triangles.
+    /// The surface, with the vertices and triangles of the original.
     pub mesh: Mesh,
-    /// Largest distance between two positions of a seam vertex before they were merged, in the surface's unit.
+    /// Largest distance between positions of the same vertex before they were merged, in the surface's unit.
     pub gap: f64,
 }
 
 impl Seam {
-    /// Returns the seam if it is consistent with a cut surface of `vertices` vertices and `faces` triangles.
+    /// Checks that the seam is consistent with a cut surface of `vertices` vertices and `faces` triangles, and returns
+    /// it.
     ///
     /// # Errors
     ///
@@ -55,13 +56,12 @@ impl Seam {
         }
     }
 
-    /// Reassembles a cut surface: drops the fillings, and moves each vertex that has copies to the mean of their
-    /// positions.
+    /// Reassembles a cut surface: drops the fillings, and moves each copied vertex to the mean of its positions.
     ///
     /// # Errors
     ///
-    /// A description of the inconsistency, as in [`checked`](Self::checked), or the given triangle that uses a vertex
-    /// of a filling.
+    /// A description of the inconsistency, as in [`checked`](Self::checked), or of a triangle of the original that uses
+    /// a vertex of a filling.
     pub fn weld(&self, cut: &Mesh) -> Result<Welded, String> {
         let Self { vertices, faces, copies } = self.clone().checked(cut.vertices.len(), cut.faces.len())?;
         let mut places: Vec<(u32, usize)> = copies.iter().copied().zip(vertices..).collect();
@@ -91,7 +91,7 @@ impl Seam {
         Ok(Welded { mesh: Mesh { vertices: welded, faces: faces?, meta: cut.meta.clone() }, gap: gap.sqrt() })
     }
 
-    /// Parses a file's metadata; `None` if the entries are missing or aren't numbers.
+    /// Returns the seam in a file's metadata; `None` if the entries are missing or aren't numbers.
     #[must_use]
     pub fn of(meta: &Meta) -> Option<Self> {
         let value = |name: &str| meta.file_metadata.iter().find(|(found, _)| found == name).map(|(_, value)| value);
@@ -100,7 +100,7 @@ impl Seam {
         Some(Self { vertices: vertices.parse().ok()?, faces: faces.parse().ok()?, copies: copies.ok()? })
     }
 
-    /// Writes the seam to the metadata of the cut surface's sphere, replacing any earlier entries.
+    /// Writes the seam to the metadata of the cut surface's sphere. Earlier entries are replaced.
     pub fn write_to(&self, meta: &mut Meta) {
         meta.file_metadata.retain(|(name, _)| ![CUT_FROM, COPIES].contains(&name.as_str()));
         let copies: Vec<String> = self.copies.iter().map(u32::to_string).collect();

@@ -1,4 +1,4 @@
-//! Similarities of space.
+//! Represents similarities of space: rotation or reflection, scaling and translation.
 
 use serde::{Deserialize, Serialize};
 
@@ -24,13 +24,13 @@ impl Default for Similarity {
 }
 
 impl Similarity {
-    /// Returns the similarity that only rotates.
+    /// Returns a similarity that consists of a rotation only.
     #[must_use]
     pub fn rotation(rotation: impl Into<Matrix3>) -> Self {
         Self { orthogonal: rotation.into(), ..Self::default() }
     }
 
-    /// Whether it contains a reflection.
+    /// Whether the similarity contains a reflection.
     #[must_use]
     pub fn mirrors(&self) -> bool {
         determinant(&self.orthogonal) < 0.0
@@ -51,7 +51,7 @@ impl Similarity {
         Self { orthogonal, scale: factor, translation }
     }
 
-    /// Returns the similarity that applies this one first and then `next`.
+    /// Returns the similarity that applies this one first, then `next`.
     #[must_use]
     pub fn then(&self, next: &Self) -> Self {
         Self {
@@ -61,9 +61,9 @@ impl Similarity {
         }
     }
 
-    /// Returns a mesh with its vertices moved. If the similarity is a reflection, the triangles are wound the other
-    /// way, so that they still face outwards. Unless it is the identity, metadata of the mesh's position in a volume
-    /// are dropped, since they no longer hold.
+    /// Returns a mesh with its vertices moved. A reflection also reverses the triangles' winding, so that they still
+    /// face outwards. Unless the similarity is the identity, metadata about the mesh's position in a volume are
+    /// dropped, since they are no longer valid.
     #[must_use]
     pub fn apply_mesh(&self, mesh: &Mesh) -> Mesh {
         let mut moved = mesh.with_vertices(mesh.vertices.iter().map(|v| self.apply(*v)).collect());

@@ -1,32 +1,32 @@
-//! Nearest points and ray queries for a mesh of slivers.
+//! Finds nearest points, and triangles along a segment, in a mesh of slivers.
 //!
-//! Axis-aligned boxes of long thin triangles are as large as the triangles are long, and those of triangles that share
-//! a pole nearly all contain each other, so a search tree of such boxes visits a good part of all triangles for each
-//! point. Boxes rotated to the orientation of their triangles are as thin as these. In a fan of radius 1, a point at
-//! distance r from the pole lies in the boxes of 1 / r leaves: two on average over the area, for any number of
-//! triangles.
+//! Axis-aligned boxes of long thin triangles are about as large in all directions as the triangles are long. If the
+//! triangles share a pole, nearly all their boxes overlap, so a search in a tree of such boxes visits a large part of
+//! all triangles. Boxes rotated to the orientation of their triangles are as thin as the triangles. In a fan of radius
+//! 1, a point at distance r from the pole lies in the boxes of 1 / r leaves: two on average over the area, for any
+//! number of triangles.
 //!
-//! Each node has the box of its triangles in the frame of one of them (longest edge, normal), or the axis-aligned box
-//! if that is smaller (S. Gottschalk, M. Lin and D. Manocha, "OBBTree: a hierarchical structure for rapid interference
-//! detection", SIGGRAPH 1996, with a triangle's frame instead of a covariance). O(n log n) to build; 150 bytes per
-//! triangle.
+//! Each node has the box of its triangles in the frame (longest edge, normal) of one of the triangles, or the
+//! axis-aligned box if that is smaller (S. Gottschalk, M. Lin and D. Manocha, "OBBTree: a hierarchical structure for
+//! rapid interference detection", SIGGRAPH 1996, with a triangle's frame instead of a covariance). The tree is built in
+//! O(n log n) and takes 150 bytes per triangle.
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
 use crate::geometry::{Vec3, cross, dot, sub};
 
-/// Most triangles in a leaf.
+/// Largest number of triangles in a leaf.
 const LEAF: usize = 2;
 
-/// Threshold above which a mesh counts as one of slivers, for the sum of squared longest edges over the sum of areas:
-/// 2.3 for equilateral triangles, about 10 for typical meshes.
+/// A mesh counts as one of slivers if the sum of its squared longest edges exceeds this multiple of its area. The
+/// quotient is 2.3 for equilateral triangles, and about 10 for typical meshes.
 const THIN: f64 = 100.0;
 
 /// A search tree over triangles.
 pub(crate) struct SliverTree {
     nodes: Vec<Node>,
-    /// Indices of triangles; those of a node are contiguous.
+    /// Indices of the triangles; those of each node are contiguous.
     order: Vec<u32>,
 }
 
@@ -34,9 +34,9 @@ struct Node {
     centre: Vec3,
     axes: [Vec3; 3],
     half: Vec3,
-    /// Start and end (exclusive) in `order`.
+    /// Start and end (exclusive) of the node's triangles in `order`.
     triangles: [u32; 2],
-    /// Index of the second child; the first child follows this node. 0 for a leaf.
+    /// Index of the second child; 0 for a leaf. The first child directly follows its parent.
     other: u32,
 }
 
@@ -48,11 +48,11 @@ impl Node {
     }
 }
 
-/// Bound of rounding errors of points and boxes within the unit sphere, with a margin.
+/// Bound of the rounding errors of points and boxes inside the unit sphere, with a margin.
 const ROUNDING: f64 = 1e-14;
 
 impl Node {
-    /// Whether the segment from the origin to `end`, at most 1 long, comes within `slack` of the box.
+    /// Whether the segment from the origin to `end`, which has length at most 1, comes within `slack` of the box.
     fn is_on_the_way(&self, end: Vec3, slack: f64) -> bool {
         let slack = slack + ROUNDING;
         let (mut first, mut last) = (0.0_f64, 1.0_f64);
@@ -69,12 +69,12 @@ impl Node {
             first = first.max(enters.min(leaves));
             last = last.min(enters.max(leaves));
         }
-        // If the direction is a vertex, the segment ends on a corner.
+        // The tolerance covers segments that end on a corner of a triangle.
         first <= last + ROUNDING
     }
 }
 
-/// A node still to be visited, ordered by the smallest bound, then by the smallest index.
+/// A node still to be visited. The greatest entry is the one with the smallest bound, then the smallest index.
 #[derive(PartialEq)]
 struct Entry {
     bound: f64,
@@ -106,14 +106,15 @@ fn longest([a, b, c]: [Vec3; 3]) -> Vec3 {
     edges.into_iter().fold(edges[0], |most, edge| if dot(edge, edge) > dot(most, most) { edge } else { most })
 }
 
-/// Whether axis-aligned boxes would fail to separate these triangles.
+/// Whether the triangles are so thin that axis-aligned boxes would hardly separate them.
 pub(crate) fn is_of_slivers(triangles: &[[Vec3; 3]]) -> bool {
     let squares: f64 = triangles.iter().map(|&t| dot(longest(t), longest(t))).sum();
     let area: f64 = triangles.iter().map(|[a, b, c]| 0.5 * length(cross(sub(*b, *a), sub(*c, *a)))).sum();
     squares.is_finite() && squares > THIN * area
 }
 
-/// Returns a triangle's frame: longest edge, across, normal; or the coordinate axes if it has no area.
+/// Returns a triangle's frame: the directions along its longest edge, across it, and of its normal. Returns the
+/// coordinate axes for a triangle without area.
 fn frame(triangle: [Vec3; 3]) -> [Vec3; 3] {
     let [a, b, c] = triangle;
     let (edge, normal) = (longest(triangle), cross(sub(b, a), sub(c, a)));
@@ -122,7 +123,8 @@ fn frame(triangle: [Vec3; 3]) -> [Vec3; 3] {
         return ALONG;
     }
     let edge = edge.map(|x| x / l);
-    // The normal of a sliver has lost digits, so it isn't exactly perpendicular to the edge.
+    // The normal of a sliver is inaccurate, so it isn't exactly perpendicular to the edge; the frame is made
+    // orthogonal.
     let across = cross(normal.map(|x| x / m), edge);
     let n = length(across);
     if n.is_nan() || n <= 0.5 {
@@ -133,7 +135,7 @@ fn frame(triangle: [Vec3; 3]) -> [Vec3; 3] {
 }
 
 impl SliverTree {
-    /// Builds the tree; the triangles' coordinates must be finite.
+    /// Builds the tree. The triangles' coordinates must be finite.
     pub(crate) fn new(triangles: &[[Vec3; 3]]) -> Self {
         let mut tree = Self { nodes: Vec::new(), order: (0..triangles.len() as u32).collect() };
         if !triangles.is_empty() {
@@ -144,7 +146,7 @@ impl SliverTree {
         tree
     }
 
-    /// Adds the node of `order[first..end]` and its descendants. Each range is halved, so the depth is log2 of the
+    /// Adds a node for `order[first..end]`, and its descendants. Each range is halved, so the depth is log2 of the
     /// number of triangles.
     fn build(&mut self, triangles: &[[Vec3; 3]], centroids: &[Vec3], first: usize, end: usize) {
         let part = &mut self.order[first..end];
@@ -158,7 +160,7 @@ impl SliverTree {
         let corners = || part.iter().flat_map(|&t| triangles[t as usize]);
         let box_in = |axes: [Vec3; 3]| {
             let (low, high) = crate::geometry::bounds(corners().map(|p| axes.map(|axis| dot(axis, p))));
-            // Enlarged by a few roundings.
+            // Boxes are enlarged by a few rounding errors.
             let half: Vec3 = std::array::from_fn(|k| {
                 0.5 * (high[k] - low[k]) + 8.0 * f64::EPSILON * high[k].abs().max(low[k].abs())
             });
@@ -178,11 +180,12 @@ impl SliverTree {
         }
     }
 
-    /// Returns the triangle with the smallest `distance`, and the other value that `distance` returns for it; `None` if
-    /// there are no triangles. `distance` must not be below the distance from the point to the triangle.
+    /// Returns the triangle for which `distance` returns the smallest distance, with the result of `distance`; `None`
+    /// if there are no triangles. `distance` must not return less than the distance from the point to the triangle.
     pub(crate) fn nearest<T>(&self, point: Vec3, mut distance: impl FnMut(u32) -> (f64, T)) -> Option<(u32, (f64, T))> {
         let mut best: Option<(u32, (f64, T))> = None;
-        // Best first, since all triangles on a fan's far side are equally far off: as far as the pole.
+        // Nodes are visited in order of their bounds. Otherwise a point beside a fan would visit all triangles on the
+        // far side, which are all as far away as the pole.
         let mut left = BinaryHeap::with_capacity(64);
         if let Some(root) = self.nodes.first() {
             left.push(Entry { bound: root.bound(point), node: 0 });
@@ -207,9 +210,9 @@ impl SliverTree {
     }
 
     /// Visits the triangles whose boxes come within `slack` of the segment from the origin to `end`, in an unspecified
-    /// order. Everything must lie within the unit sphere.
+    /// order. Triangles and segment must lie inside the unit sphere.
     pub(crate) fn along(&self, end: Vec3, slack: f64, mut visit: impl FnMut(u32)) {
-        // The depth is at most log2 of the largest number of triangles.
+        // Enough for the tree's depth, which is at most log2 of the largest number of triangles.
         let mut left = Vec::with_capacity(34);
         if !self.nodes.is_empty() {
             left.push(0);
@@ -235,7 +238,7 @@ mod tests {
     use crate::mesh::Mesh;
     use crate::nearest::TriangleTree;
 
-    /// A double pyramid over a polygon, not aligned with the axes.
+    /// Returns a double pyramid that isn't aligned with the axes.
     fn fan(sides: u32) -> Mesh {
         let turned = |[x, y, z]: Vec3| [0.8 * x + 0.6 * z, y, 0.8 * z - 0.6 * x];
         let mesh = bipyramid(sides);
@@ -252,7 +255,7 @@ mod tests {
         assert!(!is_of_slivers(&corners(&fan(50))) && !is_of_slivers(&corners(&icosphere(2))) && !is_of_slivers(&[]));
     }
 
-    /// Includes triangles so thin that their computed normal isn't perpendicular to their edge any more.
+    /// Tests include triangles so thin that the computed normal isn't perpendicular to the longest edge.
     #[test]
     fn frames_are_orthonormal() {
         let mut turned = 0;
@@ -284,7 +287,7 @@ mod tests {
             let tree = SliverTree::new(&triangles);
             let (mut count, points) = (0_usize, 400_u32);
             for k in 0..points {
-                // Centroids of triangles, and points off the surface.
+                // Tests centroids of triangles and points off the surface.
                 let [a, b, c] = triangles[(k * 37 % (2 * sides)) as usize];
                 let t = f64::from(k);
                 let off = if k % 2 == 0 { 0.0 } else { 0.2 * t.sin() };
@@ -299,7 +302,7 @@ mod tests {
                 for other in least {
                     assert!(distance <= all.on_triangle(other, point).distance);
                 }
-                // Rounding errors over the width of a sliver.
+                // The tolerance covers rounding errors, amplified by the thinness of a sliver.
                 assert!(distance <= off.abs() + 1e-12, "{found:?}");
                 assert_eq!(all.nearest(point).unwrap().distance.to_bits(), distance.to_bits());
             }

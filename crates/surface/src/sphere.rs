@@ -1,4 +1,4 @@
-//! A sphere: the sampling scheme that surfaces are fitted over, checked before any work starts.
+//! Defines spheres, the sampling schemes that surfaces are fitted over, and checks them before any work starts.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -13,31 +13,32 @@ use crate::mesh::Mesh;
 use crate::seam::Seam;
 use crate::topology::Topology;
 
-/// The directions of a sampling scheme, with triangles if it was read from a mesh.
+/// The directions of a sampling scheme, with triangles if the scheme was made from a mesh.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sphere {
-    /// File it was read from; `None` if it was made in memory.
+    /// The sphere's file; `None` if it was made in memory.
     pub path: Option<PathBuf>,
-    /// Unit vectors, (n, 3).
+    /// The directions as unit vectors, (n, 3).
     pub directions: Directions,
-    /// Triangles over `directions`; empty if it was a list of angles.
+    /// Triangles over `directions`; empty if the directions were given without triangles.
     pub faces: Vec<[u32; 3]>,
     /// GIfTI's `AnatomicalStructurePrimary`, such as `CortexLeft`.
     pub anatomical_structure: Option<String>,
-    /// For a surface that was cut open at its handles: relation to the original surface.
+    /// The relation to the original surface, if the sphere belongs to a surface that was cut open at its handles.
     pub seam: Option<Seam>,
-    /// Whether it was made from one surface by parametrisation. If so, a fit over it is smoothed slightly by default.
+    /// Whether the sphere was made from a single surface by parametrisation. By default, a fit over such a sphere is
+    /// smoothed slightly.
     pub parametrized: bool,
-    /// Possible problems, for the caller to show or to reject.
+    /// Possible problems, which the caller may display or reject.
     pub warnings: Vec<SphereWarning>,
 }
 
-/// Something about a sphere that allows a fit but may be a mistake.
+/// A property of a sphere that doesn't prevent a fit but may be a mistake.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum SphereWarning {
-    /// The vertices' distances from the origin differ by more than [`RADIUS_SPREAD`](Self::RADIUS_SPREAD) of the
-    /// largest: it isn't a sphere, or its centre isn't the origin.
+    /// The largest and smallest distance of vertices from the origin differ by more than
+    /// [`RADIUS_SPREAD`](Self::RADIUS_SPREAD) of the largest. The mesh isn't a sphere, or isn't centred at the origin.
     RadiusSpread {
         /// Smallest distance, in the file's unit.
         min: f64,
@@ -46,17 +47,17 @@ pub enum SphereWarning {
     },
     /// The triangles aren't a closed surface of genus zero.
     NotClosed(Topology),
-    /// The triangles are clockwise seen from outside.
+    /// The triangles are wound clockwise seen from outside.
     Inwards,
-    /// Directions that repeat an earlier one, bit for bit.
+    /// Some directions equal an earlier direction, bit for bit.
     RepeatedDirections {
-        /// Number of repeated directions.
+        /// Number of directions that equal an earlier one.
         count: usize,
     },
 }
 
 impl SphereWarning {
-    /// Spread of the radii, `(max - min) / max`, above which a warning is given.
+    /// The spread of radii, `(max - min) / max`, above which [`RadiusSpread`](Self::RadiusSpread) is given.
     pub const RADIUS_SPREAD: f64 = 0.01;
 }
 
@@ -78,7 +79,7 @@ impl fmt::Display for SphereWarning {
 }
 
 impl Sphere {
-    /// Returns the icosphere of a level: `10 * 4^level + 2` directions.
+    /// Returns the icosphere with `level` subdivisions, which has `10 * 4^level + 2` directions.
     ///
     /// # Panics
     ///
@@ -90,9 +91,9 @@ impl Sphere {
         Self { faces: mesh.faces, ..Self::from_directions(directions) }
     }
 
-    /// Returns a sphere without triangles.
+    /// Returns a sphere of directions without triangles.
     ///
-    /// Areas, quadrature and reconstruction as a surface need triangles; see [`from_mesh`](Self::from_mesh).
+    /// Areas, quadrature and reconstruction as a surface require triangles; see [`from_mesh`](Self::from_mesh).
     #[must_use]
     pub fn from_directions(directions: Directions) -> Self {
         let warnings = Self::repeated(&directions).into_iter().collect();
@@ -107,20 +108,20 @@ impl Sphere {
         }
     }
 
-    /// Returns the sphere of a mesh centred at the origin, of any radius.
+    /// Returns the sphere of a mesh that is centred at the origin and has any radius.
     ///
     /// # Errors
     ///
     /// [`NoDirection`](SurfaceError::NoDirection) for a vertex at the origin or not finite;
-    /// [`IndexOutOfRange`](SurfaceError::IndexOutOfRange); [`Seam`](SurfaceError::Seam); and, for a closed mesh that
-    /// doesn't go around the origin exactly once, [`OriginOutside`](SurfaceError::OriginOutside) or
-    /// [`SeveralTurns`](SurfaceError::SeveralTurns).
+    /// [`IndexOutOfRange`](SurfaceError::IndexOutOfRange); [`Seam`](SurfaceError::Seam);
+    /// [`OriginOutside`](SurfaceError::OriginOutside) or [`SeveralTurns`](SurfaceError::SeveralTurns) for a closed mesh
+    /// that doesn't wind around the origin exactly once.
     pub fn from_mesh(mesh: &Mesh) -> Result<Self, SurfaceError> {
         Self::check(mesh, Path::new("the sphere"))
     }
 
-    /// Returns each vertex's share of the sphere's area, in steradians: a third of the area of each of its triangles.
-    /// The shares sum to 4 pi; without triangles they are all zero.
+    /// Returns each vertex's share of the sphere's area, in steradians: a third of the area of the triangles around it.
+    /// The shares sum to 4 pi. Without triangles they are all zero.
     #[must_use]
     pub fn areas(&self) -> Vec<f64> {
         let unit = self.directions.as_slice();
@@ -140,7 +141,7 @@ impl Sphere {
         mesh
     }
 
-    /// Returns the name used in messages: its path, or "the sphere".
+    /// Returns the name used in messages: the path of the sphere's file, or "the sphere".
     #[must_use]
     pub fn name(&self) -> &Path {
         self.path.as_deref().unwrap_or(Path::new("the sphere"))
@@ -188,12 +189,12 @@ impl Sphere {
     }
 }
 
-/// Reads a sphere: a mesh of any supported format and any radius, centred at the origin, or a table (`.csv`, `.tsv`,
-/// also gzipped) of colatitude and azimuth in radians, one direction per row.
+/// Reads a sphere from a mesh or a table. A mesh may have any supported format and any radius, and must be centred at
+/// the origin. A table (`.csv`, `.tsv`, also gzipped) has colatitude and azimuth in radians, one direction per row.
 ///
 /// # Errors
 ///
-/// When the file can't be read, and as [`Sphere::from_mesh`]; for tables [`NotAngles`](SurfaceError::NotAngles) and
+/// If the file can't be read; those of [`Sphere::from_mesh`]; for tables [`NotAngles`](SurfaceError::NotAngles) and
 /// [`Colatitude`](SurfaceError::Colatitude).
 pub fn read_sphere(path: impl AsRef<Path>) -> Result<Sphere, SurfaceError> {
     let path = path.as_ref();
@@ -212,7 +213,7 @@ fn read_angles(path: &Path) -> Result<Directions, SurfaceError> {
         return Err(SurfaceError::NotAngles { path: path.to_owned(), columns: signal.channels });
     }
     let angles: Vec<[f64; 2]> = signal.values.as_chunks().0.to_vec();
-    // Rounding in the program that wrote the table may exceed pi.
+    // The margin allows for rounding by the program that wrote the table.
     let allowed = -1e-9..=std::f64::consts::PI + 1e-9;
     if let Some((row, [found, _])) = angles.iter().enumerate().find(|(_, [theta, _])| !allowed.contains(theta)) {
         return Err(SurfaceError::Colatitude { path: path.to_owned(), row, found: *found });

@@ -1,26 +1,26 @@
-//! Points spread evenly over the area of a mesh.
+//! Spreads points evenly over the area of a mesh.
 
 use crate::geometry::{Vec3, cross, dot, sub, unit};
 use crate::mesh::Mesh;
 
-/// Points on a mesh that each represent an equal share of its area.
+/// Points on a mesh. Each represents an equal share of the mesh's area.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct SpreadPoints {
-    /// The points, (n).
+    /// Positions of the points, (n).
     pub points: Vec<Vec3>,
-    /// The unit normals of their triangles, (n).
+    /// Unit normal of each point's triangle, (n).
     pub normals: Vec<Vec3>,
-    /// Their triangles, (n), counted from 0.
+    /// Index of each point's triangle, (n), counted from 0.
     pub triangles: Vec<u32>,
-    /// Weights of the triangles' corners, (n), which sum to 1.
+    /// For each point, the weights of its triangle's corners, (n), which sum to 1.
     pub barycentric: Vec<[f64; 3]>,
 }
 
 impl SpreadPoints {
-    /// Places `count` points: one in each of `count` runs of triangles that have equal shares of the area, in the order
-    /// of the triangles. Within a triangle they follow the sequence R2 of M. Roberts, "The unreasonable effectiveness
-    /// of quasirandom sequences" (2018), starting at term `seed`, so that every run gives the same points. A mesh
-    /// without area gets none.
+    /// Places `count` points. The area, in the order of the triangles, is divided into `count` equal shares, and each
+    /// gets a point. The position within a triangle follows the deterministic sequence R2 of M. Roberts, "The
+    /// unreasonable effectiveness of quasirandom sequences" (2018), from term `seed` on. A mesh without area gets no
+    /// points.
     #[must_use]
     pub fn new(mesh: &Mesh, count: usize, seed: usize) -> Self {
         let corners = |face: &[u32; 3]| face.map(|v| mesh.vertices[v as usize]);
@@ -57,11 +57,11 @@ impl SpreadPoints {
         }
     }
 
-    /// Returns the same points of the same triangles after vertices have moved.
+    /// Returns the same points on a mesh whose vertices have moved: the triangles and weights stay the same.
     ///
     /// # Panics
     ///
-    /// When the mesh has fewer triangles or vertices than the original mesh.
+    /// When the mesh has fewer triangles or vertices than the mesh that the points were placed on.
     #[must_use]
     pub fn moved(&self, mesh: &Mesh) -> Self {
         let corners = |triangle: &u32| mesh.faces[*triangle as usize].map(|v| mesh.vertices[v as usize]);
@@ -79,21 +79,22 @@ impl SpreadPoints {
     }
 }
 
-/// Returns the cross product of two edges; its length is twice the area.
+/// Returns the cross product of two edges of a triangle; its length is twice the triangle's area.
 fn normal([a, b, c]: [Vec3; 3]) -> Vec3 {
     cross(sub(b, a), sub(c, a))
 }
 
-/// The reciprocals of the plastic number and of its square.
+/// The reciprocals of the plastic number and of its square, which generate the sequence R2.
 const R2: [f64; 2] = [0.754_877_666_246_692_8, 0.569_840_290_998_053_2];
 
-/// Returns the position of a point in the area, in shares. Within its own share it follows a golden-section sequence,
-/// so that sampling a repeating pattern of triangles doesn't always hit the same positions.
+/// Returns the position of a point along the total area, in shares. The position within its share follows a
+/// golden-section sequence. Otherwise the points could always hit the same positions of a repeating pattern of
+/// triangles.
 fn place(index: usize, seed: usize) -> f64 {
     index as f64 + (0.5 + 0.618_033_988_749_894_9 * (index + seed) as f64).fract()
 }
 
-/// Returns the weights of the second and third corner of a triangle.
+/// Returns the weights of a triangle's second and third corner for a term of the sequence R2.
 fn in_triangle(term: usize) -> (f64, f64) {
     let [s, t] = R2.map(|step| (0.5 + step * term as f64).fract());
     if s + t > 1.0 { (1.0 - s, 1.0 - t) } else { (s, t) }

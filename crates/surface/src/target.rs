@@ -1,4 +1,4 @@
-//! The surface or signal that is fitted over a sphere, checked against the sphere before any work starts.
+//! Defines targets, the surfaces or signals to be fitted over a sphere, and checks them against the sphere.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -10,30 +10,30 @@ use crate::mesh::{Input, Kind, Mesh, Meta, Signal};
 use crate::sphere::Sphere;
 use crate::topology::{Topology, different_triangles};
 
-/// A function of c channels on the vertices of a [`Sphere`].
+/// A surface or a signal: c values at each vertex of a [`Sphere`].
 #[derive(Debug, Clone)]
 pub struct Target {
-    /// File it was read from; `None` if it was made in memory.
+    /// The target's file; `None` if it was made in memory.
     pub path: Option<PathBuf>,
-    /// Values, (n, c) row-major: positions, or signals. Finite, except at vertices that a fit doesn't read.
+    /// The positions or signal values, (n, c) row-major. They are finite, except at vertices that a fit ignores.
     pub values: Vec<f64>,
-    /// Number of channels, c: 3 for a surface.
+    /// Number of channels, c; 3 for a surface.
     pub channels: usize,
-    /// Whether the channels are x, y and z.
+    /// Whether the channels are coordinates x, y, z or other values.
     pub kind: Kind,
-    /// The file's metadata; empty for a signal.
+    /// Metadata of the target's file; empty for a signal.
     pub meta: Meta,
-    /// Possible problems, for the caller to show or to reject.
+    /// Possible problems, which the caller may display or reject.
     pub warnings: Vec<TargetWarning>,
 }
 
-/// Something about a target that allows a fit, since the least-squares problem is still defined, but may be a mistake.
+/// A property of a target that doesn't prevent a fit, since the least-squares problem is defined, but may be a mistake.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum TargetWarning {
-    /// The surface isn't a closed surface of genus zero.
+    /// The target isn't a closed surface of genus zero.
     NotClosed(Topology),
-    /// The sphere belongs to the other hemisphere, judging by the files' metadata or names.
+    /// Target and sphere are of different hemispheres, according to their files' metadata or names.
     OtherHemisphere {
         /// The target's hemisphere.
         target: Hemisphere,
@@ -56,20 +56,20 @@ impl fmt::Display for TargetWarning {
 }
 
 impl Target {
-    /// Returns a surface as a target. Its vertices correspond to the sphere's one to one, in the same order.
+    /// Returns a surface as a target. Its vertices must correspond to those of the sphere, in the same order.
     ///
     /// # Errors
     ///
     /// [`NonFinite`](SurfaceError::NonFinite), [`IndexOutOfRange`](SurfaceError::IndexOutOfRange),
-    /// [`VertexCount`](SurfaceError::VertexCount), and [`OtherTriangles`](SurfaceError::OtherTriangles) if the sphere
-    /// has triangles and the surface's differ from them.
+    /// [`VertexCount`](SurfaceError::VertexCount); [`OtherTriangles`](SurfaceError::OtherTriangles) if the sphere has
+    /// triangles and the surface's triangles differ from them.
     pub fn from_mesh(mesh: &Mesh, sphere: &Sphere) -> Result<Self, SurfaceError> {
         let name = Path::new("the surface");
         crate::io::check_mesh(name, mesh)?;
         Self::of_mesh(mesh.clone(), sphere, None)
     }
 
-    /// Returns values on the sphere's vertices as a target.
+    /// Returns values at the sphere's vertices as a target.
     ///
     /// # Errors
     ///
@@ -80,8 +80,8 @@ impl Target {
         Self::of_signal(signal, sphere, None)
     }
 
-    /// Same as [`from_mesh`](Self::from_mesh), but allows positions that aren't finite. These have weight 0 and aren't
-    /// read by a fit.
+    /// Returns a surface as a target, like [`from_mesh`](Self::from_mesh), but allows positions that aren't finite. A
+    /// fit gives these vertices weight 0 and ignores their positions.
     ///
     /// # Errors
     ///
@@ -91,8 +91,8 @@ impl Target {
         Self::of_mesh(mesh.clone(), sphere, None)
     }
 
-    /// Same as [`from_signal`](Self::from_signal), but allows values that aren't finite. These have weight 0 and aren't
-    /// read by a fit.
+    /// Returns a signal as a target, like [`from_signal`](Self::from_signal), but allows values that aren't finite. A
+    /// fit gives these vertices weight 0 and ignores their values.
     ///
     /// # Errors
     ///
@@ -102,11 +102,11 @@ impl Target {
         Self::of_signal(signal, sphere, None)
     }
 
-    /// Checks that values are finite at all vertices that `unread`, (n), doesn't mark.
+    /// Checks that the values are finite at all vertices except those for which `unread`, (n), is true.
     ///
     /// # Errors
     ///
-    /// [`NonFinite`](SurfaceError::NonFinite) for the first value that isn't.
+    /// [`NonFinite`](SurfaceError::NonFinite), with the first value that isn't finite.
     pub fn check_finite(&self, unread: Option<&[bool]>) -> Result<(), SurfaceError> {
         let channels = self.channels.max(1);
         let is_read = |vertex: usize| unread.is_none_or(|unread| !unread.get(vertex).copied().unwrap_or(false));
@@ -165,17 +165,18 @@ fn check_count(found: usize, sphere: &Sphere, name: &Path) -> Result<(), Surface
     Err(SurfaceError::VertexCount { path: name.to_owned(), sphere: sphere.path.clone(), expected, found })
 }
 
-/// Reads a surface or a signal that belongs to a sphere.
+/// Reads a surface or a signal whose vertices correspond to those of a sphere.
 ///
 /// # Errors
 ///
-/// When the file can't be read, and as [`Target::from_mesh`] and [`Target::from_signal`].
+/// If the file can't be read; those of [`Target::from_mesh`] and [`Target::from_signal`].
 pub fn read_target(path: impl AsRef<Path>, sphere: &Sphere) -> Result<Target, SurfaceError> {
     let path = path.as_ref();
     target_of(read_input(path)?, path, sphere)
 }
 
-/// Same as [`read_target`], but allows values that aren't finite. These have weight 0 and aren't read by a fit.
+/// Reads a target, like [`read_target`], but allows values that aren't finite. A fit gives their vertices weight 0 and
+/// ignores the values.
 ///
 /// # Errors
 ///

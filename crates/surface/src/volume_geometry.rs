@@ -1,18 +1,18 @@
-//! Position of a surface in the volume it was made from, as FreeSurfer records it.
+//! Represents the position of a surface in the volume that it was made from, as recorded by FreeSurfer.
 //!
-//! FreeSurfer's surfaces have coordinates about the centre of their volume. The volume's size, axes and centre
-//! (`c_ras`), which are needed to convert them to scanner coordinates, are stored as text after the triangles in
-//! FreeSurfer's own format, and as metadata named `VolGeom...` in GIfTI files. Both hold the same information, so a
-//! surface that is read from one and written to the other keeps it.
+//! Coordinates in FreeSurfer's surfaces are relative to the centre of their volume. To convert them to scanner
+//! coordinates, the volume's size, axes and centre (`c_ras`) are needed. FreeSurfer's own format stores these as text
+//! after the triangles, GIfTI files as metadata named `VolGeom...`. Both have the same information, so it is preserved
+//! when a surface is converted from one format to the other.
 //!
 //! Source: FreeSurfer's `writeVolGeom` (utils/transform.cpp) and `MRISwriteGIFTI` (utils/gifti.cpp).
 
 use crate::mesh::Meta;
 
-/// Size, axes and centre of a volume.
+/// Size, axes and centre of the volume that a surface was made from.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VolumeGeometry {
-    /// The volume's file, if known.
+    /// Name of the volume's file, if known.
     pub filename: Option<String>,
     /// Number of voxels along the three axes.
     pub size: [u32; 3],
@@ -25,21 +25,22 @@ pub struct VolumeGeometry {
 
 /// Keys of the three axes and the centre in a FreeSurfer footer.
 const ROWS: [&str; 4] = ["xras", "yras", "zras", "cras"];
-/// The same as names of GIfTI metadata, each followed by one of [`DIRECTIONS`].
+/// Names of the three axes and the centre in GIfTI metadata; each is followed by one of [`DIRECTIONS`].
 const GIFTI_ROWS: [&str; 4] = ["VolGeomX_", "VolGeomY_", "VolGeomZ_", "VolGeomC_"];
 const DIRECTIONS: [&str; 3] = ["R", "A", "S"];
 const GIFTI_SIZES: [&str; 3] = ["VolGeomWidth", "VolGeomHeight", "VolGeomDepth"];
 const GIFTI_VOXELS: [&str; 3] = ["VolGeomXsize", "VolGeomYsize", "VolGeomZsize"];
 
 impl VolumeGeometry {
-    /// Returns the geometry in a file's metadata: from a FreeSurfer footer, or else from GIfTI metadata.
+    /// Returns the geometry in a file's metadata: from a FreeSurfer footer if there is one, otherwise from GIfTI
+    /// metadata.
     #[must_use]
     pub fn of(meta: &Meta) -> Option<Self> {
         let footer = meta.freesurfer_footer.as_deref().and_then(Self::of_footer);
         footer.or_else(|| Self::of_metadata(&meta.surface_metadata)).or_else(|| Self::of_metadata(&meta.file_metadata))
     }
 
-    /// Parses the text in a FreeSurfer footer; `None` if it is missing or marked as invalid.
+    /// Parses the text in a FreeSurfer footer; `None` if the text is missing or marked as invalid.
     fn of_footer(footer: &[u8]) -> Option<Self> {
         let start = footer.windows(5).position(|w| w == b"valid")?;
         let text = String::from_utf8_lossy(&footer[start..]);
@@ -94,8 +95,8 @@ impl VolumeGeometry {
     /// Returns the geometry as the footer that follows a FreeSurfer surface's triangles.
     #[must_use]
     pub fn to_footer(&self) -> Vec<u8> {
-        /// Tag for "coordinates are scanner coordinates", with value 0 (they aren't), and the tag of the geometry
-        /// itself.
+        /// The tag for whether coordinates are scanner coordinates, its value 0 (no), and the tag of the volume's
+        /// geometry.
         const TAGS: [i32; 3] = [2, 0, 20];
         let mut footer: Vec<u8> = TAGS.iter().flat_map(|tag| tag.to_be_bytes()).collect();
         let triple = |row: [f64; 3]| row.map(|x| format!("{x:.15e}")).join(" ");
@@ -111,7 +112,7 @@ impl VolumeGeometry {
     }
 }
 
-/// Parses three numbers separated by blanks.
+/// Parses three numbers separated by white space.
 fn numbers<T: std::str::FromStr>(text: &str) -> Option<[T; 3]> {
     let numbers: Vec<T> = text.split_whitespace().map(|word| word.parse().ok()).collect::<Option<_>>()?;
     numbers.try_into().ok()

@@ -9,7 +9,6 @@
 //! As in a generalised Procrustes analysis (J. Gower, Psychometrika 40, 1975), the distances between the members
 //! decrease, with nearest points in place of corresponding points. Distances are weighted such that a part that only
 //! some members have doesn't rotate these members. The group keeps the position of the typical member.
-//! of the typical member.
 
 use std::fmt;
 

@@ -1,14 +1,14 @@
-//! Cuts a triangle into cells and places the samples in each; the parent module gives the reasons.
+//! Divides a triangle into cells and places the samples in the cells; the parent module explains the rules.
 
 use crate::geometry::{Vec3, add, dot, sub};
 
-/// A triangle, and the number of layers it is cut into.
+/// A triangle and the number of layers that it is cut into.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Cut {
-    /// The vertex opposite the shortest edge, and the ends of that edge.
+    /// The vertex opposite the shortest edge (the apex), then the ends of that edge.
     pub(super) corners: [u32; 3],
     layers: u32,
-    /// The shortest edge's length in units of the spacing.
+    /// Length of the shortest edge, in units of the spacing.
     width: f64,
 }
 
@@ -47,8 +47,8 @@ impl Cut {
         (0..self.layers).map(|layer| 4 * self.cells(layer) as usize).sum()
     }
 
-    /// Passes on each sample's barycentric coordinates, in the order of `corners`, and its share of the flat triangle's
-    /// area.
+    /// Passes each sample to `take`: its barycentric coordinates, in the order of `corners`, and its share of the flat
+    /// triangle's area.
     pub(super) fn for_each(&self, mut take: impl FnMut(Vec3, f64)) {
         if self.is_small() {
             let (near, far) = (2.0 / 3.0, 1.0 / 6.0);
@@ -73,10 +73,10 @@ impl Cut {
     }
 }
 
-/// Returns the smallest distance from the sphere's centre, over a few points of the triangle, if the triangle is so
-/// large that its samples are further apart on the sphere than on itself; 1 for others.
+/// Returns the smallest distance of a few points of the triangle from the sphere's centre, if the triangle is large.
+/// Its samples are then farther apart on the sphere than on the triangle. Returns 1 for other triangles.
 fn deepest([a, b, c]: [Vec3; 3]) -> f64 {
-    /// The distance for triangles with edges of about 50 degrees.
+    /// Distance from the centre below which a triangle counts as large; reached by edges of about 50 degrees.
     const LARGE: f64 = 0.9;
     let mean = |points: &[Vec3]| {
         let sum = points.iter().fold([0.0; 3], |sum, p| add(sum, *p));
@@ -86,15 +86,15 @@ fn deepest([a, b, c]: [Vec3; 3]) -> f64 {
     if depth < LARGE { depth.max(0.1) } else { 1.0 }
 }
 
-/// The nodes of Gauss's two-point rule on -1 to 1 are plus and minus 1 / sqrt 3.
+/// The nodes of Gauss's two-point rule on [-1, 1] are -1 / sqrt(3) and 1 / sqrt(3).
 const GAUSS: f64 = 0.577_350_269_189_625_8;
 
-/// Returns nodes and weights of Gauss's two-point rule for the weight s on `from..to`, since a layer's width grows from
-/// the apex. The nodes are the roots of `s^2 + b s + c`, orthogonal to 1 and s; a weight is half of the layer's share
-/// of the area.
+/// Returns the nodes and weights of Gauss's two-point rule on `from..to` for the weight function s, to which the width
+/// of a layer is proportional; s is the distance from the apex. The nodes are the roots of the polynomial `s^2 + b s +
+/// c` that is orthogonal to 1 and s. Half of each weight is returned.
 fn gauss_down(from: f64, to: f64) -> [(f64, f64); 2] {
-    // Taken about the layer's middle, where moments don't cancel: s = middle + half u, with weight (middle + half u)
-    // du.
+    // Moments are taken about the layer's middle, where they don't cancel: s = middle + half u, with weight (middle +
+    // half u) du.
     let (middle, half) = (0.5 * (from + to), 0.5 * (to - from));
     let (m0, m1, m2, m3) = (2.0 * middle, 2.0 * half / 3.0, 2.0 * middle / 3.0, 2.0 * half / 5.0);
     let det = m0 * m2 - m1 * m1;
@@ -102,7 +102,7 @@ fn gauss_down(from: f64, to: f64) -> [(f64, f64); 2] {
     let root = (0.25 * b * b - c).sqrt();
     let (first, second) = (-0.5 * b - root, -0.5 * b + root);
     let of_second = (m1 - first * m0) / (second - first);
-    // A triangle's area is the integral of 2 s ds over 0 to 1; each of the two points across gets half of it.
+    // The triangle's area is the integral of 2 s ds from 0 to 1. Each of the two points across a cell gets half of it.
     let part = |weight: f64| half * weight;
     [(middle + half * first, part(m0 - of_second)), (middle + half * second, part(of_second))]
 }
@@ -111,7 +111,7 @@ fn gauss_down(from: f64, to: f64) -> [(f64, f64); 2] {
 mod tests {
     use super::*;
 
-    /// The integrals of monomials `v^i w^j` over a triangle of area 1 are `2 i! j! / (i + j + 2)!`.
+    /// The integral of the monomial `v^i w^j` over a triangle of area 1 is `2 i! j! / (i + j + 2)!`.
     #[test]
     fn polynomials_are_integrated_exactly() {
         let shapes = [
@@ -143,7 +143,7 @@ mod tests {
         }
     }
 
-    /// A sliver gets a single row of cells, an equilateral triangle about half the square of their number.
+    /// A sliver gets a single row of n cells, an equilateral triangle about n^2 / 2 cells.
     #[test]
     fn slivers_take_few_samples() {
         let at = |angle: f64| [angle.cos(), angle.sin(), 0.0];
@@ -152,7 +152,7 @@ mod tests {
         assert_eq!(Cut::new(&unit, [0, 3, 2], 0.005).samples(), 4 * 99);
         let even = Cut::new(&unit, [0, 1, 2], 0.005).samples();
         assert!((24_000..32_000).contains(&even), "{even}");
-        // A long one's middle lies at 0.71 of the radius: its layers are as much thinner.
+        // The middle of a long sliver is at 0.71 of the radius, so its layers are thinner by this factor.
         let long = [at(0.0), at(0.001), apex(std::f64::consts::FRAC_PI_2)];
         assert_eq!(Cut::new(&long, [0, 1, 2], 0.01).samples(), 4 * 200);
     }

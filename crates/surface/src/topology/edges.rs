@@ -1,10 +1,10 @@
-//! Edges and the triangles that share them.
+//! Counts edges by their number of triangles, and finds vertices with several fans of triangles.
 
 use super::is_degenerate;
 use super::union_find::UnionFind;
 use crate::mesh::Mesh;
 
-/// Result of [`count`].
+/// The result of [`count`].
 #[derive(Debug, Default)]
 pub(super) struct EdgeCounts {
     pub(super) edges: usize,
@@ -14,19 +14,20 @@ pub(super) struct EdgeCounts {
     pub(super) non_manifold_vertices: usize,
 }
 
-/// Half-edge h = 3 * face + k runs from corner k of the face to corner k + 1, and starts at corner h.
+/// Returns the half-edge, and corner, that follows h in its triangle. Half-edge h = 3 * face + k runs from corner k of
+/// the face to corner k + 1; corner h is where it starts.
 fn next(h: u32) -> u32 {
     if h % 3 == 2 { h - 2 } else { h + 1 }
 }
 
-/// Items (x, y, h) of a list, sorted into one bucket per x: bucket x is `items[starts[x]..starts[x + 1]]`.
+/// Items (y, h), sorted into buckets x: bucket x is `items[starts[x]..starts[x + 1]]`.
 struct Buckets {
     starts: Vec<u32>,
     items: Vec<(u32, u32)>,
 }
 
 impl Buckets {
-    /// Sorts (bucket, item) pairs by counting; `list` must produce the same pairs twice.
+    /// Sorts (bucket, item) pairs into buckets by counting. `list` is called twice and must produce the same pairs.
     fn new<I: Iterator<Item = (u32, (u32, u32))>>(buckets: usize, list: impl Fn() -> I) -> Self {
         let mut starts = vec![0_u32; buckets + 1];
         for (bucket, _) in list() {
@@ -47,7 +48,7 @@ impl Buckets {
         Self { starts, items }
     }
 
-    /// Passes each bucket, sorted, to `f`.
+    /// Sorts the items of each bucket, and passes them to `f`.
     fn for_each_sorted(mut self, mut f: impl FnMut(u32, &[(u32, u32)])) {
         for (bucket, range) in self.starts.windows(2).enumerate() {
             let items = &mut self.items[range[0] as usize..range[1] as usize];
@@ -57,7 +58,7 @@ impl Buckets {
     }
 }
 
-/// Counts edges, and vertices whose triangles form more than one fan. Degenerate faces are left out.
+/// Counts edges of each kind, and vertices whose triangles form more than one fan. Degenerate faces are ignored.
 pub(super) fn count(mesh: &Mesh) -> EdgeCounts {
     let faces = &mesh.faces;
     let vertices = mesh.vertices.len();
@@ -78,7 +79,7 @@ pub(super) fn count(mesh: &Mesh) -> EdgeCounts {
                 [(_, g), (_, h)] => counts.inconsistent += usize::from(start(*g) == start(*h)),
                 _ => counts.non_manifold += 1,
             }
-            // At either end of an edge, the corners of its triangles belong to the same fan.
+            // At each end of an edge, the corners of the edge's triangles belong to the same fan.
             let ends = |h: u32| {
                 if start(h) == low { (h, next(h)) } else { (next(h), h) }
             };
@@ -90,7 +91,8 @@ pub(super) fn count(mesh: &Mesh) -> EdgeCounts {
         }
     });
 
-    // A vertex with corners in two sets has two fans. 0 means none seen yet, so sets are numbered from 1.
+    // A vertex whose corners are in two sets has two fans. Sets are numbered from 1, since 0 means that none was seen
+    // yet.
     let mut fan = vec![0_u32; vertices];
     let mut several = vec![false; vertices];
     for (face, f) in faces.iter().zip(0_u32..) {
@@ -111,7 +113,7 @@ pub(super) fn count(mesh: &Mesh) -> EdgeCounts {
     counts
 }
 
-/// Returns the number of triangles beyond the first with the same three vertices, in any order.
+/// Returns the number of triangles that have the same three vertices, in any order, as an earlier triangle.
 pub(super) fn duplicate_faces(mesh: &Mesh) -> usize {
     let sorted = || {
         mesh.faces.iter().map(|&face| {

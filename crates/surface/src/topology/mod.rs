@@ -1,12 +1,13 @@
 //! Checks that a mesh is a closed surface of genus zero, and gives reasons if it isn't.
 //!
-//! SPHARM describes surfaces that a sphere can be mapped onto one to one. [`Topology::of`] counts everything that could
-//! prevent that; [`Topology::problems`] describes it in sentences.
+//! SPHARM describes surfaces that can be mapped one to one to the sphere. [`Topology::of`] counts everything that could
+//! prevent this; [`Topology::problems`] describes it in sentences.
 //!
-//! It takes two passes, O(vertices + faces), and a sort of coordinates. Half-edges go into one bucket per smaller
-//! vertex (a counting sort), which puts those that share an edge next to each other. Corners that share an edge are
-//! joined (union-find), which reveals vertices where two fans of triangles touch. 40,962 vertices take 9 ms; 10.5
-//! million take 4.7 s on one core of a small server, and 1.3 GB for the mesh and the working memory.
+//! The counts take two passes, O(vertices + faces), and a sort of coordinates. Half-edges are sorted into one bucket
+//! per vertex, by the smaller of their two vertices (a counting sort), so half-edges of the same edge are next to each
+//! other. Corners at the same end of an edge are joined (union-find), which reveals vertices where two fans of
+//! triangles touch. 40,962 vertices take 9 ms. 10.5 million vertices take 4.7 s on one core of a small server, and 1.3
+//! GB for mesh and working memory.
 
 mod edges;
 mod union_find;
@@ -15,40 +16,41 @@ use crate::geometry::{cross, dot, face_normal, sub};
 use crate::mesh::Mesh;
 pub use union_find::UnionFind;
 
-/// Counts that determine the topology of a mesh.
+/// The counts that determine the topology of a mesh.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Topology {
-    /// Vertices, whether or not a triangle uses them.
+    /// Number of vertices, including those that no triangle uses.
     pub vertices: usize,
-    /// Edges, each counted once. Degenerate faces have none.
+    /// Number of edges. Degenerate faces contribute none.
     pub edges: usize,
-    /// Triangles.
+    /// Number of triangles.
     pub faces: usize,
-    /// Edges of one triangle: the rim of a hole.
+    /// Number of edges with only one triangle, which form the rims of holes.
     pub boundary_edges: usize,
-    /// Edges of more than two triangles.
+    /// Number of edges with more than two triangles.
     pub non_manifold_edges: usize,
-    /// Vertices whose triangles form more than one fan, as where two cones touch.
+    /// Number of vertices whose triangles form more than one fan, such as a point where two cones touch.
     pub non_manifold_vertices: usize,
-    /// Edges whose two triangles run along them in the same direction: one triangle is reversed relative to the other.
+    /// Number of edges whose two triangles have the edge in the same direction, so one of them is reversed.
     pub inconsistent_edges: usize,
-    /// Pieces that share no vertex. Unreferenced vertices aren't counted.
+    /// Number of pieces, which have no vertex in common. Unreferenced vertices don't count as pieces.
     pub components: usize,
-    /// Vertices that no triangle uses.
+    /// Number of vertices that no triangle uses.
     pub unreferenced_vertices: usize,
-    /// Triangles with the same three vertices as an earlier triangle, in any order.
+    /// Number of triangles with the same three vertices as an earlier triangle, in any order.
     pub duplicate_faces: usize,
-    /// Triangles that use a vertex twice.
+    /// Number of triangles that use a vertex twice.
     pub degenerate_faces: usize,
-    /// Vertices at exactly the same position as another one. They are allowed; seams and unwelded corners show up here.
+    /// Number of vertices at exactly the same position as an earlier vertex. They are allowed; they occur at seams and
+    /// where corners aren't welded.
     pub duplicate_vertices: usize,
-    /// Referenced vertices - edges + non-degenerate faces.
+    /// The Euler characteristic: referenced vertices - edges + non-degenerate faces.
     pub euler_characteristic: i64,
 }
 
 impl Topology {
-    /// Counts everything. Meshes that this crate has read never cause a panic.
+    /// Computes all counts. Meshes read by this crate never cause a panic.
     ///
     /// # Panics
     ///
@@ -70,7 +72,7 @@ impl Topology {
             degenerate_faces += usize::from(is_degenerate([a, b, c]));
         }
         let unreferenced_vertices = referenced.iter().filter(|&&used| !used).count();
-        // Each unreferenced vertex is a set of its own.
+        // Each unreferenced vertex forms a set of its own, which isn't a component.
         let components = pieces.sets() - unreferenced_vertices;
         drop(pieces);
         let edges = edges::count(mesh);
@@ -94,8 +96,8 @@ impl Topology {
         }
     }
 
-    /// Returns whether this is one closed, orientable, consistently wound surface of genus zero without unreferenced
-    /// vertices.
+    /// Returns whether the mesh is one closed, orientable, consistently wound surface of genus zero, without
+    /// unreferenced vertices.
     #[must_use]
     pub fn is_sphere(&self) -> bool {
         self.genus() == Some(0) && self.unreferenced_vertices == 0
@@ -112,11 +114,11 @@ impl Topology {
             && self.inconsistent_edges == 0
             && self.duplicate_faces == 0
             && self.degenerate_faces == 0;
-        // Such a surface's characteristic is even.
+        // The Euler characteristic of a closed orientable surface is even.
         closed.then_some((2 - self.euler_characteristic) / 2)
     }
 
-    /// Returns the reasons why the mesh isn't a closed surface of genus zero, one sentence each; empty if it is.
+    /// Returns the reasons, one sentence each, why the mesh isn't a closed surface of genus zero; empty if it is one.
     #[must_use]
     pub fn problems(&self) -> Vec<String> {
         let counted = |n: usize, one: &str, many: &str| match n {
@@ -173,7 +175,7 @@ impl Topology {
     }
 }
 
-/// Returns the number of triangles that are in only one of two lists, regardless of order, first corner and winding.
+/// Returns the number of triangles that only one of two lists has, regardless of order, first corner and winding.
 #[must_use]
 pub fn different_triangles(a: &[[u32; 3]], b: &[[u32; 3]]) -> usize {
     let sorted = |faces: &[[u32; 3]]| {
@@ -194,15 +196,15 @@ pub fn different_triangles(a: &[[u32; 3]], b: &[[u32; 3]]) -> usize {
     differ + (a.len() - i) + (b.len() - j)
 }
 
-/// Returns the volume inside a closed surface, in cubed units of the coordinates: positive if its triangles wind
-/// counter-clockwise seen from outside.
+/// Returns the volume enclosed by a closed surface, in cubed units of the coordinates. It is positive if the triangles
+/// wind counter-clockwise seen from outside.
 ///
 /// # Panics
 ///
 /// When a triangle's index is out of range.
 #[must_use]
 pub fn signed_volume(mesh: &Mesh) -> f64 {
-    // Computed about a point near the surface, so that a head far from the origin loses no digits.
+    // Computed relative to a point of the surface, so that surfaces far from the origin lose no digits.
     let origin = mesh.vertices.first().copied().unwrap_or_default();
     let six_volumes: f64 = mesh
         .faces
@@ -226,7 +228,7 @@ pub fn area(mesh: &Mesh) -> f64 {
     0.5 * normals.map(|normal| dot(normal, normal).sqrt()).sum::<f64>()
 }
 
-/// Returns whether a closed surface's triangles wind counter-clockwise seen from outside.
+/// Returns whether the triangles of a closed surface wind counter-clockwise seen from outside.
 ///
 /// # Panics
 ///
@@ -240,10 +242,11 @@ fn is_degenerate([a, b, c]: [u32; 3]) -> bool {
     a == b || b == c || c == a
 }
 
-/// Returns the number of vertices beyond the first at each position. -0 and +0 are equal.
+/// Returns the number of vertices at the same position as an earlier vertex. -0 and +0 are equal.
 fn duplicate_vertices(vertices: &[[f64; 3]]) -> usize {
     let bits = |v: &[f64; 3]| v.map(|x| (x + 0.0).to_bits());
-    // Sorting short keys, and comparing coordinates only if the keys agree, is faster than sorting coordinates.
+    // Short hashes are sorted, and coordinates compared only where hashes agree. This is faster than sorting
+    // coordinates.
     let mut keys: Vec<(u64, u32)> =
         vertices.iter().zip(0..).map(|(v, i)| (bits(v).iter().fold(0, |hash, &x| mix(hash ^ x)), i)).collect();
     keys.sort_unstable();
@@ -257,7 +260,7 @@ fn duplicate_vertices(vertices: &[[f64; 3]]) -> usize {
     duplicates
 }
 
-/// A bijection that spreads every bit (the finaliser of splitmix64).
+/// Mixes all bits of a number; a bijection (the finaliser of SplitMix64).
 fn mix(mut x: u64) -> u64 {
     x = x.wrapping_add(0x9e37_79b9_7f4a_7c15);
     x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

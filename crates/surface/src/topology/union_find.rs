@@ -1,6 +1,7 @@
-//! Disjoint sets over 0..n.
+//! Maintains disjoint sets of the numbers 0..n (union-find).
 
-/// Tarjan's forest, with path halving and union by index; near-linear in practice, 4 bytes per element.
+/// Tarjan's disjoint-set forest with path halving and union by index. Time is nearly linear; memory 4 bytes per
+/// element.
 #[derive(Debug)]
 pub struct UnionFind {
     parent: Vec<u32>,
@@ -8,7 +9,7 @@ pub struct UnionFind {
 }
 
 impl UnionFind {
-    /// Returns n sets of one element.
+    /// Returns n sets of one element each.
     #[must_use]
     pub fn new(n: usize) -> Self {
         Self { parent: (0..n as u32).collect(), sets: n }

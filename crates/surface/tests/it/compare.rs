@@ -1,4 +1,4 @@
-//! Distances and colours.
+//! Tests vertex-wise distances and colours.
 
 use spharm_monitor::Silent;
 use spharm_surface::generate::icosphere;
@@ -7,7 +7,7 @@ use spharm_surface::metrics::{
 };
 use spharm_surface::{Mesh, SurfaceError};
 
-/// A box of 2 x 4 x 8 = 64, so that the scale is 4.
+/// Returns an octahedron with a bounding box of 2 x 4 x 8 = 64, so that its scale is 4.
 fn octahedron() -> Mesh {
     let vertices =
         vec![[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, -2.0, 0.0], [0.0, 0.0, 4.0], [0.0, 0.0, -4.0]];
@@ -67,7 +67,7 @@ fn distances_of_any_size_are_those_of_ordinary_ones() {
         let relative = [(far.msd, near.msd), (far.xsd, near.xsd)];
         let pairs = relative.into_iter().chain(lengths.map(|(far, near)| (far, by * near)));
         assert!(pairs.into_iter().all(|(far, near)| (far / near - 1.0).abs() < 1e-14), "{far:?} {near:?}");
-        // Their squares are at the end of the range, and not infinite or zero.
+        // The squares are clamped to the ends of the range instead of becoming infinite or zero.
         let end = if exponent > 0 { f64::MAX } else { f64::from_bits(1) };
         assert_eq!((far.msd_raw, far.xsd_raw), (end, end));
         let found = distances_to_surface(&original.with_vertices(a), &b, &Silent).unwrap();
@@ -109,7 +109,7 @@ fn what_cannot_be_compared_is_told() {
 
 #[test]
 fn colours_run_from_dark_blue_to_yellow() {
-    // Matplotlib 3's own values at 0, 1/3, 1/2, 1: off the table's points by at most one step.
+    // Colours of Matplotlib 3 at 0, 1/2 and 1. Between entries of the table, colours may be off by one step.
     for (x, wanted) in [(0.0, [68, 1, 84]), (0.5, [33, 145, 140]), (1.0, [253, 231, 37])] {
         assert_eq!(viridis(x), wanted);
     }

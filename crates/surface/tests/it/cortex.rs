@@ -1,4 +1,4 @@
-//! The generated cortex is as documented: closed, embedded, not star-shaped, the same every time.
+//! Tests that the generated cortex is as documented: closed, embedded, not star-shaped, reproducible.
 
 use std::collections::HashMap;
 
@@ -41,7 +41,7 @@ fn it_is_a_closed_surface_over_its_sphere_of_a_brains_size() {
     }
 }
 
-/// Seen from a point, a star-shaped surface faces away from it everywhere.
+/// If a surface is star-shaped about a point, all its triangles face away from the point.
 #[test]
 fn it_is_not_star_shaped_from_anywhere_near_its_middle() {
     let mesh = surface(5, 0);
@@ -59,7 +59,7 @@ fn it_is_not_star_shaped_from_anywhere_near_its_middle() {
     }
 }
 
-/// Whether a segment and a triangle cross in the interior of both.
+/// Whether a segment and a triangle cross in their interiors.
 fn pierces(p: Vec3, q: Vec3, [a, b, c]: [Vec3; 3]) -> bool {
     let volume = |a: Vec3, b: Vec3, c: Vec3, d: Vec3| dot(sub(d, a), cross(sub(b, a), sub(c, a)));
     if volume(a, b, c, p) * volume(a, b, c, q) >= 0.0 {
@@ -69,7 +69,7 @@ fn pierces(p: Vec3, q: Vec3, [a, b, c]: [Vec3; 3]) -> bool {
     sides.iter().all(|&s| s > 0.0) || sides.iter().all(|&s| s < 0.0)
 }
 
-/// Counts the crossing pairs of triangles without a common vertex, found with a grid of cells.
+/// Counts the pairs of triangles that cross and have no common vertex. Candidates are found with a grid of cells.
 fn crossings(mesh: &Mesh, cell: f64) -> usize {
     let corners = |f: usize| mesh.faces[f].map(|i| mesh.vertices[i as usize]);
     let range = |t: [Vec3; 3], axis: usize| {
@@ -110,7 +110,7 @@ fn no_two_triangles_cross() {
     for variant in [0, 1, 2] {
         assert_eq!(crossings(&surface(5, variant), 4.0), 0, "variant {variant}");
     }
-    // The test itself finds a crossing where there is one.
+    // Verifies that the test finds a crossing in a mesh that has one.
     let mut mesh = surface(3, 0);
     mesh.vertices[0] = mesh.vertices[11].map(|x| 1.5 * x);
     assert!(crossings(&mesh, 15.0) > 0);

@@ -1,4 +1,4 @@
-//! Distances of surfaces that don't share their triangles.
+//! Tests distances between surfaces with different triangles.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -22,7 +22,7 @@ fn scaled(mesh: &Mesh, by: f64) -> Mesh {
 fn concentric_spheres_are_apart_by_the_difference_of_their_radii() {
     let (inner, outer) = (icosphere(5), scaled(&icosphere(4), 1.25));
     let d = surface_distance(&inner, &outer, &params(), &Silent).unwrap();
-    // Facets of icosphere(4) lie up to 1.25 * 0.0016 below the sphere.
+    // Facets of icosphere(4), scaled to radius 1.25, lie up to 1.25 * 0.0016 below the sphere.
     assert!((d.mean - 0.25).abs() < 2e-3 && (d.rms - 0.25).abs() < 2e-3, "{d:?}");
     assert!((d.percentile95 - 0.25).abs() < 3e-3 && (d.hausdorff - 0.25).abs() < 1e-3, "{d:?}");
     assert!((d.scale - 2.0).abs() < 1e-2);
@@ -61,13 +61,14 @@ fn swapping_the_surfaces_changes_nothing_but_the_names() {
 
 #[test]
 fn slivers_do_not_swell_the_work() {
-    // Two faces, 1e4 long and 1e-4 wide.
+    // Two triangles, 1e4 long and 1e-4 wide.
     let sliver = Mesh::new(vec![[0.0, 0.0, 0.0], [1e4, 0.0, 0.0], [1e4, 1e-4, 1.0]], vec![[0, 1, 2], [0, 2, 1]]);
     let d = surface_distance(&sliver, &sliver, &params(), &Silent).unwrap();
     assert!(d.forward.samples <= 160_000, "{d:?}");
 }
 
-/// Surfaces whose squared distances leave the range of f64 have the distances of ordinary ones, times a power of two.
+/// If squared distances leave the range of f64, the distances are still those of ordinary surfaces times a power of
+/// two.
 #[test]
 fn every_figure_grows_with_the_surfaces() {
     let (first, second) = (icosphere(2), scaled(&icosphere(3), 1.25));
@@ -87,8 +88,8 @@ fn every_figure_grows_with_the_surfaces() {
     }
 }
 
-/// The number of points is predicted exactly: 370 bytes per triangle, 136 per point, of the surface that has more of
-/// each.
+/// The number of points is predicted exactly. The memory is 370 bytes per triangle and 136 per point, for the larger
+/// number of triangles and the larger number of points of the two surfaces.
 #[test]
 fn what_a_distance_takes_is_known_before() {
     for (first, second) in [(icosphere(3), icosphere(2)), (icosphere(1), scaled(&icosphere(4), 3.0))] {
@@ -115,7 +116,7 @@ fn what_has_no_area_has_no_distance() {
     }
 }
 
-/// Stops at the n-th check.
+/// A monitor that asks to stop at the n-th check.
 struct StopAt {
     n: u64,
     asked: AtomicU64,
@@ -142,7 +143,8 @@ fn distances_stop_when_asked_to() {
         }
         all
     };
-    // At every 16 points, which take below a millisecond, even where a single triangle has most of them.
+    // The monitor is checked every 16 points, which takes below a millisecond, even if one triangle has most of the
+    // points.
     assert!(asked(&|monitor| surface_distance(&round, &other, &params(), monitor).err()) > 40_000 / 16);
     let sliver = Mesh::new(vec![[0.0, 0.0, 0.0], [1e4, 0.0, 0.0], [1e4, 1e-4, 1.0]], vec![[0, 1, 2], [0, 2, 1]]);
     assert!(asked(&|monitor| surface_distance(&sliver, &round, &params(), monitor).err()) > 40_000 / 16);

@@ -1,4 +1,4 @@
-//! Problems of people who tried the program for the first time, as far as files are concerned.
+//! Tests of problems with files that occurred to the first users of the program.
 
 use std::fs;
 use std::io::Write;
@@ -71,7 +71,7 @@ fn freesurfer_maps_are_signals() {
     }
 }
 
-/// An MGH file of 4 x 3 x 2 voxels.
+/// Returns an MGH file of 4 x 3 x 2 voxels.
 fn mgh_volume() -> Vec<u8> {
     let mut bytes: Vec<u8> = [1_i32, 4, 3, 2, 1, 0, 0].iter().flat_map(|n| n.to_be_bytes()).collect();
     bytes.resize(284 + 24, 0);
@@ -121,7 +121,7 @@ fn gifti_is_written_as_nibabel_writes_it() {
     }
 }
 
-/// Runs only if nibabel is available.
+/// Does nothing if nibabel isn't installed.
 #[test]
 fn nibabel_reads_what_is_written() {
     let Some(python) = std::env::var_os("SPHARM_PYTHON") else {
@@ -153,7 +153,7 @@ fn nibabel_reads_what_is_written() {
     assert!(status.success());
 }
 
-/// A surface with the geometry of a volume whose centre isn't the origin.
+/// Returns a surface, and the geometry of a volume whose centre isn't the origin.
 fn placed() -> (Mesh, VolumeGeometry) {
     let geometry = VolumeGeometry {
         filename: Some("../mri/orig.mgz".to_owned()),
@@ -178,7 +178,7 @@ fn the_volumes_geometry_survives_a_change_of_format() {
     let freesurfer = copy(&mesh, "lh.pial");
     assert_eq!(VolumeGeometry::of(&freesurfer.meta), Some(geometry.clone()));
     let gifti = copy(&freesurfer, "lh.pial.surf.gii");
-    // GIfTI has no name for the volume's file.
+    // GIfTI metadata have no entry for the name of the volume's file.
     let unnamed = VolumeGeometry { filename: None, ..geometry };
     assert_eq!(VolumeGeometry::of(&gifti.meta), Some(unnamed.clone()));
     let again = copy(&gifti, "lh.again");

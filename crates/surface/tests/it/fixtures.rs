@@ -1,4 +1,4 @@
-//! Every reader returns the same contents as the format's own library.
+//! Tests that every reader returns the same contents as the reference library of the format.
 
 use serde_json::Value;
 use spharm_surface::io::{read_input, read_mesh, read_signal};
@@ -20,7 +20,8 @@ fn faces(value: &Value) -> Vec<[u32; 3]> {
     numbers::<3>(value).iter().map(|f| f.map(|i| i as u32)).collect()
 }
 
-/// Libraries split a quadrangle from different corners; the triangle is the same.
+/// Rotates a triangle so that its smallest index comes first. Libraries start the triangles of a quadrangle at
+/// different corners.
 fn rotated(face: [u32; 3]) -> [u32; 3] {
     let mut face = face;
     while face[0] != *face.iter().min().unwrap() {
@@ -31,7 +32,7 @@ fn rotated(face: [u32; 3]) -> [u32; 3] {
 
 fn check_mesh(name: &str, mesh: &Mesh, expected: &Value) {
     if let Some(corners) = expected.get("corners") {
-        // STL has no shared vertices to compare.
+        // STL has no shared vertices, so only their number is compared.
         assert_eq!(mesh.vertices.len() as u64, expected["unique"].as_u64().unwrap(), "{name}");
         assert_eq!(mesh.faces.len(), corners.as_array().unwrap().len(), "{name}");
         for (face, triangle) in mesh.faces.iter().zip(corners.as_array().unwrap()) {

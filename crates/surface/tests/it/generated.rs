@@ -1,12 +1,12 @@
-//! Generated surfaces don't change, as checked by their defining properties and by the positions of some vertices.
-//! Examples, tests and figures of the documentation depend on them. Between machines the last bits may differ.
+//! Tests that generated surfaces don't change, by their defining properties and by the positions of some vertices. The
+//! documentation's examples and figures and other tests depend on them. Between machines the last bits may differ.
 
 use spharm_surface::Mesh;
 use spharm_surface::generate::{Cortex, Study, Torus, cortex, double_torus, torus};
 use spharm_surface::topology::{Topology, signed_volume};
 
-/// Checks the numbers of vertices and triangles, the vertex a third of the way through, and the mean of the squared
-/// coordinates.
+/// Checks the numbers of vertices and triangles, the vertex a third of the way through the list, and the mean of the
+/// squared coordinates.
 fn is(mesh: &Mesh, counts: [usize; 2], third: [f64; 3], squares: [f64; 3]) {
     let vertices = &mesh.vertices;
     assert_eq!([vertices.len(), mesh.faces.len()], counts);
@@ -17,7 +17,7 @@ fn is(mesh: &Mesh, counts: [usize; 2], third: [f64; 3], squares: [f64; 3]) {
     assert!(all, "{found:?}, {:?}", [mean(0), mean(1), mean(2)]);
 }
 
-/// (ring - (x^2 + y^2)^(1/2))^2 + z^2 = r^2, with r of the bumps at these angles.
+/// Vertices satisfy (ring - (x^2 + y^2)^(1/2))^2 + z^2 = r^2, with r the tube's radius including the bumps.
 #[test]
 fn tori_keep_to_their_equation() {
     for (ring, tube, bumps, around) in [(2.0, 1.0, 0.0, 40), (5.0, 1.5, 0.2, 24), (1.5, 1.0, 0.1, 3)] {
@@ -31,11 +31,11 @@ fn tori_keep_to_their_equation() {
             let r = tube * (1.0 + bumps * (5.0 * u).cos() * (3.0 * v).sin());
             assert!((out.hypot(*z) - r).abs() < 1e-12 * ring, "{x} {y} {z}");
         }
-        // Evenly along the ring, of which the first is on the x axis.
+        // The sections are evenly spaced around the ring, and the first one is on the x axis.
         let turn = std::f64::consts::TAU / along as f64;
         let second = mesh.vertices[around as usize];
         assert!((second[1].atan2(second[0]) - turn).abs() < 1e-12);
-        // Of neighbouring squares the diagonals cross.
+        // The diagonals of neighbouring quadrangles have different directions.
         assert_ne!(mesh.faces[0][2] - mesh.faces[0][0], mesh.faces[2][2] - mesh.faces[2][0]);
     }
 }
@@ -48,10 +48,10 @@ fn a_double_torus_keeps_to_its_equation() {
             let plane = (x * x + y * y).powi(2) - x * x + y * y;
             assert!((plane * plane + z * z - 0.02).abs() < 1e-12, "{x} {y} {z}");
         }
-        // Its halves are each other's mirror image, nearly: the grid is a little to one side.
+        // The two halves are nearly mirror images; the grid is slightly off the middle.
         let mean = mesh.vertices.iter().map(|v| v[0]).sum::<f64>() / mesh.vertices.len() as f64;
         assert!(mean.abs() < 0.01, "{mean}");
-        // Edges are about as long as the cells.
+        // Edges have about the size of the grid cells.
         let edge = |f: &[u32; 3], k: usize| {
             let [a, b] = [f[k], f[(k + 1) % 3]].map(|v| mesh.vertices[v as usize]);
             (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt()
@@ -77,15 +77,16 @@ fn surfaces_are_the_ones_that_they_were() {
     assert_eq!([double_torus(32).vertices.len(), double_torus(32).faces.len()], [986, 1976]);
 }
 
-/// Without the bump the groups differ only by their waves and poses; with it they also differ by the volume under a
-/// bump of that height.
+/// The bump adds volume to subjects of the second group, in proportion to its height, and doesn't affect the first
+/// group.
 #[test]
 fn a_studys_second_group_has_a_bump() {
     let volume = |bump, second| signed_volume(&Study { subdivisions: 4, seed: 3, bump }.subject(4, second));
     assert_eq!(volume(0.0, false), volume(2.0, false));
     let (flat, raised, twice) = (volume(0.0, true), volume(2.0, true), volume(4.0, true));
     assert!(raised > flat + 100.0 && twice > raised + 100.0, "{flat} {raised} {twice}");
-    // Some 40 mm long, 22 wide and 16 high, and bent: 4/3 pi a b c, a little more for the waves.
+    // A bent ellipsoid, about 40 mm long, 22 mm wide and 16 mm high, has the volume 4/3 pi a b c; the waves change it
+    // slightly.
     let body = 4.0 / 3.0 * std::f64::consts::PI * 20.0 * 11.0 * 8.0;
     assert!((flat / body - 1.0).abs() < 0.1, "{}", flat / body);
 }

@@ -1,4 +1,4 @@
-//! Damaged and hostile files give one-line errors, never a panic, a hang or a large allocation.
+//! Tests that damaged and hostile files give one-line errors, never a panic, a hang or a large allocation.
 
 use std::fs;
 use std::path::Path;
@@ -8,7 +8,7 @@ use spharm_surface::{Input, SurfaceError};
 
 use crate::{Random, fixture_files};
 
-/// Reads bytes under a fixture's name.
+/// Reads bytes as if they were in a file with a fixture's name.
 fn read(folder: &Path, name: &Path, bytes: &[u8]) -> Result<Input, SurfaceError> {
     let path = folder.join(name.file_name().unwrap());
     fs::write(&path, bytes).unwrap();
@@ -41,11 +41,11 @@ fn every_truncation_is_an_error_or_a_shorter_file() {
                 Err(_) => refused += 1,
             }
         }
-        // Only formats without counts can lose a tail and not know; none gets by on nothing.
+        // Only formats without counts may accept a truncated file. Every format rejects an empty one.
         assert!(refused > 0);
         let counted = path.to_str().unwrap();
         if counted.contains(".gii") {
-            // The white space after the last tag is nobody's.
+            // White space after the last tag may be missing.
             let end = bytes.trim_ascii_end().len();
             assert!(refused >= end.min(bytes.len()), "{path:?}: {refused} of {end}");
         }
@@ -92,7 +92,7 @@ fn garbage_is_refused_in_every_format() {
     assert!(error.to_string().contains("empty"), "{error}");
 }
 
-/// Headers that claim billions of items in a few bytes. Allocating as they say would exhaust the memory.
+/// Headers claim billions of items in a few bytes. Allocating memory for them would exhaust it.
 #[test]
 fn headers_that_promise_too_much_are_refused() {
     let folder = tempfile::tempdir().unwrap();
@@ -185,7 +185,7 @@ fn deep_documents_bombs_and_foreign_entities_are_refused() {
                   <Name>x</Name><Value>&b;&b;</Value></MD></MetaData></GIFTI>";
     let error = read(folder.path(), Path::new("laughs.gii"), laughs.as_bytes()).unwrap_err();
     assert!(error.to_string().contains("entities"), "{error}");
-    // 128 MiB of blanks in 128 KiB.
+    // A gzip file of 128 KiB that contains 128 MiB of blanks.
     let mut bomb = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::best());
     for _ in 0..128 {
         std::io::Write::write_all(&mut bomb, &[b' '; 1 << 20]).unwrap();

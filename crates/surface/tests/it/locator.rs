@@ -1,4 +1,4 @@
-//! Interpolation of values from one sphere to another.
+//! Tests the interpolation of values from one sphere to another.
 
 use ndarray::{Array2, ArrayView2};
 use spharm_harmonics::Directions;
@@ -10,7 +10,7 @@ fn array(vertices: &[[f64; 3]]) -> ArrayView2<'_, f64> {
     ArrayView2::from_shape((vertices.len(), 3), vertices.as_flattened()).unwrap()
 }
 
-/// Directions all over the sphere (a Fibonacci spiral), none of them a vertex.
+/// Returns directions spread over the whole sphere (a Fibonacci spiral). None of them is a vertex.
 fn spiral(n: usize) -> Vec<[f64; 3]> {
     Directions::fibonacci(n).unwrap().as_slice().to_vec()
 }
@@ -34,7 +34,7 @@ fn every_direction_is_found_and_the_ray_meets_the_triangle_there() {
 fn vertices_keep_their_values_to_the_last_bit() {
     let (surface, sphere) = cortex(&Cortex { subdivisions: 5, variant: 0 });
     for radius in [1.0, 100.0, -1.0] {
-        // A radius of -1 turns the sphere inside out as well, which it may be.
+        // A radius of -1 also turns the sphere inside out, which is allowed.
         let sphere = sphere.with_vertices(sphere.vertices.iter().map(|v| v.map(|x| radius * x)).collect());
         let locator = SphereLocator::new(&sphere).unwrap();
         assert_eq!(locator.flipped(), 0);
@@ -62,7 +62,7 @@ fn midpoints_of_edges_take_the_mean() {
 
 #[test]
 fn an_uneven_sphere_is_as_good() {
-    // All but a few vertices within a millionth of the north pole.
+    // All vertices except a few are moved to within a few millionths of a radian of the north pole.
     let squeezed = icosphere(5);
     let squeeze = |v: &[f64; 3]| {
         let (s, c) = (1e-6 * v[0].hypot(v[1]).atan2(v[2])).sin_cos();

@@ -16,12 +16,12 @@ mod writing;
 
 use std::path::PathBuf;
 
-/// The files other programs wrote, see tests/scripts/make_mesh_fixtures.py.
+/// Returns the folder of files written by other programs; see tests/scripts/make_mesh_fixtures.py.
 fn fixtures() -> PathBuf {
     PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data/meshes"))
 }
 
-/// Every fixture except the expected results.
+/// Returns all files in that folder except the expected results.
 fn fixture_files() -> Vec<PathBuf> {
     let mut files: Vec<PathBuf> = std::fs::read_dir(fixtures())
         .unwrap()
@@ -33,7 +33,7 @@ fn fixture_files() -> Vec<PathBuf> {
     files
 }
 
-/// Random numbers for tests (splitmix64), seeded.
+/// A seeded generator of random numbers for tests (SplitMix64).
 struct Random(u64);
 
 impl Random {

@@ -1,4 +1,4 @@
-//! SPHARM-PDM's meshes.
+//! Tests the reading of SPHARM-PDM's meshes.
 
 use spharm_surface::SurfaceError;
 use spharm_surface::io::{read_mesh, write_mesh};
@@ -21,7 +21,7 @@ fn points_go_by_their_numbers() {
     let mesh = read(&[HEAD, POINTS, CELLS].concat()).unwrap();
     assert_eq!(mesh.vertices, [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
     assert_eq!(mesh.faces, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]);
-    // Cells that are no surface are passed over.
+    // Cells that aren't polygons are skipped.
     let lines = "CellType = LNE\nNCells = 1\nCells = \n0 10 11\n";
     assert_eq!(read(&[HEAD, POINTS, lines, CELLS].concat()).unwrap(), mesh);
 }
@@ -47,7 +47,7 @@ fn what_is_not_understood_is_refused() {
     }
 }
 
-/// The parameterisation belongs to the surface, which is wound outwards.
+/// A surface and its parameterisation in files of SPHARM-PDM have the same triangles; the surface is wound outwards.
 #[test]
 fn a_genuine_pair_corresponds() {
     let names = ["peers/a01_l_hippo.surf.meta", "peers/a01_l_hippo.para.meta"];

@@ -1,11 +1,11 @@
-//! Files that are written read back: to the bit in text and 64-bit formats, rounded once to 32 bits in the others.
+//! Tests that written files read back: exactly in text and 64-bit formats, rounded once to 32 bits in other formats.
 
 use spharm_surface::io::{PlyAttributes, WriteOptions, read_mesh, read_signal, write_mesh, write_ply, write_signal};
 use spharm_surface::{Mesh, Signal, SurfaceError};
 
 use crate::fixtures;
 
-/// Coordinates that neither decimal fractions nor 32 bits can represent.
+/// Returns a mesh with coordinates that short decimal fractions and 32-bit floats can't represent.
 fn awkward() -> Mesh {
     let mut mesh = read_mesh(fixtures().join("double.surf.gii")).unwrap();
     for (i, v) in mesh.vertices.iter_mut().enumerate() {

@@ -1,4 +1,4 @@
-//! Public surfaces.
+//! Tests with public surfaces.
 
 use spharm_surface::Mesh;
 use spharm_surface::io::read_mesh;
@@ -55,7 +55,7 @@ fn others_are_refused_with_their_counts() {
     }
 }
 
-/// `reference.json` was computed with NumPy from the same files.
+/// The values in `reference.json` were computed with NumPy from the same files.
 #[test]
 fn bounding_box_scales_are_the_references() {
     let Some(path) = shared("reference.json") else {

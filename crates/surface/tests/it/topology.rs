@@ -1,4 +1,4 @@
-//! Each defect is counted, and nothing else is.
+//! Tests that each defect of a mesh is counted, and nothing else.
 
 use spharm_surface::Mesh;
 use spharm_surface::generate::icosphere;
@@ -8,7 +8,7 @@ fn sphere() -> Mesh {
     icosphere(2)
 }
 
-/// A torus of m x n quadrangles, split.
+/// Returns a torus of m x n quadrangles, each split into two triangles.
 fn torus(m: u32, n: u32) -> Mesh {
     let turn = std::f64::consts::TAU;
     let vertices = (0..m * n).map(|k| {
@@ -46,11 +46,11 @@ fn icospheres_have_the_counts_of_the_formula_and_nest() {
 
 #[test]
 fn volumes() {
-    // The icosphere's volume falls short of the ball's by O(h^2).
+    // The icosphere's volume is smaller than the ball's by O(h^2), with h the length of an edge.
     let mut mesh = icosphere(5);
     let ball = 4.0 / 3.0 * std::f64::consts::PI;
     assert!((signed_volume(&mesh) / ball - 1.0).abs() < 2e-3);
-    // Far from the origin, where naive sums lose their digits.
+    // Far from the origin, a naive sum of volumes would lose its digits.
     for v in &mut mesh.vertices {
         *v = [v[0] + 1e6, v[1] - 2e6, v[2] + 3e6];
     }
@@ -100,7 +100,7 @@ fn two_spheres_apart_and_touching_in_a_vertex() {
     assert_eq!(topology.duplicate_vertices, 1, "the lower's north pole is the upper's south pole");
     assert!(!topology.is_sphere());
 
-    // Join them there: vertex 0 is the north pole, vertex 11 the south pole.
+    // Joins the two spheres where they touch: vertex 0 is the north pole, vertex 11 the south pole.
     for face in &mut two.faces[one.faces.len()..] {
         *face = face.map(|i| if i == n + 11 { 0 } else { i });
     }
@@ -128,7 +128,7 @@ fn repeated_and_degenerate_triangles_and_loose_vertices() {
     mesh.faces.push([c, b, a]);
     assert_eq!(Topology::of(&mesh).duplicate_faces, 2);
 
-    // Two triangles back to back satisfy every count of edges.
+    // Two triangles back to back have correct edge counts but are duplicates of each other.
     let pillow = Mesh::new(sphere().vertices[..3].to_vec(), vec![[0, 1, 2], [0, 2, 1]]);
     let topology = Topology::of(&pillow);
     assert_eq!((topology.boundary_edges, topology.euler_characteristic), (0, 2));
@@ -162,7 +162,7 @@ fn sorted(mut face: [u32; 3]) -> [u32; 3] {
     face
 }
 
-/// Counts pieces by spreading over shared vertices until nothing new is reached.
+/// Counts pieces by repeatedly adding vertices that share a triangle.
 fn pieces(faces: &[[u32; 3]], mut unseen: std::collections::BTreeSet<u32>) -> usize {
     let mut count = 0;
     while let Some(first) = unseen.pop_first() {
@@ -182,7 +182,7 @@ fn pieces(faces: &[[u32; 3]], mut unseen: std::collections::BTreeSet<u32>) -> us
     count
 }
 
-/// Compares the fast count with a plain one over a set of edges.
+/// Compares the fast counts with simple counts over a set of edges, on random triangles.
 #[test]
 fn counts_agree_with_a_plain_count_on_random_triangles() {
     use std::collections::{BTreeMap, BTreeSet};

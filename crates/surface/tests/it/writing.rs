@@ -1,4 +1,4 @@
-//! An output appears completely or not at all.
+//! Tests that an output appears completely or not at all.
 
 use std::fs;
 use std::io::{self, ErrorKind};
@@ -49,7 +49,7 @@ fn a_file_that_appears_meanwhile_is_not_replaced() {
     assert_eq!(files(folder.path()), ["out"]);
 }
 
-/// Then it can be renamed in one step, wherever file systems are mounted.
+/// The temporary file is in the same folder as the output, hence on the same file system, so a rename is a single step.
 #[test]
 fn what_is_being_written_lies_in_the_folder_of_its_name() {
     let folder = tempfile::tempdir().unwrap();
