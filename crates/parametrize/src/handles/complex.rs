@@ -46,9 +46,9 @@ pub(super) struct Loop {
     pub(super) length: f64,
 }
 
-/// The two rims of a cut. The loop's edge i belongs to half-edge i of both rims.
+/// The two rims of a cut. Half-edge i of either rim runs along edge i of the loop.
 pub(super) struct Rims {
-    /// The half-edges of the cap on the loop's left; they run against the loop, from half-edge i to half-edge i - 1.
+    /// The half-edges of the cap on the loop's left; they run against the loop, so half-edge i - 1 follows half-edge i.
     pub(super) left: Vec<u32>,
     /// The half-edges of the cap on the loop's right; they run along the loop.
     pub(super) right: Vec<u32>,

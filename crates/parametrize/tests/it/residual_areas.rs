@@ -45,7 +45,8 @@ fn what_a_model_represents_exactly_needs_no_room() {
     let sphere = icosphere(4);
     let long = sphere.with_vertices(sphere.vertices.iter().map(|&[x, y, z]| [x, y, 1.2 * z]).collect());
     let found = with(&long, 0.25, 20);
-    // Little area distortion is left over from the stages that lower shape distortion; none is spent on the residual.
+    // Area distortion is only spent on lower shape distortion. An ellipsoid's residual is negligible, so none is spent
+    // on it.
     let quality = &found.report.quality;
     assert!(quality.area_rms < 0.05, "{:?}", found.report);
 }
