@@ -29,8 +29,8 @@ const LEAST_RADIUS: usize = 4;
 /// Approximate largest number of patches. It is limited because the coarse matrix is factored repeatedly.
 const MOST_PATCHES: usize = 10_000;
 
-/// A vertex with more neighbours than this gets its own patch, and other patches don't extend to it. Otherwise each of
-/// the many patches among its neighbours would contain it, and they would all be neighbours of each other.
+/// A vertex with more neighbours than this gets its own patch, and other patches exclude it. Otherwise all patches near
+/// it would contain it and become neighbours of each other, and the coarse matrix would get a large dense block.
 const HUB: usize = 64;
 
 /// Shift of the coarse matrix's diagonal, relative to the trace of the diagonal block. Without it the matrix can be
@@ -40,7 +40,7 @@ const SHIFT: f64 = 1e-9;
 /// Marks a missing position or patch.
 const NOWHERE: u32 = u32::MAX;
 
-/// Patches of a triangulation, and the analysed pattern of their matrix.
+/// Patches of a triangulation, and the symbolic factorisation of the coarse matrix.
 pub(crate) struct Coarse {
     /// Start of each vertex's entries in `weights`; one more entry than vertices.
     starts: Vec<u32>,

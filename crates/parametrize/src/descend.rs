@@ -24,7 +24,7 @@ const BLOCKED: f64 = 0.2;
 
 /// A map under optimisation.
 pub(crate) struct Descent {
-    /// Unit vectors, one per vertex; no triangle is flipped.
+    /// The current map: a unit vector per vertex, such that no triangle is flipped.
     pub(crate) map: Vec<Vec3>,
     iterations: usize,
     converged: bool,

@@ -66,7 +66,7 @@ pub enum ParametrizeError {
         cause: io::Error,
     },
 
-    /// A file that isn't a label volume.
+    /// The file isn't a label volume.
     #[error("{}: expected {expected}, found {found}", path.display())]
     NotAVolume {
         /// The file.
@@ -86,7 +86,7 @@ pub enum ParametrizeError {
         format: &'static str,
     },
 
-    /// A file in a volume format that holds a map: values on the vertices of a surface.
+    /// The file has a volume's format but holds values on the vertices of a surface.
     #[error("{}: expected a volume of labels, found values on {vertices} vertices", path.display())]
     VertexMap {
         /// The file.
@@ -140,7 +140,7 @@ pub enum ParametrizeError {
     /// The sphere would have folds after rounding to 32-bit numbers.
     #[error("32-bit numbers would flip {flipped} of the sphere's triangles; write a format of 64-bit numbers")]
     SinglePrecision {
-        /// Triangles that would be flipped or degenerate.
+        /// Number of triangles that would be flipped or without area.
         flipped: usize,
     },
 

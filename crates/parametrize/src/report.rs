@@ -142,7 +142,7 @@ pub struct Resampling {
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Note {
-    /// cald adapted the target areas to the residual of a model.
+    /// The method `cald` adapted the target areas to the residual of a model.
     AreasAdapted {
         /// Degree of the model.
         degree: usize,
@@ -199,7 +199,7 @@ impl Serialize for Note {
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Warning {
-    /// The first method failed, and the map was made by another one.
+    /// The first method failed, so another method made the map.
     FellBack {
         /// The method that failed.
         method: &'static str,

@@ -161,7 +161,7 @@ impl Star {
 pub(crate) struct Classes(Vec<Vec<u32>>);
 
 impl Classes {
-    /// Colours vertices greedily, in the given order.
+    /// Divides vertices into classes by greedy colouring, in the given order.
     pub(crate) fn new(hierarchy: &Hierarchy, vertices: &[u32]) -> Self {
         const NONE: u32 = u32::MAX;
         let mut colours = vec![NONE; hierarchy.around.len()];

@@ -166,7 +166,7 @@ pub enum SurfaceError {
     IndexOutOfRange {
         /// The file.
         path: PathBuf,
-        /// The triangle, counted from 0 after polygons are split.
+        /// Index of the triangle, counted from 0 after polygons were split into triangles.
         face: usize,
         /// The triangle's index of a vertex, counted from 0.
         index: u32,
@@ -249,7 +249,7 @@ pub enum SurfaceError {
         z: f64,
     },
 
-    /// A sphere's triangles don't cover all directions.
+    /// Some directions meet no triangle of a sphere.
     #[error(
         "{missed} of {directions} directions (first: {first}, counted from 0) meet no triangle of the sphere \
          ({flipped} of its triangles are flipped): give a closed sphere around the origin whose triangles don't overlap"

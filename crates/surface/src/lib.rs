@@ -1,4 +1,4 @@
-//! Triangle meshes and signals on them: files, topology, distances, synthetic surfaces.
+//! Reads, writes, checks, compares and generates triangle meshes and signals on their vertices.
 //!
 //! This crate reads and writes all surface files. It doesn't trust their contents: sizes are checked before memory is
 //! allocated. An output file appears complete or not at all.

@@ -45,7 +45,7 @@ pub enum SphereWarning {
         /// Largest distance, in the file's unit.
         max: f64,
     },
-    /// The triangles aren't a closed surface of genus zero.
+    /// The triangles don't form a closed surface of genus zero.
     NotClosed(Topology),
     /// The triangles are wound clockwise seen from outside.
     Inwards,

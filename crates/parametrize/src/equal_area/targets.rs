@@ -24,7 +24,7 @@ const WEIGHT: (f64, f64) = (1e-2, 1e2);
 pub(super) struct Targets {
     /// Target solid angle of each quadrangle (Q); the sum is 4 pi.
     pub(super) areas: Vec<f64>,
-    /// Weight of each side's squared length (Q); side k goes from corner k to the next.
+    /// Weights of the squared lengths of each quadrangle's sides (Q); side k goes from corner k to the next corner.
     pub(super) weights: Vec<[f64; 4]>,
 }
 

@@ -46,7 +46,8 @@ impl Disc {
         Self { rim, ring, spacing: 1.0 / rings as f64, points, triangles }
     }
 
-    /// Interpolates values at all vertices to the ring next to the rim, at the angle of each vertex of the rim.
+    /// Given values at all vertices, returns for each vertex of the rim the value on the next ring at the same angle,
+    /// by linear interpolation.
     pub(super) fn at_ring(&self, values: &[[f64; 3]]) -> Vec<[f64; 3]> {
         let ring = &values[self.rim..self.rim + self.ring];
         let at = |&[x, y]: &[f64; 2]| {
@@ -59,7 +60,8 @@ impl Disc {
     }
 }
 
-/// Joins two rings of ascending angles that begin at zero by triangles; the inner ring may be a single vertex.
+/// Adds the triangles between two rings, given by the ascending angles of their vertices from zero. The inner ring may
+/// be a single vertex.
 fn join(outer: &[f64], outer_start: usize, inner: &[f64], inner_start: usize, triangles: &mut Vec<[u32; 3]>) {
     let after = |ring: &[f64], i: usize| if i + 1 < ring.len() { ring[i + 1] } else { TAU };
     let vertex = |start: usize, ring: &[f64], i: usize| (start + i % ring.len()) as u32;

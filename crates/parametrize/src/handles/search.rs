@@ -58,7 +58,7 @@ impl Search {
     fn through(&mut self, complex: &Complex, homology: &Homology, base: u32, limit: f64) -> Option<Loop> {
         self.clear();
         self.reach(base, 0.0, 0, NONE);
-        // The tolerance accounts for lengths summed in different orders along the same loop.
+        // The tolerance prevents finding the same loop again with a shorter length that only differs by rounding.
         let mut best = limit * (1.0 - 1e-12);
         let mut closing = NONE;
         while let Some(Reverse((bits, vertex))) = self.queue.pop() {

@@ -166,7 +166,7 @@ fn twins(corners: &[[[i32; 3]; 4]], voxels: &[usize]) -> Vec<u32> {
     twins
 }
 
-/// Returns the vertex of each corner 4 q + k, and the position of each vertex.
+/// Returns the vertex at each corner 4 q + k (corner k of quadrangle q), and the position of each vertex.
 fn vertices(corners: &[[[i32; 3]; 4]], twins: &[u32]) -> (Vec<u32>, Vec<[i32; 3]>) {
     let mut of = vec![u32::MAX; twins.len()];
     let mut places = Vec::new();

@@ -24,7 +24,7 @@ pub struct VoxelSteps {
     pub resolved: f64,
     /// The longest edge of a voxel, in mm.
     pub voxel: f64,
-    /// The highest degree that doesn't resolve the voxels.
+    /// The highest degree of a model that doesn't follow the voxels' steps.
     pub suitable_degree: usize,
 }
 

@@ -1,4 +1,4 @@
-//! Checks applied to every surface and signal that is read or written.
+//! Checks every surface and signal that is read or written.
 
 use std::path::Path;
 

@@ -189,7 +189,7 @@ pub static FORMATS: &[FormatSpec] = &[
 pub enum Output<'a> {
     /// A surface.
     Mesh,
-    /// A surface whose vertices must keep their order: a sphere, or a surface that belongs to one.
+    /// A surface whose vertices must keep their order: a sphere, or a surface that corresponds to a sphere.
     OrderedMesh,
     /// Values on vertices.
     Signal,

@@ -84,7 +84,7 @@ pub struct SurfaceDistance {
     pub rms: f64,
     /// 95th percentile of the distance, weighted by the area of both surfaces.
     pub percentile95: f64,
-    /// Hausdorff distance: the larger of the two directed maxima.
+    /// Hausdorff distance: the larger of `forward.max` and `backward.max`.
     pub hausdorff: f64,
     /// Distances from the first surface to the second.
     pub forward: Directed,

@@ -10,7 +10,7 @@
 use crate::geometry::dot;
 use crate::matrix3::{Matrix3, angle_between, exponential, of_quaternion, product};
 
-/// Half of the golden ratio, and half of its inverse.
+/// Half of the golden ratio, and half of the golden ratio's inverse.
 const GOLDEN: [f64; 2] = [0.809_016_994_374_947_4, 0.309_016_994_374_947_4];
 
 /// Side of the cubes of the lattice of rotation vectors, in radians.

@@ -101,7 +101,7 @@ impl GroupPoseWarning {
         }
     }
 
-    /// Returns the message without the member's number.
+    /// Returns the warning's message without the member's index.
     #[must_use]
     pub fn of_member(&self) -> String {
         match self {
