@@ -1,5 +1,5 @@
-//! From a mesh to a model and back: `cargo run --example ten_lines -- bunny.ply 60`, or, without arguments, a generated
-//! surface.
+//! Fits a model to a mesh and reconstructs a mesh from it: `cargo run --example ten_lines -- bunny.ply 60`. Without
+//! arguments, a generated surface is fitted.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,5 @@
-//! Distances between a model and its surface: everywhere, at the vertices, between them, and at held-out vertices.
+//! Distances between a model and its surface: over the whole area, at vertices, at centres of triangles, and at
+//! held-out vertices.
 
 mod hold_out;
 mod model_surface;
@@ -14,7 +15,8 @@ pub use spharm_model::Distances;
 use spharm_surface::metrics::bounding_box_scale;
 use spharm_surface::{Kind, Target};
 
-/// Returns the cube root of the bounding box's volume of a surface, in its unit; none for signals and flat surfaces.
+/// Returns the cube root of the volume of a surface's bounding box, in the surface's unit; `None` for signals and flat
+/// surfaces.
 pub(crate) fn scale_of(target: &Target) -> Option<f64> {
     if target.kind != Kind::Surface {
         return None;

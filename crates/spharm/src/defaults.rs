@@ -1,15 +1,16 @@
-//! The numbers behind the defaults, with the reason for each.
+//! Numeric defaults of fits, with the reason for each.
 
 /// Granularity of [`Method::Irf`](crate::Method::Irf), as in the paper.
 pub const GRANULARITY: usize = 100;
 
-/// Passes of an accelerated fit: eight iterations, which suffice on even samplings.
+/// Default number of passes of an accelerated iterative residual fit. These are eight iterations, which suffice on even
+/// samplings.
 pub const ACCELERATED_PASSES: usize = 16;
 
-/// Optimality at which the full least squares is treated as converged.
+/// Default optimality at which the full least squares is treated as converged.
 pub const TOLERANCE: f64 = 1e-10;
 
-/// Maximum number of iterations of the full least squares.
+/// Default maximum number of iterations of the full least squares.
 pub const MAX_ITERATIONS: usize = 3000;
 
 /// Default memory budget of a fit over a store, in bytes.
@@ -18,7 +19,8 @@ pub const MEMORY_OVER_A_STORE: usize = 256 << 20;
 /// Accuracy of the transforms within the full least squares. It limits the accuracy of the residual.
 pub(crate) const TRANSFORM_ACCURACY: f64 = 1e-12;
 
-/// Largest number of columns that share a transform and a factor; more don't reduce the cost per column further.
+/// Largest number of columns that share a transform and a factor. A larger number doesn't reduce the cost per column
+/// further.
 pub(crate) const MOST_COLUMNS: usize = 96;
 
 /// Largest number of surfaces in one sweep over a store; with more, the products take much longer than reading the
@@ -29,9 +31,9 @@ pub(crate) const MOST_TOGETHER: usize = 128;
 /// the remaining rounding error by eps times the condition number.
 pub(crate) const REFINEMENTS: usize = 5;
 
-/// Default penalty on a sphere made by parametrisation: its size at the highest degree, relative to the weight of the
-/// vertices. Without it, a model is undetermined between the corners of large triangles. It adds some per cent to the
-/// msd.
+/// Default smoothness penalty over a sphere made by parametrisation: its size at the highest degree, relative to the
+/// weight of the vertices. Without a penalty, a model is undetermined between the corners of large triangles. The
+/// penalty increases the msd by some per cent.
 const RELATIVE_PENALTY: f64 = 0.01;
 
 /// Lowest degree with a default penalty. Lower degrees have wavelengths longer than any triangle.

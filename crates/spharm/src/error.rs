@@ -17,7 +17,7 @@ use spharm_transform::TransformError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// A file that can't be read, or surfaces and spheres that don't belong together.
+    /// A file that can't be read, or a surface and a sphere that don't match.
     #[error(transparent)]
     Surface(#[from] SurfaceError),
     /// A surface that can't be mapped to the sphere.
@@ -83,13 +83,13 @@ pub enum Error {
     Degree {
         /// The requested degree.
         found: usize,
-        /// The highest.
+        /// The highest supported degree.
         most: usize,
     },
     /// A method that needs a basis store, called without one.
     #[error("method {method} needs a basis store, and none was given")]
     NeedsStore {
-        /// The method.
+        /// Name of the method.
         method: &'static str,
     },
     /// A computation that integrates over triangles, on a sphere without triangles.
@@ -105,9 +105,9 @@ pub enum Error {
     WeightCount {
         /// The weights' name.
         name: String,
-        /// Vertices.
+        /// Number of vertices.
         expected: usize,
-        /// Weights.
+        /// Number of weights.
         found: usize,
     },
     /// A weight that is negative or not finite, or weights that are all zero.
@@ -117,7 +117,7 @@ pub enum Error {
         name: String,
         /// Vertex, counted from 0.
         vertex: usize,
-        /// Its weight.
+        /// The vertex's weight.
         found: f64,
     },
     /// Weights that leave out every triangle of a surface.
@@ -131,25 +131,25 @@ pub enum Error {
     HoldOut {
         /// The fraction.
         fraction: f64,
-        /// Vertices.
+        /// Number of vertices.
         vertices: usize,
     },
     /// A memory budget that is too small for the fit.
     #[error("a memory budget of {} MiB is too small for this fit, which needs {} MiB", .budget >> 20, .needed.div_ceil(1 << 20))]
     Memory {
-        /// The budget, bytes.
+        /// The budget in bytes.
         budget: usize,
-        /// The smallest sufficient budget, bytes.
+        /// The smallest sufficient budget in bytes.
         needed: usize,
     },
     /// A limit on the process that the computation would exceed.
     #[error("this process's limit on {what} is {} MiB, but {} MiB are needed; raise the limit or use fewer threads", .limit >> 20, .needed.div_ceil(1 << 20))]
     Limit {
-        /// Which limit.
+        /// Name of the limit.
         what: &'static str,
-        /// Bytes allowed.
+        /// Bytes allowed by the limit.
         limit: u64,
-        /// Bytes needed.
+        /// Bytes that the computation needs.
         needed: u64,
     },
     /// The iteration ended before the tolerance was met; only with [`FitParams::strict`](crate::FitParams::strict).
@@ -172,7 +172,7 @@ pub enum Error {
     Threads {
         /// Requested number of threads.
         threads: usize,
-        /// Why.
+        /// The system's message.
         message: String,
     },
 }

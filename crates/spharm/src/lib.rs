@@ -22,14 +22,14 @@
 //! The program `spharm fit` makes the same calls. Its coefficients are bit-identical for the same number of threads and
 //! the same memory budget.
 //!
-//! # The way of the data
+//! # Data flow
 //!
 //! 1. [`io::read_mesh`] reads a closed surface, and [`fit_mesh()`] maps it one to one to a [`Sphere`] and fits it
 //!    there, see [`parametrize`](mod@parametrize). Surfaces of a study with a common sphere are read with that sphere:
 //!    [`read_sphere`], [`Target`].
 //! 2. [`fit()`] computes the coefficients, by default by the full least squares. [`fit_many`] streams any number of
-//!    surfaces over one sphere through bounded memory. A [`Method`] over a basis store reads the basis from disk
-//!    instead of transforming.
+//!    surfaces over one sphere through bounded memory. With a basis store, a [`Method`] reads the basis from disk
+//!    instead of computing fast transforms.
 //! 3. The [`FitReport`] gives the distances between model and surface, at the vertices and between them, and warnings.
 //! 4. A [`Model`] holds coefficients, sphere and provenance; [`Model::reconstruct`] evaluates it anywhere, to any
 //!    degree.
@@ -40,10 +40,10 @@
 //! row `l^2 + l + m`, in the surface's unit. A residual is target minus synthesis. msd and xsd are the mean and the
 //! maximum over the vertices of the squared distance, with the surface's bounding box scaled to volume 1.
 //!
-//! Nothing here prints, ends the process, or changes its environment. Reading a store installs a handler of SIGBUS,
-//! which acts only inside the store's maps. Every function that may run longer than a second takes a [`Monitor`], which
-//! shows its progress and can cancel it. Such functions run in the caller's rayon pool, or in a pool of their own if
-//! [`FitParams::threads`] is set.
+//! No function prints, ends the process, or changes its environment. Reading a store installs a handler of SIGBUS,
+//! which acts only on faults inside the store's memory maps. Every function that may run longer than a second takes a
+//! [`Monitor`], which shows its progress and can cancel it. Such functions run in the caller's rayon pool, or in a pool
+//! of their own if [`FitParams::threads`] is set.
 //!
 //! # Modules
 //!
@@ -55,7 +55,7 @@
 //! | [`report`] | reports on fits |
 //! | [`assess`] | distances at the vertices, between them, and at held-out vertices |
 //! | [`warning`] | [`FitWarning`]: possible problems of a fit |
-//! | [`defaults`] | the numbers behind the defaults |
+//! | [`defaults`] | numeric defaults, with the reason for each |
 //! | [`factor`] | the factor of the normal equations, stored beside the basis |
 //! | [`mod@correspond`] | a group of surfaces over one template's sphere, with corresponding points |
 //! | [`machine`] | memory and limits of this process |

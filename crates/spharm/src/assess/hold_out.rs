@@ -9,12 +9,12 @@ use spharm_transform::synthesis;
 use crate::Error;
 use crate::assess::Distances;
 
-/// The held-out vertices.
+/// A random choice of vertices that are held out of a fit.
 pub(crate) struct HoldOut {
     held: Vec<bool>,
 }
 
-/// Distances at the held-out vertices and at the others.
+/// Distances between model and target at the held-out vertices and at the fitted vertices.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct HeldOut {
     /// Number of vertices held out.
@@ -26,7 +26,8 @@ pub struct HeldOut {
 }
 
 impl HoldOut {
-    /// Chooses a fraction of n vertices, always the same ones.
+    /// Holds out about this fraction of n vertices. The random numbers have a fixed seed, so the choice is
+    /// reproducible.
     ///
     /// # Errors
     ///
@@ -52,15 +53,15 @@ impl HoldOut {
         self.held.iter().filter(|held| **held).count()
     }
 
-    /// Returns the weights with those of the held-out vertices at zero.
+    /// Returns the weights, or 1 for each vertex if there are none, with 0 at the held-out vertices.
     pub(crate) fn apply(&self, weights: Option<Vec<f64>>) -> Vec<f64> {
         let mut weights = weights.unwrap_or_else(|| vec![1.0; self.held.len()]);
         weights.iter_mut().zip(&self.held).filter(|(_, held)| **held).for_each(|(weight, _)| *weight = 0.0);
         weights
     }
 
-    /// Returns the distances of the model with these coefficients, (K, c), from targets, (n, c), at the vertices that
-    /// aren't marked in `unread`, (n).
+    /// Returns the distances between the model with these coefficients, (K, c), and the targets, (n, c). Vertices
+    /// marked in `unread`, (n), are left out.
     pub(crate) fn assess(
         &self,
         directions: &Directions,

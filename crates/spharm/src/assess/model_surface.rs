@@ -1,10 +1,10 @@
-//! Distances between a model and its surface everywhere, rather than at corresponding points.
+//! Measures the distances between a model and its surface as distances of two surfaces, without corresponding points.
 //!
-//! The paper's msd and xsd compare each vertex with the model's value in the vertex's own direction, and vertices are
-//! dense where a surface was meshed finely. For a shape, the relevant quantity is the distance between two surfaces,
-//! whichever points correspond. So the model is evaluated on an icosphere with about twice as many vertices as a fit of
-//! its degree has samples, and distances are measured from points all over one surface to the nearest point of the
-//! other, both ways.
+//! The paper's msd and xsd compare each vertex with the model's value in the vertex's own direction. Finely meshed
+//! parts of a surface have more vertices and therefore more influence. For a shape, the relevant quantity is the
+//! distance between two surfaces, independent of which points correspond. Here the model is evaluated on an icosphere
+//! with about twice as many vertices as a fit of its degree has samples. Distances are measured both ways: from points
+//! spread over each surface to the nearest point of the other surface.
 
 use ndarray::ArrayView2;
 use serde::Serialize;
@@ -17,38 +17,38 @@ use spharm_transform::{Transform, TransformParams};
 
 use crate::Error;
 
-/// Distances between a model and its surface, both ways, over the area of both. If weights of 0 leave out a part of the
-/// surface, the distances are only those from the rest of the surface to the model.
+/// Distances from the model to its surface and from the surface to the model, over the area of each. If weights of 0
+/// exclude a part of the surface, only distances from the rest of the surface to the model are measured.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct SurfaceDistances {
-    /// Root mean square, bounding box scaled to volume 1.
+    /// Root mean square distance, with the surface's bounding box scaled to volume 1.
     pub rms: f64,
-    /// 95th percentile over the area, scaled likewise.
+    /// 95th percentile of the distance over the area, with the bounding box scaled to volume 1.
     pub percentile95: f64,
-    /// Hausdorff distance: the largest, scaled likewise.
+    /// Hausdorff distance, the largest distance, with the bounding box scaled to volume 1.
     pub hausdorff: f64,
-    /// Root mean square in the surface's own unit.
+    /// Root mean square distance in the surface's own unit.
     pub rms_raw: f64,
-    /// 95th percentile in the surface's own unit.
+    /// 95th percentile of the distance in the surface's own unit.
     pub percentile95_raw: f64,
     /// Hausdorff distance in the surface's own unit.
     pub hausdorff_raw: f64,
-    /// Number of points that distances were measured from, excluding vertices.
+    /// Number of points on triangles from which distances were measured, in addition to the vertices.
     pub points: usize,
     /// Number of vertices of the model's icosphere.
     pub model_vertices: usize,
 }
 
-/// The part of a surface that its model is compared with.
+/// Triangles of a surface with which its model is compared.
 pub(crate) struct ReadSurface {
     faces: Vec<[u32; 3]>,
-    /// Whether the faces are the entire surface.
+    /// Whether `faces` contains all triangles of the surface.
     whole: bool,
 }
 
 impl ReadSurface {
-    /// Returns the triangles of a sphere without a corner that is marked in `unread`, (n).
+    /// Keeps the triangles of a sphere that have no corner marked in `unread`, (n).
     pub(crate) fn new(sphere: &Sphere, unread: Option<&[bool]>) -> Self {
         let is_read = |face: &&[u32; 3]| {
             unread.is_none_or(|unread| face.iter().all(|&v| !unread.get(v as usize).copied().unwrap_or(false)))
@@ -58,13 +58,14 @@ impl ReadSurface {
     }
 }
 
-/// Minimum number of an icosphere's vertices per basis function: its edges are then a sixth of the shortest wavelength.
+/// Minimum number of icosphere vertices per basis function. Edges are then a sixth of the shortest wavelength.
 const VERTICES_PER_FUNCTION: usize = 12;
 
-/// Number of points per basis function on each surface: four times the number of a fit's samples.
+/// Number of points per basis function from which distances are measured on each surface; a fit has a quarter as many
+/// samples.
 const POINTS_PER_FUNCTION: usize = 24;
 
-/// Minimum and maximum number of subdivisions: 2,562 and 655,362 vertices.
+/// Minimum and maximum number of subdivisions of the icosphere: 2,562 and 655,362 vertices.
 const LEVELS: [u32; 2] = [4, 8];
 
 /// Accuracy of the model's values on the icosphere, relative to its coefficients.
@@ -97,13 +98,12 @@ impl ModelSurface {
 
     /// Returns the memory in bytes for a comparison with a surface of `faces` triangles.
     fn bytes(max_degree: usize, level: u32, faces: usize) -> Option<usize> {
-        /// Bytes of a triangle in a search tree, including its construction, and of a point with its distance and
-        /// weight, including a copy for sorting.
+        /// Bytes per triangle of a search tree, including its construction.
         const TRIANGLE: usize = 400;
         const POINT: usize = 80;
         let transform = Transform::bytes(&params(max_degree), vertices(level), 3).ok()?;
         let triangles = 2 * vertices(level);
-        // Each triangle has a point; large ones have more.
+        // Each triangle has at least one point; large triangles have more.
         let points = POINTS_PER_FUNCTION * basis_size(max_degree) + triangles.max(faces);
         Some(transform + TRIANGLE * triangles.max(faces) + 100 * vertices(level) + POINT * points)
     }
@@ -116,8 +116,8 @@ impl ModelSurface {
         Ok(Self { sphere, transform, points: POINTS_PER_FUNCTION * basis_size(max_degree) })
     }
 
-    /// Returns the distances between a surface, (n, 3) over all or some of a sphere's triangles, and the model with
-    /// these coefficients, (K, 3); `None` for a surface without area or whose bounding box has no volume.
+    /// Returns the distances between the model with these coefficients, (K, 3), and the surface with these vertices,
+    /// (n, 3), and the triangles of `read`. Returns `None` if the surface has no area or its bounding box no volume.
     pub(crate) fn assess(
         &self,
         coefficients: ArrayView2<'_, f64>,
@@ -136,7 +136,8 @@ impl ModelSurface {
             Err(SurfaceError::Argument { .. }) => return Ok(None),
             found => found?,
         };
-        // The unread part of the surface is no counterpart for the model.
+        // If a part of the surface is excluded, the model has no counterpart there: distances from the model are left
+        // out.
         let (rms, percentile95, hausdorff, points) = if read.whole {
             let points = found.forward.samples + found.backward.samples;
             (found.rms, found.percentile95, found.hausdorff, points)

@@ -1,4 +1,5 @@
-//! Distances between the vertices that a model was fitted to: it can match all vertices and oscillate elsewhere.
+//! Measures a model's distance from its surface at centres of triangles: a model can match all vertices and oscillate
+//! between them.
 
 use ndarray::{Array2, ArrayView1, ArrayView2};
 use spharm_harmonics::{Directions, synthesis};
@@ -7,24 +8,26 @@ use spharm_surface::Sphere;
 use crate::Error;
 use crate::assess::Distances;
 
-/// Maximum of places times basis functions: some hundredths of a second, up to degree 300.
+/// Maximum number of triangle centres times basis functions. Evaluating them takes some hundredths of a second up to
+/// degree 300.
 const WORK: usize = 20_000_000;
-/// Minimum and maximum number of places.
+/// Minimum and maximum number of triangle centres.
 const PLACES: [usize; 2] = [200, 2000];
-/// A model is said to oscillate if its distance between the vertices is this many times its distance at the vertices,
-/// and also more than [`LEAST`] times the triangles' size: a smooth model bulges over a flat triangle by less.
+/// A warning is given that a model oscillates if its rms distance at the triangle centres is more than this many times
+/// its rms distance at the vertices, and also more than [`LEAST`] times the rms of the triangles' longest edges. A
+/// smooth model bulges over a flat triangle by less.
 const OSCILLATION: f64 = 10.0;
 const LEAST: f64 = 0.3;
 
-/// Centres of some of a sphere's triangles, evenly spread over their list.
+/// Centres of triangles of a sphere, chosen at equal steps in the list of triangles.
 pub(crate) struct OffVertex {
     faces: Vec<[u32; 3]>,
     centres: Directions,
 }
 
 impl OffVertex {
-    /// Chooses places for models of `functions` basis functions, on triangles without a corner marked in `unread`, (n);
-    /// `None` if the sphere has no triangles.
+    /// Chooses the triangle centres at which models of `functions` basis functions are evaluated. Triangles with a
+    /// corner marked in `unread`, (n), are left out. Returns `None` if no triangle remains.
     pub(crate) fn new(sphere: &Sphere, unread: Option<&[bool]>, functions: usize) -> Result<Option<Self>, Error> {
         let unit = sphere.directions.as_slice();
         let sum = |face: &[u32; 3]| {
@@ -45,18 +48,19 @@ impl OffVertex {
         Ok(Some(Self { faces, centres: Directions::from_vertices(&sums)? }))
     }
 
-    /// Returns the places on the sphere, (places, 3).
+    /// Returns the directions of the triangle centres, (p).
     pub(crate) fn centres(&self) -> &Directions {
         &self.centres
     }
 
-    /// Evaluates the model with these coefficients, (K, 3), at the places, (places, 3).
+    /// Evaluates the model with these coefficients, (K, 3), at the triangle centres, (p, 3).
     pub(crate) fn evaluate(&self, coefficients: ArrayView2<'_, f64>) -> Result<Array2<f64>, Error> {
         Ok(synthesis(&self.centres, coefficients)?)
     }
 
-    /// Returns the distances of the model's values at the places, (places, 3), from the centres of the surface's
-    /// triangles, and, if the model oscillates, the ratio of the rms distance there to that `at` the vertices.
+    /// Returns the distances of the model's values at the triangle centres, (p, 3), from the centres of the surface's
+    /// triangles. If the model oscillates, also returns the ratio of their rms to the rms of `at`, the distances at the
+    /// vertices.
     pub(crate) fn assess(
         &self,
         model: ArrayView2<'_, f64>,

@@ -7,21 +7,21 @@ use super::Group;
 use super::together::mesh_of;
 use crate::Error;
 
-/// A carried point.
+/// A point that was carried from one member of a group, the source, to another, the target.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Carried {
-    /// Its place on the target, in the target's own frame.
+    /// Position on the target, in the target's own frame.
     pub point: Vec3,
-    /// Distance of the point from the source's surface.
+    /// Distance of the original point from the source's surface.
     pub off: f64,
-    /// Whether the place has counterparts on both members; otherwise it is a guess.
+    /// Whether source and target both have a counterpart of the template there; otherwise the position is a guess.
     pub reached: bool,
 }
 
 impl Group {
-    /// Carries points on member `source`, in its own frame, to the same places of member `target`, in its own frame. A
-    /// point's offset from the triangles of the source's places, which are chords of its surface, is kept on the
-    /// target.
+    /// Carries points on member `source` to the corresponding positions on member `target`, each in its member's own
+    /// frame. The source's surface is approximated by the triangles between its corresponding points. A point's offset
+    /// from these triangles is kept on the target.
     ///
     /// # Errors
     ///
@@ -55,8 +55,8 @@ impl Group {
     }
 }
 
-/// Transports a vector from one triangle to another: its components along the first edge, within the triangle, and
-/// along the normal stay the same.
+/// Transports a vector from one triangle to another. Its components along the first edge, across that edge within the
+/// triangle, and along the normal stay the same.
 fn transported(vector: Vec3, from: &[Vec3; 3], to: &[Vec3; 3]) -> Vec3 {
     let ([a, b, c], to) = (frame(from), frame(to));
     let parts = [a, b, c].map(|axis| dot(axis, vector));

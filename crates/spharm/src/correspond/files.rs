@@ -1,16 +1,17 @@
-//! The folder of a group.
+//! Files in the folder of a group of corresponding surfaces.
 //!
 //! | file | contents |
 //! |---|---|
 //! | `group.json` | version, names of the members, masked directions, spread, template, refinement, warnings, seconds |
 //! | `mean.spharm.npz` | the mean over the group's sphere |
 //! | `NAME.spharm.npz` | a member's model, in the group's frame and over its sphere |
-//! | `places/NAME.npz` | `places` (n, 3), in the group's frame; `reached` (n, 1), 1 or 0 |
-//! | `members/NAME.json` | its source file, its similarity to the group's frame, report on its registration |
+//! | `places/NAME.npz` | `places` (n, 3): corresponding points in the group's frame; `reached` (n, 1): 1 if the member has a counterpart there, else 0 |
+//! | `members/NAME.json` | the member's source file, its similarity to the group's frame, report on its registration |
 //!
-//! `group.json` is written last, as is `members/NAME.json` of a member, so their existence implies that of the other
-//! files. In a folder of members that were added to a finished group one by one, possibly on several machines,
-//! `group.json` lists no members: its members are those in `members`.
+//! `group.json` is written after all other files of the group, and `members/NAME.json` after the member's other files.
+//! If either exists, the files written before it are complete. Members can also be added to a finished group one by
+//! one, possibly on several machines. The `group.json` of their folder lists no members: the group's members are then
+//! all those with a file in `members`.
 
 mod read;
 #[cfg(test)]
@@ -29,7 +30,7 @@ use crate::Error;
 /// Version of the folder's format.
 const VERSION: u32 = 1;
 
-/// Contents of `group.json`: what the members share.
+/// Contents of `group.json`: data shared by all members.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 struct Shared {
     version: u32,
@@ -38,7 +39,7 @@ struct Shared {
     members: Option<Vec<String>>,
     max_degree: usize,
     directions: usize,
-    /// Directions without a counterpart on members.
+    /// Indices of directions without a counterpart on members.
     masked: Vec<usize>,
     spread: f64,
     #[serde(default)]
@@ -80,11 +81,11 @@ struct Registered {
 /// The origin of a member, as recorded in its files.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct MemberOrigin {
-    /// Its name, from which its files are named.
+    /// Name of the member, used in the names of its files.
     pub name: String,
-    /// The file of its surface.
+    /// File of the member's surface.
     pub input: Option<FileRecord>,
-    /// Warnings to check.
+    /// Warnings about the member to check.
     pub warnings: Vec<String>,
 }
 
@@ -108,7 +109,8 @@ fn member_path(folder: &Path, name: &str) -> PathBuf {
     folder.join("members").join(format!("{name}.json"))
 }
 
-/// Checks that names are valid as file names, unique, and distinct from those of the group's other files.
+/// Checks that there is a name for each member, and that names are valid as file names, unique and distinct from the
+/// group's other files.
 fn check_names(names: &[&str], count: usize) -> Result<(), Error> {
     let refused = |expected, found: String| Err(Error::Setting { what: "a group's folder", expected, found });
     if names.len() != count {

@@ -1,4 +1,4 @@
-//! Models of all members over one sphere, and their refinement by the group.
+//! Fits models to the corresponding points of all members, and refines the correspondence by the group's statistics.
 
 use ndarray::{Array2, ArrayView1, ArrayView2};
 use serde_json::json;
@@ -20,14 +20,14 @@ use super::together::mesh_of;
 use crate::model::signed;
 use crate::{Error, Fit, FitParams, fit_many};
 
-/// Accuracy of the models at carried directions, relative to the coefficients.
+/// Accuracy of the models' values at directions that a flow has moved, relative to the coefficients.
 const ACCURACY: f64 = 1e-9;
 
-/// The places of all members, and models of them.
+/// Corresponding points of all members, and a model fitted to the points of each member.
 pub(super) struct Fitted {
     pub(super) places: Vec<Vec<Vec3>>,
     pub(super) coefficients: Vec<Coefficients>,
-    /// Root mean square distance of each model from its places.
+    /// Root mean square distance of each model from its member's points.
     pub(super) rms: Vec<f64>,
 }
 
@@ -50,9 +50,9 @@ impl Fitted {
         Ok(Self { places, coefficients, rms })
     }
 
-    /// Refines the places by the group: they move along the surfaces, are projected onto them, and are fitted again.
-    /// Returns a report, and the number of flipped triangles of each member, whose places aren't reached. Updates
-    /// `reached` for the moved places.
+    /// Refines the correspondence by the group: each member's points move along its surface, are projected onto it and
+    /// are fitted again. Returns a report and the number of flipped triangles of each member. Updates `reached` for the
+    /// moved points; the corners of flipped triangles aren't reached.
     pub(super) fn refine(
         &mut self,
         subjects: &Subjects<'_>,
@@ -75,7 +75,7 @@ impl Fitted {
         };
         let members: Vec<ArrayView2<'_, f64>> = channels.iter().map(|own| own.view()).collect();
         let found = groupwise(&members, &sphere, Some(&weights), settings, monitor)?;
-        // Only the triangles of a template are needed.
+        // The template is only used for its triangles here, so its drift isn't prepared.
         let no_drift = RegisterParams { drift: Vec::new(), ..params.register.clone() };
         let shape = mesh_of(self.places[0].clone(), &sphere.faces);
         let template = Template::new(&shape, Some(masked), &no_drift, &OnlyCancel(monitor))?;
@@ -84,7 +84,8 @@ impl Fitted {
         Ok((found.report, turned))
     }
 
-    /// Moves places by flows, projects them onto the surfaces, and fits them again. See [`refine`](Self::refine).
+    /// Moves each member's points by a flow, projects them onto its surface and fits them again. See
+    /// [`refine`](Self::refine).
     pub(super) fn follow(
         &mut self,
         flows: &[Flow],
@@ -118,9 +119,9 @@ impl Fitted {
         Ok(turned)
     }
 
-    /// Returns the places of a member at the directions to which a flow carries those of the sphere, and whether they
-    /// are reached. A place is the model there plus the model's residual, which is linear within triangles. So places
-    /// don't move where the flow is zero, and have no kinks elsewhere.
+    /// Returns a member's points at the directions to which a flow carries the sphere's directions, and whether each
+    /// point is reached. A point is the model's value plus the model's residual, which is interpolated linearly within
+    /// triangles. Therefore points don't move where the flow is zero, and the residual's kinks appear nowhere else.
     fn carried(
         &self,
         index: usize,
@@ -132,7 +133,7 @@ impl Fitted {
         let model = self.coefficients[index].values().view();
         let carried = flow.apply(sphere.directions.as_slice())?;
         let before = at_sphere.synthesis(model)?;
-        // The model's residual, and 1 if a place isn't reached.
+        // The model's residual in columns 0 to 2; 1 in column 3 if a point isn't reached.
         let left = Array2::from_shape_fn((before.nrows(), 4), |(v, k)| match k {
             3 => f64::from(u8::from(!reached[v])),
             _ => self.places[index][v][k] - before[[v, k]],
@@ -145,13 +146,13 @@ impl Fitted {
         Ok(after.rows().into_iter().zip(left.rows()).map(of).unzip())
     }
 
-    /// Plans the transform that evaluates the models at directions.
+    /// Plans the transform that evaluates the models at the given directions.
     fn transform(&self, directions: &Directions) -> Result<Transform, Error> {
         let max_degree = self.coefficients.first().map_or(0, Coefficients::max_degree);
         Ok(Transform::new(directions, &TransformParams { max_degree, accuracy: ACCURACY, channels: 3 })?)
     }
 
-    /// Moves the models in the same way as their places.
+    /// Applies to each model the motion that was applied to its points.
     pub(super) fn moved(&mut self, motions: &[Similarity]) -> Result<(), Error> {
         for (own, motion) in self.coefficients.iter_mut().zip(motions) {
             *own = spharm_shape::transform_object(own, motion)?;

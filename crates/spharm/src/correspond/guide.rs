@@ -1,4 +1,4 @@
-//! Landmarks that guide a group's registration, and the error of each one when it is left out.
+//! Landmarks that guide a group's registration, and each landmark's error when it is left out.
 
 use rayon::prelude::*;
 use serde::Serialize;
@@ -17,7 +17,7 @@ const TURN: usize = 3;
 /// Number of parts into which landmarks are divided; each part is left out in turn.
 const PARTS: usize = 5;
 
-/// Corresponding points of all members, known beforehand.
+/// Corresponding points of all members that are known before the registration.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GuideLandmarks {
     /// Landmarks of each member, in its own frame, (p).
@@ -26,12 +26,13 @@ pub struct GuideLandmarks {
     pub template: Option<Vec<Vec3>>,
 }
 
-/// Distances of guiding landmarks from their places, mean over the members, in the group's unit.
+/// Mean distances over the members between guiding landmarks and their corresponding points, in the group's unit.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct GuideReport {
-    /// Distances in the group, (p).
+    /// Distance of each landmark in the finished group, (p).
     pub guided: Vec<f64>,
-    /// Distances with the landmark left out of the last registration, (p): an estimate for unmarked places.
+    /// Distance of each landmark when it is left out of the last registration, (p): an estimate of the error away from
+    /// landmarks.
     pub left_out: Vec<f64>,
 }
 
@@ -59,7 +60,7 @@ impl GuideLandmarks {
         }
     }
 
-    /// Returns the template's landmarks, in the frame in which it is mapped.
+    /// Returns the template's landmarks, in the frame in which the template is mapped.
     fn of_template(&self, template: Option<usize>, similarities: &[Similarity]) -> Vec<Vec3> {
         match (template, &self.template) {
             (None, Some(given)) => given.clone(),
@@ -71,8 +72,9 @@ impl GuideLandmarks {
         self.members[index].iter().map(|point| similarities[index].apply(*point)).collect()
     }
 
-    /// Returns the pose of a member that starts from its landmarks, if it differs from `found`, the pose of its surface
-    /// alone. `moving` and `fixed` are the surfaces of a member and a template.
+    /// Computes a member's pose from its landmarks and improves it on its surface. Returns the pose if it differs from
+    /// `found`, the pose computed from the surface alone. `moving` and `fixed` are the surfaces of the member and the
+    /// template.
     pub(super) fn turned(
         &self,
         (moving, own): (&PoseSurface, &[Vec3]),
@@ -106,14 +108,14 @@ fn flat(points: &[Vec3]) -> bool {
     points.iter().map(off).fold(0.0, f64::max) < 0.01 * square(far)
 }
 
-/// Landmarks with their places on a group's template.
+/// Landmarks of all members, with the landmarks' positions on the group's template.
 pub(super) struct Guided<'a> {
     landmarks: &'a GuideLandmarks,
     places: Vec<Place>,
 }
 
 impl<'a> Guided<'a> {
-    /// Finds the places on a mapped template; `None` without landmarks.
+    /// Finds the landmarks' positions on a mapped template; `None` without landmarks.
     pub(super) fn new(
         landmarks: Option<&'a GuideLandmarks>,
         mapped: &Mesh,
@@ -126,18 +128,19 @@ impl<'a> Guided<'a> {
         Ok(Some(Self { landmarks, places }))
     }
 
-    /// Returns the locations of the landmarks on the group's sphere.
+    /// Returns the landmarks' positions on the group's sphere.
     pub(super) fn places(&self) -> &[Place] {
         &self.places
     }
 
-    /// Returns the guides of the registration to a member.
+    /// Returns a member's landmarks as guides for registering the template to the member.
     pub(super) fn of(&self, index: usize, similarity: &Similarity) -> Vec<Guide> {
         let pairs = self.places.iter().zip(&self.landmarks.members[index]);
         pairs.map(|(place, point)| Guide { place: *place, point: similarity.apply(*point) }).collect()
     }
 
-    /// Returns the distance of each landmark of a member when its part of the landmarks is left out, (p).
+    /// Divides a member's landmarks into parts and leaves out one part at a time. Returns the distance of each landmark
+    /// when its part is left out, (p).
     pub(super) fn left_out(
         &self,
         guides: &[Guide],
@@ -157,7 +160,7 @@ impl<'a> Guided<'a> {
         Ok((0..guides.len()).map(|k| found[k % parts][k]).collect())
     }
 
-    /// Returns the distances of landmarks from their places in a group.
+    /// Returns the distances of landmarks from their corresponding points in a group.
     pub(super) fn report(
         &self,
         places: &[Vec<Vec3>],

@@ -1,4 +1,4 @@
-//! New members of a group that itself stays unchanged.
+//! Adds members to a group without changing the group.
 
 use spharm_harmonics::Coefficients;
 use spharm_model::Model;
@@ -24,27 +24,28 @@ pub struct NewMember {
     pub model: Model,
     /// Similarity from its own frame to the group's.
     pub similarity: Similarity,
-    /// Places on its surface that correspond to the sphere's directions, (n), in the group's frame.
+    /// Points on its surface that correspond to the sphere's directions, (n), in the group's frame.
     pub places: Vec<Vec3>,
-    /// Whether each direction has a counterpart there, (n).
+    /// Whether each direction has a counterpart on its surface, (n).
     pub reached: Vec<bool>,
     /// Report on its registration.
     pub report: MemberReport,
 }
 
-/// Data shared by all new members of a group, prepared once.
+/// Data of a group that is prepared once for all new members.
 pub struct Joining {
     group: GroupTemplate,
     template: Template,
     pose: PoseSurface,
     params: CorrespondParams,
-    /// The refined group, by which the new members' places are refined.
+    /// Statistics of a refined group, by which the points of new members are refined.
     finished: Option<FinishedGroup>,
 }
 
 impl Joining {
-    /// Prepares a group for new members. `members` are coefficients of the group's own members: all or a few hundred of
-    /// them, but at least three. If the group was refined, new members' places are refined by their mean and modes.
+    /// Prepares a group for new members. `members` are coefficients of the group's own members: all of them or a few
+    /// hundred. If the group was refined and there are at least three, new members' points are refined by the mean and
+    /// the modes of `members`.
     ///
     /// # Errors
     ///

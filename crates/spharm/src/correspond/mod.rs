@@ -1,16 +1,17 @@
-//! Correspondence of a group: one template, one sphere, one basis for all subjects.
+//! Establishes correspondence within a group: all subjects are fitted over one template's sphere with one basis.
 //!
-//! If surfaces are mapped to the sphere one by one, a direction corresponds to different places on each, and most of a
-//! group's variance is then that of the maps. Here one template is mapped, and moved in space onto every subject's
-//! surface, whatever its topology. All subjects are fitted over the template's sphere, and the group's own statistics
-//! correct what the registration couldn't determine.
+//! If surfaces are mapped to the sphere one by one, the same direction belongs to different parts of each surface, and
+//! most of a group's variance is caused by the maps. Here only one template is mapped. It is then moved in space onto
+//! every subject's surface, whatever the surface's topology. All subjects are fitted over the template's sphere. The
+//! group's own statistics correct the correspondence where the registration leaves it undetermined.
 //!
 //! 1. Poses are found from the surfaces alone ([`spharm_surface::pose`]).
 //! 2. The most typical subject, or a given surface, is the template. It is repaired, mapped and fitted ([`template`]).
-//! 3. It is registered to every subject ([`spharm_register`]); the mean of the group is the next round's template.
-//! 4. All subjects are fitted over its sphere in one call.
-//! 5. The places are refined by the group ([`mod@spharm_shape::groupwise`]), projected onto the surfaces and fitted
-//!    again.
+//! 3. The template is registered to every subject ([`spharm_register`]); the mean of the group is the next round's
+//!    template.
+//! 4. All subjects are fitted over the template's sphere in one call.
+//! 5. The corresponding points are refined by the group ([`mod@spharm_shape::groupwise`]), projected onto the surfaces
+//!    and fitted again.
 //!
 //! ```no_run
 //! use spharm::correspond::{CorrespondParams, correspond};
@@ -63,18 +64,18 @@ pub struct Group {
     pub models: Vec<Model>,
     /// Similarity from each member's own frame to the group's.
     pub similarities: Vec<Similarity>,
-    /// Corresponding places of each member, (n) each: at the sphere's directions, on the member's surface, in the
-    /// group's frame.
+    /// Corresponding points of each member, (n) each: one for each of the sphere's directions, on the member's surface,
+    /// in the group's frame.
     pub places: Vec<Vec<Vec3>>,
-    /// Whether each place of each member has a counterpart there, (n) each.
+    /// Whether the member has a counterpart at each direction, (n) for each member; otherwise the point is a guess.
     pub reached: Vec<Vec<bool>>,
-    /// Data shared by the members.
+    /// Data of the group that are needed to add new members.
     pub template: GroupTemplate,
     /// Report on the correspondence.
     pub report: CorrespondReport,
 }
 
-/// Data of a group that new members need.
+/// Data of a group that are needed to add new members.
 #[derive(Debug, Clone)]
 pub struct GroupTemplate {
     /// The sphere of all members' models, with triangles.
@@ -83,15 +84,15 @@ pub struct GroupTemplate {
     pub mean: Coefficients,
     /// Directions without a counterpart on members, such as the filled holes of the first template, (n).
     pub masked: Vec<bool>,
-    /// Root mean square distance of the members from the mean, over its area.
+    /// Root mean square distance of the members from the mean, weighted by area.
     pub spread: f64,
-    /// Whether the members' places were refined by the group.
+    /// Whether the members' corresponding points were refined by the group.
     pub refined: bool,
 }
 
 impl GroupTemplate {
-    /// Returns whether the place at each of some unit vectors, (n, 3), has a counterpart on members, judged by the
-    /// nearest of the group's directions.
+    /// Returns for each of these unit vectors, (n, 3), whether the nearest of the group's directions has a counterpart
+    /// on members.
     #[must_use]
     pub fn kept_at(&self, directions: &[Vec3]) -> Vec<bool> {
         if !self.masked.contains(&true) {
@@ -108,8 +109,8 @@ impl GroupTemplate {
     }
 }
 
-/// Makes surfaces correspond. `read` returns the surface of an index in `0..count` in its own frame. It is called
-/// several times for each surface, from several threads.
+/// Establishes correspondence between surfaces. `read` returns the surface of an index in `0..count`, in its own frame.
+/// It is called several times for each surface, from several threads.
 ///
 /// # Errors
 ///

@@ -26,9 +26,9 @@ pub struct CorrespondParams {
     pub subdivisions: Option<u32>,
     /// Number of rounds of registration; 2 by default. In each round after the first, the group's mean is the template.
     pub rounds: usize,
-    /// Settings of the refinement by the group; none for no refinement.
+    /// Settings of the refinement by the group; `None` skips the refinement.
     pub refinement: Option<GroupwiseParams>,
-    /// Settings for finding poses.
+    /// Settings for computing poses.
     pub pose: PoseParams,
     /// Settings for registering the template.
     pub register: RegisterParams,
@@ -38,7 +38,7 @@ pub struct CorrespondParams {
     pub memory: Option<usize>,
 }
 
-/// Minimum number of subjects.
+/// Minimum number of subjects in a group.
 const LEAST: usize = 2;
 
 impl CorrespondParams {

@@ -9,7 +9,7 @@ use spharm_surface::pose::GroupPoseWarning;
 
 use super::guide::GuideReport;
 
-/// Share of a member's area that the template may miss without a warning.
+/// Largest share of a member's area without a counterpart on the template for which no warning is given.
 pub(super) const UNREACHED: f64 = 0.02;
 
 /// Report on a group's correspondence.
@@ -17,15 +17,15 @@ pub(super) const UNREACHED: f64 = 0.02;
 pub struct CorrespondReport {
     /// The subject that was the first template, counted from 0; none for a given template.
     pub template: Option<usize>,
-    /// Repairs of the first template for mapping it.
+    /// Repairs of the first template that were needed to map it to the sphere.
     pub changes: Vec<String>,
     /// Report on each member.
     pub members: Vec<MemberReport>,
     /// Warnings to check.
     pub warnings: Vec<CorrespondWarning>,
-    /// Report on guiding landmarks, if there were any.
+    /// Report on guiding landmarks; `None` without landmarks.
     pub guide: Option<GuideReport>,
-    /// Report on the refinement, if there was one.
+    /// Report on the refinement; `None` if it was skipped.
     pub refinement: Option<GroupwiseReport>,
     /// Wall time of the steps in seconds, in order.
     pub seconds: Vec<(&'static str, f64)>,
@@ -34,22 +34,23 @@ pub struct CorrespondReport {
 /// Report on the registration of one member; lengths are in the group's unit.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct MemberReport {
-    /// Median distance of its surface from the others' in the group's pose.
+    /// Median of its surface's distances from the other surfaces, or its distance from a given template, after all are
+    /// posed.
     pub pose_distance: f64,
     /// Root mean square distance of its surface from the registered template.
     pub cover_rms: f64,
-    /// 99th percentile of that distance over its surface.
+    /// 99th percentile over its surface of the distance from the registered template.
     pub cover_most: f64,
-    /// Largest distance found.
+    /// Largest distance of its surface from the registered template that was found.
     pub cover_farthest: f64,
     /// Share of its area that the template doesn't reach.
     pub unreached: f64,
-    /// Number of the template's places without a counterpart on it, except those that are masked on the template
-    /// itself.
+    /// Number of the template's points without a counterpart on the member. Points that are masked on the template
+    /// itself aren't counted.
     pub without_counterpart: usize,
-    /// Number of flipped triangles.
+    /// Number of flipped triangles of the registered template.
     pub turned: usize,
-    /// Root mean square distance between the model and the places that it was fitted to.
+    /// Root mean square distance between the model and the corresponding points that it was fitted to.
     pub model_rms: f64,
 }
 
@@ -72,9 +73,9 @@ impl MemberReport {
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum CorrespondWarning {
-    /// Its pose or its kind is doubtful.
+    /// Its pose is doubtful, or its surface differs much from the others.
     Pose(GroupPoseWarning),
-    /// The template reaches less of its surface than 98 %.
+    /// The template reaches less than 98 % of the member's surface.
     Unreached {
         /// The member, counted from 0.
         member: usize,
@@ -83,18 +84,18 @@ pub enum CorrespondWarning {
         /// Largest distance to the template.
         farthest: f64,
     },
-    /// Much of the template has no counterpart on it.
+    /// More than 5 % of the template's directions have no counterpart on the member.
     Lacks {
         /// The member, counted from 0.
         member: usize,
-        /// Share of the template's directions.
+        /// Share of the template's directions that have no counterpart.
         share: f64,
     },
     /// Two members are the same surface.
     Same {
         /// The member, counted from 0.
         member: usize,
-        /// The other, before it.
+        /// The earlier member with the same surface, counted from 0.
         as_member: usize,
     },
 }
@@ -109,7 +110,7 @@ impl CorrespondWarning {
         }
     }
 
-    /// Returns the text without the member's number; `name` returns the name of another member.
+    /// Returns the warning's text without the member's number; `name` returns the name of another member.
     #[must_use]
     pub fn of_member(&self, name: impl Fn(usize) -> String) -> String {
         match self {

@@ -1,4 +1,4 @@
-//! Registrations that are stored while a group is made, so that an interrupted run can be resumed.
+//! Stores registrations while a group is computed, so that an interrupted run can be resumed.
 //!
 //! | file | contents |
 //! |---|---|
@@ -16,12 +16,12 @@ use spharm_surface::io::write_new;
 
 use crate::Error;
 
-/// Number of figures besides those of landmarks.
+/// Number of values in `numbers` before the distances of landmarks.
 const NUMBERS: usize = 5;
 /// Largest size of a key in bytes.
 const MOST: u64 = 64 << 20;
 
-/// A folder of stored registrations.
+/// A folder in which registrations are stored.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Resume {
     folder: PathBuf,
@@ -75,8 +75,8 @@ impl Resume {
         self.folder.join(format!("{round}-{index}.npz"))
     }
 
-    /// Reads a registration to a template of n vertices, if it exists, and the distances of `landmarks` when they are
-    /// left out.
+    /// Reads a stored registration to a template of n vertices, with the distances of left-out landmarks; `None` if its
+    /// file is missing or unreadable. `landmarks` is the number of these distances.
     pub(super) fn read(
         &self,
         round: usize,

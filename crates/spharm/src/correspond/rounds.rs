@@ -1,4 +1,4 @@
-//! Poses and rounds of registration.
+//! Computes poses, runs the rounds of registration, and assembles the group.
 
 use std::time::Instant;
 
@@ -19,12 +19,12 @@ use super::together::{mesh_of, spread, together, weights};
 use super::{Group, GroupTemplate};
 use crate::Error;
 
-/// A warning is given if at least this share of the template's directions has no counterpart on a member.
+/// A warning is given if a larger share of the template's directions has no counterpart on a member.
 const LACKING: f64 = 0.05;
 /// Largest relative difference in area and volume between copies of the same surface.
 const SAME: f64 = 1e-6;
 
-/// Poses of the subjects, the first template, and warnings about poses.
+/// Poses of the subjects, the index of the subject that is the first template, and warnings about poses.
 struct Posed {
     similarities: Vec<Similarity>,
     distances: Vec<f64>,
@@ -144,7 +144,7 @@ fn poses(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monit
     })
 }
 
-/// Corrects the poses of members whose landmarks give a different rotation than their surfaces; returns these members.
+/// Replaces the poses of members whose landmarks give a different rotation than their surfaces; returns their indices.
 fn turned(params: &CorrespondParams, surfaces: &[PoseSurface], found: &mut GroupPoses) -> Vec<usize> {
     let Some(landmarks) = &params.guide else { return Vec::new() };
     let template = found.template;
@@ -161,8 +161,8 @@ fn turned(params: &CorrespondParams, surfaces: &[PoseSurface], found: &mut Group
     turned
 }
 
-/// Registers a template to all members. In the last round it also registers with guiding landmarks left out in turn,
-/// and returns their distances.
+/// Registers a template to all members. In the last round each registration is repeated with guiding landmarks left out
+/// in turn; the distances of left-out landmarks are returned, too.
 fn register_all(
     subjects: &Subjects<'_>,
     similarities: &[Similarity],
@@ -201,7 +201,7 @@ fn without_counterpart(found: &Registered, masked: &[bool]) -> usize {
     found.reached.iter().zip(masked).filter(|(reached, masked)| !**reached && !**masked).count()
 }
 
-/// Returns warnings for members that the template doesn't cover, or that lack parts of it.
+/// Returns warnings for members that the template doesn't cover, or that lack parts of the template.
 fn of_cover(members: &[MemberReport], masked: &[bool]) -> Vec<CorrespondWarning> {
     let all = masked.iter().filter(|masked| !**masked).count().max(1) as f64;
     let mut warnings = Vec::new();
@@ -218,8 +218,8 @@ fn of_cover(members: &[MemberReport], masked: &[bool]) -> Vec<CorrespondWarning>
     warnings
 }
 
-/// Returns warnings for members whose area and volume equal those of an earlier one to a millionth: the same surface,
-/// possibly moved or mirrored.
+/// Returns warnings for members whose area and volume equal those of an earlier member within a relative difference of
+/// 1e-6. Such members are the same surface, possibly moved or mirrored.
 fn same(surfaces: &[PoseSurface]) -> Vec<CorrespondWarning> {
     let close = |a: f64, b: f64| (a - b).abs() <= SAME * a.abs().max(b.abs());
     let equal = |a: &PoseSurface, b: &PoseSurface| close(a.area, b.area) && close(a.volume.abs(), b.volume.abs());

@@ -1,8 +1,8 @@
 //! Signals on the surfaces, such as thickness, as channels of the refinement in addition to positions and normals.
 //!
-//! A signal is interpolated at the places of its surface by nearest points, and fitted over the group's sphere. It is
-//! scaled so that its standard deviation over all members and their area is `weight` times the square root of the mean
-//! area. Differences of a signal are then comparable with distances.
+//! A signal is interpolated at the nearest point of its surface to each corresponding point, and fitted over the
+//! group's sphere. It is scaled so that its standard deviation over all members and their area is `weight` times the
+//! square root of the mean area. Differences of a signal are then comparable with distances.
 
 use std::fmt;
 use std::sync::Arc;
@@ -20,14 +20,14 @@ use super::subjects::Subjects;
 use super::together::{mesh_of, weights};
 use crate::{Error, Fit, FitParams, fit_many};
 
-/// Reads the signals of the surface of an index: for each signal, a value per vertex.
+/// Reads the signals of the surface with the given index: for each signal, a value per vertex.
 type Read = dyn Fn(usize) -> Result<Vec<Vec<f64>>, Error> + Send + Sync;
 
-/// Signals that determine, together with positions, which places correspond.
+/// Signals that determine the correspondence together with positions.
 #[derive(Clone)]
 pub struct Signals {
     /// Weight of each signal: its standard deviation after scaling, relative to the square root of the area. Normals
-    /// have 0.12.
+    /// have weight 0.12.
     pub weights: Vec<f64>,
     /// Reads the signals of a surface.
     pub read: Arc<Read>,
@@ -49,8 +49,8 @@ impl Signals {
         }
     }
 
-    /// Returns the coefficients of the signals of all members, (K, signals) each, in units of length. `masked` places
-    /// are left out of the standard deviations.
+    /// Returns the coefficients of the signals of all members, (K, signals) each, in units of length. Masked directions
+    /// don't contribute to the standard deviations.
     pub(super) fn fitted(
         &self,
         subjects: &Subjects<'_>,
@@ -103,7 +103,8 @@ impl Signals {
         }
     }
 
-    /// Scales each signal, a column of (n, channels) of each member, about its mean over all members.
+    /// Subtracts from each signal its mean over all members, and scales it to the standard deviation that its weight
+    /// demands. A signal is one column of each member's values, (n, channels).
     fn scale(
         &self,
         values: &mut [Vec<f64>],
@@ -135,7 +136,7 @@ impl Signals {
     }
 }
 
-/// Returns signals appended to positions, (K, 3 + signals).
+/// Appends the coefficients of signals to those of positions: (K, 3 + signals).
 pub(super) fn beside(positions: &Coefficients, signals: &Coefficients) -> Result<Array2<f64>, Error> {
     let joined = concatenate(Axis(1), &[positions.values().view(), signals.values().view()]);
     joined.map_err(|_| Error::Setting {

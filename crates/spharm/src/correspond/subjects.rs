@@ -14,8 +14,9 @@ pub(super) struct Subjects<'a> {
 }
 
 impl Subjects<'_> {
-    /// Applies a function to each surface, several at a time. The error returned is that of the first surface with an
-    /// error, whatever the number of threads: surfaces after it may be skipped, those before it aren't.
+    /// Applies a function to each surface, several at a time. If several surfaces fail, the error of the first one in
+    /// order is returned, whatever the number of threads: surfaces after a failed one may be skipped, surfaces before
+    /// it never are.
     pub(super) fn each<T: Send>(
         &self,
         work: impl Fn(usize, Mesh) -> Result<T, Error> + Sync + Send,

@@ -1,4 +1,4 @@
-//! A template: a surface that is repaired and mapped to the sphere, resampled at the directions of an icosphere.
+//! Maps a template to the sphere: the surface is repaired, mapped, and resampled at the directions of an icosphere.
 
 use spharm_monitor::Monitor;
 use spharm_parametrize::{CaldParams, Input};
@@ -10,26 +10,27 @@ use spharm_surface::topology::area;
 use crate::Error;
 use crate::parametrize::parametrize_with;
 
-/// Minimum degree of the map, so that thin parts receive directions, whatever the models' degree.
+/// Minimum degree for which the map is made, also for models of lower degrees, so that enough directions lie on thin
+/// parts.
 const DEGREE: usize = 40;
-/// Distance from the original surface, relative to the square root of its area, from which a place belongs to a cut or
-/// a filled hole.
+/// A point at this distance or more from the original surface lies on a cut or a filled hole. The distance is relative
+/// to the square root of the surface's area.
 const FILLED: f64 = 0.005;
 
 /// A surface resampled at the directions of an icosphere.
 #[derive(Debug, Clone)]
 pub struct MappedTemplate {
-    /// The mesh whose vertices are the places at the icosphere's directions.
+    /// Mesh whose vertices are the surface's points at the icosphere's directions.
     pub mesh: Mesh,
     /// Whether each direction is on a cut or a filled hole, (n).
     pub masked: Vec<bool>,
-    /// Repairs of the surface.
+    /// Repairs that were made to the surface.
     pub changes: Vec<String>,
 }
 
 impl MappedTemplate {
-    /// Repairs and maps a surface, cutting handles, and resamples it at the icosphere's directions: vertices lie on the
-    /// surface.
+    /// Repairs and maps a surface, cutting handles, and resamples it at the icosphere's directions. The vertices of the
+    /// result lie on the repaired surface.
     ///
     /// # Errors
     ///

@@ -9,15 +9,15 @@ use spharm_surface::{Mesh, Similarity};
 
 /// Number of rounds of Procrustes analysis; each reduces the misalignment by a factor of about ten.
 const ROUNDS: usize = 5;
-/// Variance added to that of each place, relative to the median over places, so that places that hardly vary don't
-/// dominate.
+/// Variance added to the variance of each point, relative to the median variance. It limits the weight of points that
+/// hardly vary.
 const ADDED_VARIANCE: f64 = 1.0;
 
-/// Aligns members, (n) places each, rigidly. Each place is weighted by its area and by the inverse of its variance (D.
-/// Theobald and D. Wuttke, "Empirical Bayes hierarchical models for regularizing maximum likelihood estimation in the
-/// matrix Gaussian Procrustes problem", PNAS 103, 2006): least squares would rotate members with a bump relative to
-/// those without, so that they would differ away from the bump. Returns the motion of each member, and their mean,
-/// whose pose is kept.
+/// Aligns members, (n) corresponding points each, rigidly. Each point is weighted by its area and by the inverse of its
+/// variance (D. Theobald and D. Wuttke, "Empirical Bayes hierarchical models for regularizing maximum likelihood
+/// estimation in the matrix Gaussian Procrustes problem", PNAS 103, 2006). Least squares weighted by area alone would
+/// rotate members with a bump relative to members without it, and they would then differ away from the bump. Returns
+/// the motion of each member, and the members' mean, whose pose is unchanged.
 pub(super) fn together(members: &mut [Vec<Vec3>], faces: &[[u32; 3]], masked: &[bool]) -> (Vec<Similarity>, Vec<Vec3>) {
     let mut motions = vec![Similarity::default(); members.len()];
     let areas = weights(members, faces, masked);
@@ -34,7 +34,7 @@ pub(super) fn together(members: &mut [Vec<Vec3>], faces: &[[u32; 3]], masked: &[
     (motions, mean(members))
 }
 
-/// Aligns a member rigidly with a fixed mean, weighted as in [`together`]. Returns its motion.
+/// Aligns a member rigidly with a fixed mean, with the weights of [`together`]. Returns the member's motion.
 pub(super) fn to_mean(mean: &[Vec3], member: &mut Vec<Vec3>, areas: &[f64]) -> Similarity {
     let mut motion = Similarity::default();
     for _ in 0..ROUNDS {
@@ -53,7 +53,7 @@ fn step_to(mean: &[Vec3], members: &mut [Vec<Vec3>], motions: &mut [Similarity],
     }
 }
 
-/// Returns the area divided by the members' variance about the mean at each place, normalised to sum 1.
+/// Returns each point's area divided by the members' variance about the mean there, normalised to sum 1.
 fn by_variance(members: &[Vec<Vec3>], mean: &[Vec3], areas: &[f64]) -> Vec<f64> {
     let square = |member: &Vec<Vec3>, v: usize| {
         let off = sub(member[v], mean[v]);
@@ -79,12 +79,13 @@ fn by_variance(members: &[Vec<Vec3>], mean: &[Vec3], areas: &[f64]) -> Vec<f64> 
     weights
 }
 
-/// Returns the rigid motion that best aligns places with others.
+/// Returns the rigid motion that best aligns the points `from` with the points `to`.
 fn rigid(from: &[Vec3], to: &[Vec3], weights: &[f64]) -> Similarity {
     motion(from, to, Some(weights), false, false)
 }
 
-/// Returns the motion that best aligns places with others, with weights of sum 1, or equal weights.
+/// Returns the motion that best aligns the points `from` with the points `to`. `weights` have sum 1; all are equal if
+/// `None`.
 pub(super) fn motion(from: &[Vec3], to: &[Vec3], weights: Option<&[f64]>, scaled: bool, mirror: bool) -> Similarity {
     let equal = || vec![1.0 / from.len().max(1) as f64; from.len()];
     let weights = weights.map_or_else(|| Cow::Owned(equal()), Cow::Borrowed);
@@ -112,7 +113,7 @@ pub(super) fn mean(members: &[Vec<Vec3>]) -> Vec<Vec3> {
     (0..members.first().map_or(0, Vec::len)).map(at).collect()
 }
 
-/// Returns each place's share of the area, averaged over the members, of sum 1; 0 if masked.
+/// Returns each point's share of the area, averaged over the members. The shares have sum 1; masked points have 0.
 pub(super) fn weights(members: &[Vec<Vec3>], faces: &[[u32; 3]], masked: &[bool]) -> Vec<f64> {
     let mut weights = vec![0.0; masked.len()];
     for member in members {
@@ -129,7 +130,7 @@ pub(super) fn weights(members: &[Vec<Vec3>], faces: &[[u32; 3]], masked: &[bool]
     weights
 }
 
-/// Returns the root mean square distance of members from their mean, over the area.
+/// Returns the root mean square distance of members from their mean, weighted by area.
 pub(super) fn spread(members: &[Vec<Vec3>], mean: &[Vec3], weights: &[f64]) -> f64 {
     let square = |member: &Vec<Vec3>| {
         let terms = member.iter().zip(mean).zip(weights).map(|((place, mean), weight)| {
@@ -141,7 +142,7 @@ pub(super) fn spread(members: &[Vec<Vec3>], mean: &[Vec3], weights: &[f64]) -> f
     (members.iter().map(square).sum::<f64>() / members.len().max(1) as f64).sqrt()
 }
 
-/// Returns a mesh of places with the triangles of a sphere.
+/// Returns a mesh with these points as vertices and the triangles of a sphere.
 pub(super) fn mesh_of(places: Vec<Vec3>, faces: &[[u32; 3]]) -> Mesh {
     Mesh::new(places, faces.to_vec())
 }

@@ -74,7 +74,7 @@ impl GroupFiles {
         Ok(Some(MemberOrigin { name, input, warnings }))
     }
 
-    /// Reads the data that new members need.
+    /// Reads the data of the group that are needed to add new members.
     ///
     /// # Errors
     ///
@@ -95,7 +95,8 @@ impl GroupFiles {
         Ok(GroupTemplate { sphere, mean: mean.coefficients, masked, spread, refined })
     }
 
-    /// Reads the coefficients of the members, but of at most `most` of them, evenly spread over the list.
+    /// Reads the coefficients of all members, or, if there are more than `most`, of `most` members evenly spaced in the
+    /// list.
     ///
     /// # Errors
     ///
@@ -111,8 +112,8 @@ impl GroupFiles {
         (0..taken).map(of).collect()
     }
 
-    /// Reads some of the members, given by their indices in [`names`](Self::names), as a group of their own. Its report
-    /// contains the members' figures; warnings remain the texts in the files.
+    /// Reads some members, given by their indices in [`names`](Self::names), as a group of their own. Its report
+    /// contains the members' figures but no warnings; these are only stored as texts in the files.
     ///
     /// # Errors
     ///
@@ -144,7 +145,7 @@ impl GroupFiles {
         Ok(group)
     }
 
-    /// Reads the entire group, as [`members`](Self::members) does.
+    /// Reads the entire group; see [`members`](Self::members).
     ///
     /// # Errors
     ///

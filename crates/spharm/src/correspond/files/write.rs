@@ -16,7 +16,7 @@ use crate::correspond::{Group, GroupTemplate, MemberReport, NewMember};
 use crate::model::{signed, versions};
 
 impl Group {
-    /// Writes the group into a folder, which is created. `origins` are those of the members, in order. If writing
+    /// Writes the group into a folder, which is created. `origins` has one entry per member, in order. If writing
     /// fails, the files written so far are removed.
     ///
     /// # Errors
@@ -52,7 +52,7 @@ impl Group {
     }
 
     fn write_all(&self, writer: &mut Writer<'_>, shared: &Shared, origins: &[MemberOrigin]) -> Result<(), Error> {
-        // Until the last file is written the folder isn't a valid group, even if it replaces one.
+        // Remove `group.json`: until it is written again, as the last file, the folder isn't a valid group.
         writer.begin()?;
         for (index, origin) in origins.iter().enumerate() {
             writer.member(
@@ -86,8 +86,8 @@ impl GroupTemplate {
         }
     }
 
-    /// Creates a folder for members that are added to a finished group. An existing folder of the same group is left
-    /// unchanged.
+    /// Creates a folder for members that are added to this finished group. If the folder exists and belongs to this
+    /// group, it is left unchanged.
     ///
     /// # Errors
     ///
@@ -107,7 +107,7 @@ impl GroupTemplate {
             return same(GroupFiles::open(folder)?);
         }
         make_folders(folder)?;
-        // The mean may be left by a run that was interrupted before it wrote the record.
+        // A run that was interrupted before it wrote `group.json` may have left the mean.
         let is_there = Model::read(model_path(folder, "mean")).is_ok_and(|mean| mean.coefficients == self.mean);
         let mean = if is_there { Ok(()) } else { writer.mean(self) };
         let begun = mean.and_then(|()| writer.json(&folder.join("group.json"), &self.shared()));
@@ -120,7 +120,7 @@ impl GroupTemplate {
 }
 
 impl NewMember {
-    /// Writes the member's files into a folder that [`GroupTemplate::begin_folder`] made.
+    /// Writes the member's files into a folder made by [`GroupTemplate::begin_folder`].
     ///
     /// # Errors
     ///
@@ -134,7 +134,7 @@ impl NewMember {
     }
 }
 
-/// Files that are being written. If one fails, those written by this call are removed.
+/// Writes files and records their paths. If one can't be written, all files written before it are removed.
 struct Writer<'a> {
     folder: &'a Path,
     overwrite: bool,
@@ -142,7 +142,7 @@ struct Writer<'a> {
 }
 
 impl Writer<'_> {
-    /// Refuses files that exist, before any is written.
+    /// Returns an error if one of the files exists and `overwrite` isn't set; called before any file is written.
     fn check(&self, names: &[&str]) -> Result<(), Error> {
         let of = |name: &&str| GroupFiles::of_member(self.folder, name);
         match GroupFiles::of_group(self.folder).into_iter().chain(names.iter().flat_map(of)).find(|path| path.exists())
