@@ -13,7 +13,7 @@ use spharm_surface::Sphere;
 use crate::Error;
 use crate::machine::check_limits;
 
-/// Reciprocal condition number below which users are warned that solutions lose most of their digits.
+/// Reciprocal condition number below which a warning says that solutions lose most of their digits.
 const ILL_CONDITIONED: f64 = 1e-12;
 
 /// Settings of a factor.
@@ -29,7 +29,7 @@ pub struct FactorSettings {
     pub smoothness: f64,
     /// Memory budget in bytes.
     pub memory: usize,
-    /// Number of threads; 0 for those of the rayon pool of the call.
+    /// Number of threads; 0 for the number of threads of the caller's rayon pool.
     pub threads: usize,
     /// Whether to build a factor even if it is larger than 64 GiB or than the free disk space.
     pub allow_large: bool,
@@ -63,7 +63,7 @@ impl<'a> PlannedFactor<'a> {
         let params = FactorParams {
             scalar: settings.scalar,
             memory: settings.memory,
-            // The directions and triangles of the sphere beside the moments.
+            // The moments, and the directions and triangles of the sphere.
             held: moment_gram_bytes(rows, settings.max_degree)? + 24 * rows + 12 * sphere.faces.len(),
             threads: settings.threads,
             allow_large: settings.allow_large,
@@ -95,7 +95,7 @@ impl<'a> PlannedFactor<'a> {
         let source = moment_gram(&sphere.directions, None, spec.max_degree)?;
         let penalised = Penalised::new(&source, smoothness_penalty(spec.max_degree, spec.smoothness));
         build_factor(store, spec, &penalised, params, monitor).map_err(|error| match error {
-            // Finished bases stay in the store.
+            // The store's error says that finished files are kept.
             SolverError::Interrupted(interrupted) => StoreError::from(interrupted).into(),
             error => error.into(),
         })

@@ -1,4 +1,4 @@
-//! Fitting: one target, or many over one sphere in bounded memory.
+//! Fits one target, or many targets over one sphere in bounded memory.
 
 mod batches;
 mod check;
@@ -50,8 +50,8 @@ pub struct Fit {
 
 /// Data that can be fitted over a sphere.
 pub trait ToTarget {
-    /// Returns the target, checked against the sphere. Values may be NaN or infinite at vertices of weight 0, which
-    /// fits don't read.
+    /// Returns the target, checked against the sphere. At vertices of weight 0 values may be NaN or infinite, since
+    /// fits don't read them.
     ///
     /// # Errors
     ///
@@ -99,7 +99,7 @@ pub fn fit(sphere: &Sphere, target: &impl ToTarget, params: &FitParams) -> Resul
     fit_with(sphere, target, params, &Silent)
 }
 
-/// As [`fit()`], with progress and cancellation.
+/// Fits a target as [`fit()`] does, with progress and cancellation.
 ///
 /// # Errors
 ///
@@ -113,7 +113,8 @@ pub fn fit_with(
     Ok(fit_target(sphere, target.to_target(sphere)?.into_owned(), params, monitor)?.0)
 }
 
-/// As [`fit_with`], of a target that isn't copied, with the sampling scheme, the solver's report and the wall time.
+/// Fits a target as [`fit_with`] does, without copying it. Also returns the sampling scheme, the solver's report and
+/// the wall time.
 ///
 /// # Errors
 ///
@@ -152,11 +153,13 @@ fn fit_one(
     Ok((fits.pop().expect("a target that was read has been fitted, or there was an error"), report))
 }
 
-/// Fits many targets over one sphere, as many at a time as the memory allows, and passes on each fit when it is ready.
+/// Fits many targets over one sphere, as many at a time as the memory allows, and passes each fit to `done` when it is
+/// ready.
 ///
-/// `read` returns the target of an index in `0..count`. It is called from several threads, in order except that a few
-/// targets are read at the same time. `done` receives the index of a target and its fit, also from several threads; its
-/// results are returned in the targets' order. An error of either ends the call, unlike in [`fit_each`].
+/// `read` returns the target of an index in `0..count`. It is called from several threads, in the order of the indices,
+/// except that a few targets are read at the same time. `done` receives the index of a target and its fit, also from
+/// several threads. The results of `done` are returned in the targets' order. An error of `read` or `done` ends the
+/// call, unlike in [`fit_each`].
 ///
 /// # Errors
 ///
@@ -172,11 +175,11 @@ pub fn fit_many<T: Send, E: From<Error> + Send>(
     fit_each(sphere, count, read, params, &|number, fit| done(number, fit?), monitor)
 }
 
-/// As [`fit_many`], but errors of single targets are passed to `done`, which decides whether they end the call: targets
-/// that can't be read, that don't match the sphere, or whose fit doesn't reach the tolerance (with
-/// [`FitParams::strict`]).
+/// Fits many targets as [`fit_many`] does, but passes errors of single targets to `done`, which decides whether they
+/// end the call. These errors are targets that can't be read or don't match the sphere and, with [`FitParams::strict`],
+/// fits that don't reach the tolerance.
 ///
-/// They don't affect the other targets' coefficients.
+/// Errors of single targets don't affect the other targets' coefficients.
 ///
 /// # Errors
 ///
@@ -207,7 +210,7 @@ fn fit_over<T: Send, E: From<Error> + Send>(
         let (scheme, scalar) = (job.key, job.scalar);
         let mut run = Run::new(job, count, read, done, monitor)?;
         match params.method {
-            // No target could be read.
+            // No target could be read: there is nothing to fit.
             _ if count > 0 && run.next_is_surface()?.is_none() => {}
             Method::Lsq => run_lsq(&mut run)?,
             Method::Quadrature => quadrature::run(&mut run)?,
@@ -219,7 +222,7 @@ fn fit_over<T: Send, E: From<Error> + Send>(
     })
 }
 
-/// Fits all targets, whether as surfaces or at their vertices.
+/// Fits all targets by the full least squares: each over its surface or at its vertices, according to the objective.
 fn run_lsq<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Result<(), E> {
     run.monitor.begin(Stage::counted("fit", "surfaces"), run.count as u64);
     while let Some(surface) = run.next_is_surface()? {
@@ -233,8 +236,8 @@ fn run_lsq<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Result<()
     Ok(())
 }
 
-/// Runs work in a rayon pool of `threads` threads: in the caller's own pool if it has that many, or if no number is
-/// given.
+/// Runs work in a rayon pool of `threads` threads. Uses the caller's pool if it has this number of threads, or if
+/// `threads` is `None`.
 fn in_pool<T: Send, E: From<Error> + Send>(
     threads: Option<usize>,
     work: impl FnOnce() -> Result<T, E> + Send,

@@ -1,6 +1,6 @@
-//! Models of surfaces without a sphere, in memory: prepare, check, map, fit.
+//! Fits surfaces that have no sphere, in memory: prepares, checks, maps and fits them.
 //!
-//! The program, volumes, studies and the Python package make these calls, so that the coefficients are the same.
+//! The program, volumes, studies and the Python package call these functions, so that their coefficients are the same.
 
 use spharm_model::{Model, Provenance};
 use spharm_monitor::{Monitor, Silent};
@@ -11,7 +11,7 @@ use crate::parametrize::volume::{Repair, VoxelSteps};
 use crate::parametrize::{HandlesReport, Input, Parametrized, Source, parametrize_with};
 use crate::{Error, Fit, FitParams, ManyReport, check_mapping, check_memory, fit_target};
 
-/// Changes to a surface without a sphere before it is mapped to one. A surface over a sphere isn't changed.
+/// Changes to a surface before it is mapped to a sphere. A surface that is given with a sphere isn't changed.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Preparation {
     /// Size of a volume's voxels along x, y and z, in mm, in place of the size in its file.
@@ -23,7 +23,8 @@ pub struct Preparation {
 }
 
 impl Preparation {
-    /// Returns the changes that apply to a surface: none with a sphere, and no voxel size for a mesh without a label.
+    /// Returns the changes that apply to a surface: none with a sphere, and no voxel size for a surface that isn't a
+    /// label's.
     #[must_use]
     pub fn of(self, on_sphere: bool, label: Option<i64>) -> Self {
         match (on_sphere, label) {
@@ -55,7 +56,7 @@ pub struct MappedSurface {
     pub mesh_repair: Option<MeshRepair>,
     /// Handles that were cut.
     pub handles: Option<HandlesReport>,
-    /// The staircase of the voxels, if a model of the fit's degree reproduces it.
+    /// Staircase of the voxels, if a model of the fit's degree reproduces it.
     pub steps: Option<VoxelSteps>,
 }
 
@@ -177,8 +178,8 @@ pub fn fit_mesh(surface: &Mesh, params: &FitParams) -> Result<MeshFit, Error> {
     fit_mesh_with(Input::Mesh(surface.clone()), Preparation::default(), params, &Silent)
 }
 
-/// As [`fit_mesh`], with progress and cancellation, after repairing the surface and cutting its handles if
-/// `preparation` requests it. The surface may also be that of a label.
+/// Maps and fits a surface as [`fit_mesh`] does, with progress and cancellation, after repairing it and cutting its
+/// handles if `preparation` requests it. The surface may also be that of a volume's label.
 ///
 /// # Errors
 ///

@@ -9,7 +9,7 @@ use spharm_surface::{Kind, Sphere};
 
 use crate::{Fit, FitReport, FitWarning, Method};
 
-/// Returns the versions of this build.
+/// Returns the versions of this build: the crate, the store format and the platform.
 pub fn versions() -> Versions {
     Versions {
         spharm: env!("CARGO_PKG_VERSION").to_owned(),
@@ -35,7 +35,7 @@ pub fn signed(mut model: Model, tool: &str) -> Model {
     model
 }
 
-/// Returns a model of coefficients that were derived from those of `source`, over the same sphere.
+/// Returns a model of coefficients that were derived from the coefficients of `source`, over the same sphere.
 ///
 /// `transform` describes the operation; it is added to the provenance's list [`TRANSFORM`]. The settings and distances
 /// of the fit are left out, since the model is no longer the result of that fit.

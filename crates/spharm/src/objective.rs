@@ -12,15 +12,15 @@ pub enum Objective {
     /// The surface, for meshes over a sphere with triangles; the vertices for signals and for fits over a store.
     #[default]
     Default,
-    /// The surface: the integral over the sphere of the squared distance, by samples of all triangles, as densely as
-    /// the degree requires. Signals are linear on each triangle.
+    /// The surface: the integral over the sphere of the squared distance. All triangles are sampled as densely as the
+    /// degree requires. Signals are interpolated linearly on each triangle.
     Surface,
     /// The vertices alone, as in the paper.
     Vertices,
 }
 
 impl Objective {
-    /// Returns its name in lower case, as models record it.
+    /// Returns the objective's name in lower case, as models record it.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Default => "default",
@@ -44,7 +44,8 @@ impl FromStr for Objective {
 }
 
 impl FitParams {
-    /// Returns whether a target of this kind is fitted as a surface, over a sphere with triangles or without.
+    /// Returns whether a target of this kind is fitted as a surface. `triangles` states whether its sphere has
+    /// triangles.
     pub fn fits_surface(&self, kind: Kind, triangles: bool) -> bool {
         match (self.method, self.objective) {
             (Method::Lsq, Objective::Surface) => true,

@@ -44,8 +44,8 @@ pub fn parametrize(surface: &Mesh, params: &CaldParams) -> Result<Parametrized, 
     parametrize_with(surface, params, &Silent)
 }
 
-/// As [`parametrize`](parametrize()), with progress and cancellation, also for the quadrangles around a label of a
-/// volume, which get equal areas (Brechbuehler, Gerig and Kuebler 1995).
+/// Maps a surface as [`parametrize`](parametrize()) does, with progress and cancellation. Also maps the quadrangles
+/// around a label of a volume, which get equal areas (Brechbuehler, Gerig and Kuebler 1995).
 ///
 /// # Errors
 ///

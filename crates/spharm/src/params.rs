@@ -12,7 +12,7 @@ use crate::machine::available_memory;
 use crate::parametrize::CaldParams;
 use crate::{Error, Objective, Weights, defaults};
 
-/// How the coefficients are found.
+/// Method that computes the coefficients.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Method {
     /// Full least squares by fast transforms, without a basis on disk: the paper's NLSF at any degree.
@@ -24,10 +24,10 @@ pub enum Method {
         /// Largest number of basis functions that are solved together, g, at least 1.
         granularity: usize,
         /// Whether to accelerate pairs of passes, one forward and one backward, by conjugate gradients; `passes` is
-        /// then their maximum.
+        /// then the maximum number of passes.
         accelerate: bool,
     },
-    /// Stepwise fitting over a store: degrees 0 to `start_degree` together, then one at a time, in one pass.
+    /// Stepwise fitting over a store: degrees 0 to `start_degree` together, then degree by degree, in one pass.
     Sirf {
         /// Last degree of the first block, s.
         start_degree: usize,
@@ -38,7 +38,7 @@ pub enum Method {
         passes: usize,
         /// Last degree of the first block, s.
         start_degree: usize,
-        /// As for [`Method::Irf`].
+        /// Whether to accelerate pairs of passes, as for [`Method::Irf`].
         accelerate: bool,
     },
     /// The full least squares over a store, all degrees in one block.
@@ -114,7 +114,7 @@ pub enum Smoothness {
     /// sphere made by parametrisation.
     #[default]
     Default,
-    /// This lambda, finite and not negative.
+    /// A given lambda, finite and not negative.
     Fixed(f64),
     /// For each target, the lambda that minimises generalised cross-validation.
     Auto,
@@ -147,14 +147,14 @@ impl FromStr for Smoothness {
 /// Preconditioner of the iterations of the full least squares.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Preconditioner {
-    /// Chooses: the density of uneven samples, if computing their moments pays off, and later a Cholesky factor of the
-    /// normal equations, if iterations are slow and memory allows.
+    /// Automatic: the density of uneven samples, if computing their moments pays off, and later a Cholesky factor of
+    /// the normal equations, if iterations are slow and memory allows.
     #[default]
     Auto,
-    /// None.
+    /// No preconditioner.
     None,
-    /// The density of uneven samples, from their moments. None if the samples are even, if there is a smoothness
-    /// penalty, or, with a warning, if memory doesn't suffice.
+    /// The density of uneven samples, from their moments. It isn't used if the samples are even, if there is a
+    /// smoothness penalty, or, with a warning, if memory doesn't suffice.
     Density,
     /// No iterations: a Cholesky factor of the normal equations from the start.
     Factor,
@@ -199,7 +199,7 @@ impl FromStr for Preconditioner {
 pub struct FitParams {
     /// Highest degree, L, inclusive; at most [`MAX_DEGREE`].
     pub max_degree: usize,
-    /// How the coefficients are found.
+    /// Method that computes the coefficients.
     pub method: Method,
     /// Whether meshes are fitted as surfaces or at their vertices, for [`Method::Lsq`].
     pub objective: Objective,
@@ -228,15 +228,15 @@ pub struct FitParams {
     pub preconditioner: Preconditioner,
     /// Whether a fit that misses the tolerance is an error rather than a warning.
     pub strict: bool,
-    /// Folder of the basis store: of the basis for the methods over a store, of an optional factor for [`Method::Lsq`].
+    /// Folder of the basis store, with the basis for methods over a store, or an optional factor for [`Method::Lsq`].
     pub store: Option<PathBuf>,
-    /// Scalar type of the basis; by default that of the store's basis, f64 if it has both.
+    /// Scalar type of the basis; by default the type found in the store, f64 if it has both types.
     pub scalar: Option<Scalar>,
     /// Whether to verify the entire basis against its hash before fitting.
     pub verify: bool,
     /// Memory budget in bytes, mapped files included; for the default see [`memory_budget`](Self::memory_budget).
     pub memory: Option<usize>,
-    /// Number of threads; by default that of the rayon pool of the call.
+    /// Number of threads; by default the number of threads of the caller's rayon pool.
     pub threads: Option<usize>,
 }
 
@@ -303,7 +303,7 @@ impl FitParams {
         CaldParams { area: self.area.unwrap_or(usual.area), ..usual }
     }
 
-    /// Checks all that doesn't depend on a sphere.
+    /// Checks all settings that don't depend on a sphere.
     ///
     /// # Errors
     ///

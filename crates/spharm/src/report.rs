@@ -20,13 +20,14 @@ pub struct FitReport {
     /// Mean squared distance at the vertices, bounding box scaled to volume 1; none for targets without volume.
     #[serde(skip)]
     pub msd: Option<f64>,
-    /// Maximal squared distance at the vertices, scaled likewise.
+    /// Maximal squared distance at the vertices, bounding box scaled to volume 1; none for targets without volume.
     #[serde(skip)]
     pub xsd: Option<f64>,
-    /// Mean squared distance at the centres of some of the triangles, scaled likewise; none also without triangles.
+    /// Mean squared distance at the centres of some triangles, bounding box scaled to volume 1; none without volume or
+    /// triangles.
     #[serde(skip)]
     pub off_vertex: Option<f64>,
-    /// Distances at the vertices after each sweep; the last are those of the model.
+    /// Distances at the vertices after each sweep; the last entry is for the final model.
     pub passes: Vec<Distances>,
     /// Distances between the model and its surface, both ways, if a surface was fitted.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -34,10 +35,10 @@ pub struct FitReport {
     /// Distances at the centres of some of the triangles, for a surface over a sphere with triangles.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub between: Option<Distances>,
-    /// Distances at the held-out vertices and at the others.
+    /// Distances at the held-out vertices and at the fitted vertices.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub held_out: Option<HeldOut>,
-    /// The noise that was estimated and removed, of a surface or of each channel of a signal. Empty without denoising.
+    /// The noise that was estimated and removed: once for a surface, else for each channel. Empty without denoising.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub denoise: Vec<Denoised>,
     /// Smoothness penalty, lambda; zero for the methods that have none.
@@ -62,11 +63,11 @@ pub struct Denoised {
     #[serde(flatten)]
     pub noise: Denoise,
     /// Rms of the detail beyond the fit's degree, per channel, in the target's unit, estimated at held-out vertices;
-    /// none if these are too few for an estimate.
+    /// none if there are too few vertices for an estimate.
     pub left_out: Option<f64>,
 }
 
-/// Settings that a target was fitted with.
+/// Settings with which a target was fitted.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct Settings {
@@ -78,7 +79,7 @@ pub struct Settings {
     pub area: Option<f64>,
     /// Choice of the penalty: `default`, `fixed`, `auto` or `denoise`.
     pub penalty: &'static str,
-    /// `uniform`, `area`, or the name of the weights given.
+    /// Name of the weights: `uniform`, `area`, or the name given with them.
     pub weights: String,
     /// Hash of the weights given, see [`Weights::hash`](crate::Weights::hash).
     pub weights_hash: Option<String>,
@@ -100,7 +101,7 @@ pub struct Settings {
     pub meta: Meta,
 }
 
-/// Report of each method on the targets that it fitted together.
+/// Report on the targets that were fitted together, by kind of method.
 #[derive(Debug, Clone, Serialize)]
 #[serde(untagged)]
 #[non_exhaustive]
@@ -122,8 +123,8 @@ pub enum BatchReport {
         max_degree: usize,
         /// Rings and azimuths of the grid.
         grid: [usize; 2],
-        /// For each target: mean and maximum over the vertices of the squared norm of its residual, in its unit
-        /// squared.
+        /// For each target: mean and maximum over the vertices of the squared norm of its residual, in the square of
+        /// the target's unit.
         residuals: Vec<ResidualNorms>,
     },
 }
@@ -146,16 +147,16 @@ impl BatchReport {
     }
 }
 
-/// Wall time of a call, by kind of work.
+/// Wall time of a call in seconds, by kind of work.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct Seconds {
     /// Reading targets.
     pub read: f64,
-    /// Planning memory and making transforms.
+    /// Planning memory and preparing transforms.
     pub plan: f64,
     /// Solving.
     pub solve: f64,
-    /// Assessing the fits and handing them over.
+    /// Assessing fits and passing them on.
     pub write: f64,
 }
 
@@ -169,6 +170,6 @@ pub struct ManyReport {
     pub scalar: Scalar,
     /// A report on each batch of targets that were fitted together, in order.
     pub batches: Vec<BatchReport>,
-    /// Wall time.
+    /// Wall time of the call.
     pub seconds: Seconds,
 }

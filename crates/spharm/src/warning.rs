@@ -15,7 +15,7 @@ const DETAIL: f64 = 0.3;
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum FitWarning {
-    /// The model is far from the surface between the vertices, which don't determine it there.
+    /// The model is far from the surface between the vertices: the vertices don't determine it there.
     Oscillation {
         /// Rms distance between the vertices, relative to the rms distance at the vertices.
         ratio: f64,
@@ -33,7 +33,7 @@ pub enum FitWarning {
     },
     /// There are fewer vertices than coefficients, so the default smoothness penalty determined the solution.
     FewVertices {
-        /// Vertices.
+        /// Number of vertices.
         vertices: usize,
         /// Number of coefficients of a channel.
         functions: usize,
@@ -46,7 +46,7 @@ pub enum FitWarning {
         optimality: f64,
         /// Requested optimality.
         tolerance: f64,
-        /// Iterations and refinements.
+        /// Number of iterations and refinements.
         steps: usize,
     },
     /// The sampling doesn't determine a block of degrees, and its minimum-norm solution was used.
@@ -57,25 +57,25 @@ pub enum FitWarning {
         last_degree: usize,
         /// Numerical rank.
         rank: usize,
-        /// Columns of the block.
+        /// Number of columns of the block.
         columns: usize,
     },
     /// A factor in the store doesn't match this fit or can't be read.
     FactorUnusable {
-        /// Why.
+        /// Reason why the factor isn't used.
         reason: String,
     },
     /// The samples don't determine the degree: there are too few of them, or none in a part of the sphere.
     Gap {
         /// Highest degree of the fit.
         max_degree: usize,
-        /// Samples with weight.
+        /// Number of samples with nonzero weight.
         samples: u64,
         /// Number of coefficients of a channel.
         functions: usize,
-        /// Diameter of the largest cap without samples, degrees.
+        /// Diameter of the largest cap without samples, in degrees.
         largest_gap: f64,
-        /// Resolution at the highest degree, `pi / L`, degrees.
+        /// Resolution at the highest degree, `pi / L`, in degrees.
         resolved: f64,
     },
     /// Detail beyond the degree of a denoised fit was treated as noise.
@@ -84,7 +84,7 @@ pub enum FitWarning {
         max_degree: usize,
         /// Rms of the detail, in the target's unit.
         left_out: f64,
-        /// The estimated noise, which includes the detail.
+        /// Standard deviation of the estimated noise, which includes the detail.
         sigma: f64,
     },
     /// Standard errors were computed for a fit weighted by areas.
@@ -150,8 +150,8 @@ impl Serialize for FitWarning {
 }
 
 impl FitWarning {
-    /// Returns the warnings of a least-squares report. `by_default` is the number of vertices with weight if the
-    /// smoothness is the default of a parametrised sphere.
+    /// Returns the warnings of a least-squares report. `by_default` is the number of vertices with nonzero weight if
+    /// the smoothness is the default of a parametrised sphere, else `None`.
     pub(crate) fn of_lsq(report: &LsqReport, tolerance: f64, by_default: Option<usize>) -> Vec<Self> {
         let mut warnings = Vec::new();
         let singular = report.shift > 0.0;

@@ -1,4 +1,4 @@
-//! Targets read a few at a time, fitted in batches, assessed, and handed over.
+//! Reads targets a few at a time, fits them in batches, assesses the fits and passes them on.
 
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -22,7 +22,7 @@ use crate::{Error, Fit, FitWarning, Objective};
 type Read<'a, E> = &'a (dyn Fn(usize) -> Result<Target, E> + Sync);
 type Done<'a, T, E> = &'a (dyn Fn(usize, Result<Fit, E>) -> Result<T, E> + Sync);
 
-/// A running call: targets read a few at a time, and the results so far.
+/// State of a running call: targets that were read ahead, and the results so far.
 pub(crate) struct Run<'a, T, E> {
     pub(crate) job: Job<'a>,
     pub(crate) monitor: &'a dyn Monitor,
@@ -31,27 +31,27 @@ pub(crate) struct Run<'a, T, E> {
     pub(crate) results: Vec<(usize, T)>,
     pub(crate) batches: Vec<BatchReport>,
     pub(crate) seconds: Seconds,
-    /// Number of targets that are read at a time: that of the method's memory plan, or one before a plan exists.
+    /// Number of targets read at the same time: given by the method's memory plan, and 1 before a plan exists.
     pub(crate) readers: usize,
     read: Read<'a, E>,
     done: Done<'a, T, E>,
-    /// The next target to read; `ready` are the targets read that aren't in a batch yet.
+    /// Index of the next target to read. `ready` contains the targets that were read but aren't in a batch yet.
     next: usize,
     ready: VecDeque<Ready>,
 }
 
-/// A target that was read: its index, its values scaled to a range in which their squares are finite, and the exponents
-/// of the divisors.
+/// A target that was read: its index, its values divided by powers of two so that their squares are finite, and the
+/// exponents of these powers.
 type Ready = (usize, Target, Exponents);
 
 /// A target's index and the result of reading it.
 type Found<E> = (usize, Result<(Target, Exponents), E>);
 
-/// Targets that are fitted together, and the columns of each.
+/// Targets that are fitted together, and the range of each target's columns.
 pub(crate) struct Batch {
     numbers: Vec<usize>,
     targets: Vec<Target>,
-    /// Exponents of each target.
+    /// Exponents of the powers of two by which each target was divided.
     pub(crate) exponents: Vec<Exponents>,
     pub(crate) groups: Vec<Range<usize>>,
 }
@@ -64,15 +64,16 @@ pub(crate) struct Solved {
     pub(crate) sweeps: Vec<(bool, Vec<ResidualNorms>)>,
     /// Standard errors in the layout of the coefficients, if requested.
     pub(crate) standard_errors: Option<Array2<f64>>,
-    /// For each target, the noise removed from it, or from each of its channels. Empty without denoising.
+    /// For each target, the noise removed from it or from each of its channels. Empty without denoising.
     pub(crate) denoised: Vec<Vec<Denoised>>,
-    /// Distances of each target, if they were measured.
+    /// Distances of each target's surface from its model, if they were measured.
     pub(crate) surface_distances: Vec<Option<SurfaceDistances>>,
     /// Warnings of all targets.
     pub(crate) warnings: Vec<FitWarning>,
-    /// Solution of each target if they were solved one after another; empty if they were solved together.
+    /// Results of each target if targets were solved one after another; empty if they were solved together.
     pub(crate) per_target: Vec<PerTarget>,
-    /// Model of each target at the centres of some triangles, (places, c). Empty if the method hasn't evaluated them.
+    /// Values of each target's model at the centres of some triangles, (p, c). Empty if the method doesn't compute
+    /// them.
     pub(crate) at_centres: Vec<Array2<f64>>,
     pub(crate) report: BatchReport,
 }
@@ -116,7 +117,7 @@ impl Batch {
     }
 
     /// Measures the distances of the models with these coefficients, (K, columns), from their surfaces, one after
-    /// another, since each uses all threads.
+    /// another, since each measurement uses all threads.
     pub(crate) fn surface_distances(
         &self,
         model_surface: &ModelSurface,
@@ -142,8 +143,8 @@ impl Batch {
     }
 }
 
-/// Replaces the values at unread vertices by those of the first vertex that is read, so that they don't affect units
-/// and sizes. Refuses values elsewhere that aren't finite.
+/// Replaces the values at unread vertices by the values at the first vertex that is read, so that they don't affect
+/// units and sizes. Returns an error if a value at another vertex isn't finite.
 fn hide(target: &mut Target, unread: Option<&[bool]>) -> Result<(), Error> {
     target.check_finite(unread)?;
     let Some(unread) = unread else { return Ok(()) };
@@ -155,7 +156,7 @@ fn hide(target: &mut Target, unread: Option<&[bool]>) -> Result<(), Error> {
     Ok(())
 }
 
-/// Refuses a target whose number of rows isn't the number of the sphere's directions.
+/// Returns an error if a target's number of rows differs from the number of the sphere's directions.
 fn check(target: &Target, sphere: &Sphere) -> Result<(), Error> {
     let (expected, found) = (sphere.directions.len(), target.values.len() / target.channels.max(1));
     if target.channels > 0 && target.values.len() == expected * target.channels {
@@ -173,7 +174,7 @@ fn values(target: &Target) -> ArrayView2<'_, f64> {
 }
 
 impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
-    /// Reads the first target that can be read.
+    /// Creates the state of a call, and reads targets until one can be read.
     pub(crate) fn new(
         job: Job<'a>,
         count: usize,
@@ -203,9 +204,9 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
         Ok(self.ready.front().map(|(_, target, _)| self.job.fits_surface(target.kind)))
     }
 
-    /// Fits batch after batch with at most `columns` columns, or a single target with more, and passes on the fits.
-    /// Stops when all are done, or when the next target is to be fitted as a surface and the last wasn't, or vice
-    /// versa.
+    /// Fits batches of at most `columns` columns, or of a single target with more, and passes the fits on. Stops when
+    /// all targets are done, or when the next target differs in its objective: a surface after fits of vertices, or
+    /// vice versa.
     pub(crate) fn each_batch(
         &mut self,
         columns: usize,
@@ -222,8 +223,8 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
         Ok(())
     }
 
-    /// Fits a batch and passes on its fits. If the tolerance isn't met, each target is fitted alone, to find those that
-    /// meet it.
+    /// Fits a batch and passes its fits on. If the batch misses the tolerance, each target is fitted alone, to find the
+    /// targets that reach it.
     fn solve(
         &mut self,
         batch: Batch,
@@ -254,7 +255,7 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
         Ok(())
     }
 
-    /// Reads the next few targets, and further ones if none of them can be read.
+    /// Reads the next few targets. If none of them can be read, reads further targets until one can.
     fn fill(&mut self) -> Result<(), E> {
         let (read, job) = (self.read, &self.job);
         let (sphere, unread) = (job.sphere, job.unread.as_deref());
@@ -282,8 +283,8 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
         Ok(())
     }
 
-    /// Takes as many targets as have at most `columns` columns together, but at least one. All have the same unit, and
-    /// either all or none of them are fitted as surfaces.
+    /// Takes as many targets as have at most `columns` columns together, but at least one. All have the same exponents
+    /// of scaling, and either all or none of them are fitted as surfaces.
     fn next_batch(&mut self, columns: usize) -> Result<Batch, E> {
         let (mut taken, mut width): (Vec<Ready>, usize) = (Vec::new(), 0);
         let surface = self.next_is_surface()?;

@@ -10,7 +10,7 @@ use crate::{Error, FitParams, Method};
 
 /// Checks that memory suffices to fit a surface over a sphere with its vertices, before that sphere exists.
 ///
-/// The plan of a fit over a store depends on the store, so those methods are checked when the fit starts.
+/// The memory plan of a method over a store depends on the store. Such methods are only checked when the fit starts.
 ///
 /// # Errors
 ///

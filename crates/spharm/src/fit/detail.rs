@@ -1,16 +1,16 @@
-//! Detail beyond the degree of a denoised fit, estimated at vertices that are held out.
+//! Estimates the detail beyond the degree of a denoised fit, at vertices that are held out.
 //!
 //! The part of a target beyond the degree of the fit is in the residual, and is treated as noise. If it is larger than
-//! the noise, denoising removes detail. That can be detected at held-out vertices: a fit to 1.5 times the degree, with
-//! the penalties extrapolated by a power of the degree, is closer to them,
+//! the noise, denoising removes detail. Held-out vertices show this: a second fit to 1.5 times the degree, with the
+//! penalties extrapolated by a power of the degree, has a smaller error there,
 //!
 //! ```text
 //! detail^2 = e_L^2 - e_L'^2,    L' = 3 L / 2, with at most 4/5 as many functions as vertices
 //! ```
 //!
-//! with e the rms error at a tenth of the vertices. That is the part of the detail that the vertices reveal; there may
-//! be more. If noise dominates the highest degree almost entirely, further degrees reveal nothing, and nothing is
-//! fitted.
+//! with e_L and e_L' the rms errors of the two fits at a held-out tenth of the vertices. This is only the part of the
+//! detail that the vertices reveal; there may be more. If noise dominates the highest degree almost entirely, higher
+//! degrees reveal nothing, and no fits are made.
 //!
 //! Cost: two fits by conjugate gradients to a tolerance of 1e-4.
 
@@ -26,13 +26,13 @@ use super::lsq_plan::transform;
 use crate::Error;
 use crate::assess::HoldOut;
 
-/// Gain of the highest degree below which noise dominates the degrees beyond it.
+/// Gain of the highest degree below which noise is assumed to dominate all higher degrees, too.
 const COVERED: f64 = 0.05;
-/// Share of held-out vertices.
+/// Fraction of the vertices that is held out.
 const HELD_OUT: f64 = 0.1;
 
 /// Returns the rms of the detail beyond the fit's degree that the vertices reveal, per channel, in the target's unit.
-/// `None` if it is unknown: if there are too few vertices for a higher degree, or too little memory.
+/// Returns `None` if there are too few vertices for a higher degree, or too little memory.
 pub(crate) fn left_out(
     job: &Job<'_>,
     precision: Option<&[f64]>,
@@ -58,7 +58,7 @@ pub(crate) fn left_out(
         return Ok(None);
     }
     monitor.note(Level::Status, format_args!("vertices held out, degree {higher}"));
-    // The penalties were chosen for weights with a different sum if the vertices are weighted by areas.
+    // If the vertices are weighted by areas, the penalties were chosen for weights with a different sum.
     let all = precision.map_or(n as f64, |precision| precision.iter().sum());
     let scale = all / job.weights.as_ref().map_or(n as f64, |weights| weights.iter().sum());
     let error = |max_degree: usize, penalty: &[f64]| -> Result<f64, Error> {
@@ -88,8 +88,8 @@ fn at_held_out(residual: &Array2<f64>, weights: &[f64], precision: Option<&[f64]
     sum / count.max(1) as f64
 }
 
-/// Extrapolates penalties to more degrees: by the power of the degree that those of the upper half follow, fitted by
-/// least squares of their logarithms.
+/// Extrapolates penalties to higher degrees by a power of the degree. The power is fitted to the penalties of the upper
+/// half of the degrees, by least squares of the logarithms. `None` if fewer than three of these penalties are positive.
 fn continued(penalty: &[f64], degree: usize) -> Option<Vec<f64>> {
     let last = penalty.len() - 1;
     let upper = penalty.iter().enumerate().skip((last / 2).max(1));

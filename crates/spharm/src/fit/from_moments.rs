@@ -1,4 +1,4 @@
-//! The full least squares from moments of samples, without the samples themselves.
+//! Computes the full least squares from moments of samples, without the samples themselves.
 
 use ndarray::{Array2, s};
 use serde::Serialize;
@@ -44,19 +44,20 @@ pub struct MomentsReport {
     pub scheme: Option<SchemeKey>,
     /// Names of the channels, (c).
     pub channels: Vec<String>,
-    /// Number of samples with weight.
+    /// Number of samples with nonzero weight.
     pub samples: u64,
     /// Sum of the weights.
     pub weight: f64,
-    /// Root of the weighted mean of the squared residual, of each channel, (c), in its unit.
+    /// Root of the weighted mean of each channel's squared residual, (c), in the channel's unit.
     pub rms: Vec<f64>,
-    /// The share of `sum w f^2` that the model explains, of each channel, (c).
+    /// Share of each channel's `sum w f^2` that the model explains, (c).
     pub explained: Vec<f64>,
-    /// Diameter of the largest cap without samples, degrees; limited by the resolution of the moments.
+    /// Diameter of the largest cap without samples, in degrees; its accuracy is limited by the resolution of the
+    /// moments.
     pub largest_gap: f64,
-    /// Resolution at the highest degree, `pi / L`, degrees; none at degree 0.
+    /// Resolution at the highest degree, `pi / L`, in degrees; none at degree 0.
     pub resolved: Option<f64>,
-    /// The noise that was estimated and removed, of a surface or of each channel. Empty without denoising.
+    /// The noise that was estimated and removed: once for a surface, else for each channel. Empty without denoising.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub denoise: Vec<Denoise>,
     /// The solver's report.
@@ -68,10 +69,10 @@ pub struct MomentsReport {
     pub warnings: Vec<FitWarning>,
 }
 
-/// Condition number of the basis above which the samples don't determine some functions of the degree.
+/// Condition number of the basis at the samples above which they don't determine some functions of the degree.
 const UNDETERMINED: f64 = 1e6;
 
-/// Fits the samples of which moments were computed, to any degree up to that of the moments. From `params` it uses
+/// Fits samples, given by their moments, to any degree up to that of the moments. The settings used from `params` are
 /// degree, smoothness, denoising, standard errors, tolerance, iterations, preconditioner, strictness, memory and
 /// threads.
 ///
@@ -109,7 +110,7 @@ fn solve(moments: &Moments, params: &FitParams, monitor: &dyn Monitor) -> Result
     let functions = basis_size(max_degree);
     let budget = params.memory_budget();
     let threads = rayon::current_num_threads();
-    // The sums, their copies in the problem, and the vectors of conjugate gradients.
+    // Memory of the sums, of their copies in the problem, and of the vectors of conjugate gradients.
     let sums = 8 * (moments.sums.moments.len() + moments.sums.right_sides.len());
     let held = 2 * sums + 64 * functions * channels + MomentNormal::bytes(max_degree, channels, threads);
     if held > budget {
@@ -194,7 +195,7 @@ fn solve(moments: &Moments, params: &FitParams, monitor: &dyn Monitor) -> Result
     Ok(MomentsFit { coefficients: found.coefficients, standard_errors: found.standard_errors, report, provenance })
 }
 
-/// Refuses sums of squares that overflowed, or lost digits by underflow.
+/// Returns an error if sums of squares overflowed, or lost digits by underflow.
 fn check_range(moments: &Moments) -> Result<(), Error> {
     moments.out_of_range().map_or(Ok(()), |channel| {
         Err(Error::Setting {
@@ -210,7 +211,7 @@ fn is_surface(channels: &[String]) -> bool {
     matches!(channels, [x, y, z] if [x, y, z] == ["x", "y", "z"])
 }
 
-/// Replaces a plain fit by penalised ones, of a surface or of each channel; returns the removed noise.
+/// Replaces the plain fit by penalised fits, one for a surface or one for each channel; returns the removed noise.
 fn denoise(
     problem: &MomentProblem,
     solver: &LsqParams,

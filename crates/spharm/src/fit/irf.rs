@@ -1,4 +1,4 @@
-//! Iterative residual fitting over a store, with as many columns at a time as the memory allows.
+//! Runs iterative residual fitting over a store, with as many columns at a time as the memory allows.
 
 use std::time::Instant;
 
@@ -106,7 +106,7 @@ impl<'o> Planner<'o> {
         let columns = together * channels;
         let params = self.params(job, together, channels, reuse, moments.map(GramMatrix::bytes));
         let fitter = match moments {
-            // A target with more channels than the others may leave no memory for it.
+            // A target with more channels than the others may leave no memory for the Gram matrices from moments.
             Some(moments) if irf::plan(self.operator, columns, &params).is_ok() => {
                 IrfSolver::with_gram(self.operator, columns, params, moments)
             }
@@ -118,11 +118,11 @@ impl<'o> Planner<'o> {
         Ok(fitter)
     }
 
-    /// Returns the source of Gram matrices, for a basis in f64, if memory suffices to compute it, and to hold it
-    /// without blocks being read more often or factors being recomputed as a result.
+    /// Returns the source of Gram matrices from moments, for a basis in f64. Returns `None` if memory doesn't suffice
+    /// to compute it, or if blocks would be read more often or factors recomputed to make room for it.
     fn moments(&self, job: &Job<'_>, channels: usize, reuse: bool) -> Result<Option<MomentGram>, Error> {
         let max_degree = job.params.max_degree;
-        // It needs transforms of twice the degree, which may be beyond their range.
+        // The moments need transforms of twice the degree, which may exceed the transforms' highest degree.
         let Ok(making) = moment_gram_bytes(self.operator.rows(), max_degree) else { return Ok(None) };
         if job.scalar != Scalar::F64 || job.held(1, channels) + making > job.memory {
             return Ok(None);
@@ -147,8 +147,8 @@ impl<'o> Planner<'o> {
         Ok(Some(moment_gram(&job.sphere.directions, job.weights.as_deref(), max_degree)?))
     }
 
-    /// Returns the number of surfaces that fit the budget with every block entirely in memory; if that is zero, the
-    /// number that fit at all.
+    /// Returns the number of surfaces that fit the budget together if every block is held entirely in memory. If that
+    /// is zero, returns the number that fit with blocks read in parts.
     fn surfaces_together(
         &self,
         job: &Job<'_>,
@@ -168,12 +168,12 @@ impl<'o> Planner<'o> {
         }
         match (1..=most).rev().find(|&together| plan(together).is_ok()) {
             Some(together) => Ok(together),
-            // The error states the memory that suffices for one.
+            // The error states the memory that suffices for one surface.
             None => Ok(plan(1).map(|_| 1)?),
         }
     }
 
-    /// Returns the largest number of threads that fits the budget, at least one. Each thread has sums of its own, and
+    /// Returns the largest number of threads that fits the budget, at least one. Each thread accumulates its own sums;
     /// on a node with many cores these alone may exceed the budget.
     fn fitting_threads(&self, job: &Job<'_>, channels: usize, monitor: &dyn Monitor) -> usize {
         let asked = job.threads;

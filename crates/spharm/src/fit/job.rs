@@ -1,4 +1,4 @@
-//! Data shared by all methods: the sphere, the weights, the basis, the places of assessment.
+//! Data shared by all methods: the sphere, the weights, the basis, and the points at which models are assessed.
 
 use spharm_harmonics::basis_size;
 use spharm_monitor::{Level, Monitor};
@@ -10,13 +10,13 @@ use super::range::{smoothness_into_range, weights_into_range};
 use crate::assess::{HoldOut, OffVertex};
 use crate::{Error, FitParams, Method, Smoothness, Weights, defaults};
 
-/// A call's settings, resolved on its sphere.
+/// Settings of a call, resolved for its sphere.
 pub(crate) struct Job<'a> {
     pub(crate) sphere: &'a Sphere,
     /// The sphere with its transforms, if they are planned and serve this fit.
     pub(crate) planned: Option<&'a PlannedSphere>,
     pub(crate) params: &'a FitParams,
-    /// Weights of the vertices divided by 2^`weight_exponent`, (n); zero for held-out vertices.
+    /// Weights of the vertices, divided by 2^`weight_exponent`, (n); 0 at held-out vertices.
     pub(crate) weights: Option<Vec<f64>>,
     pub(crate) weight_exponent: i32,
     /// Marks vertices of weight 0, whose values are never read, (n); none if there are no such vertices. Held-out
@@ -24,7 +24,7 @@ pub(crate) struct Job<'a> {
     pub(crate) unread: Option<Vec<bool>>,
     pub(crate) hold_out: Option<HoldOut>,
     pub(crate) off_vertex: Option<OffVertex>,
-    /// The basis, for the methods over a store.
+    /// The basis, for methods that read a store.
     pub(crate) scheme: Option<Scheme>,
     pub(crate) key: SchemeKey,
     pub(crate) scalar: Scalar,
@@ -99,13 +99,13 @@ impl<'a> Job<'a> {
         default && sphere.parametrized && params.method == Method::Lsq
     }
 
-    /// Returns a requested smoothness penalty, scaled in the same way as the weights here.
+    /// Returns a requested smoothness penalty, scaled in the same way as `weights`.
     pub(crate) fn fixed_smoothness(&self, lambda: f64) -> f64 {
         smoothness_into_range(lambda, self.weight_exponent)
     }
 
-    /// Returns the smoothness penalty of all targets that are fitted at their vertices, unless it is chosen for each of
-    /// them.
+    /// Returns the smoothness penalty of targets that are fitted at their vertices; 0 if a penalty is chosen for each
+    /// target.
     pub(crate) fn smoothness(&self) -> f64 {
         let Self { params, sphere, weights, .. } = self;
         match params.smoothness {
@@ -118,15 +118,15 @@ impl<'a> Job<'a> {
         }
     }
 
-    /// Returns the memory in bytes held outside the solver while `together` targets are fitted together, and up to that
-    /// many are read at a time, limited by the number of threads.
+    /// Returns the memory in bytes held outside the solver while `together` targets are fitted together. Meanwhile
+    /// targets are read: at most `together` at a time, and at most one per thread.
     pub(crate) fn held(&self, together: usize, channels: usize) -> usize {
         held(self.sphere.directions.len(), self.sphere.faces.len(), together, channels, self.threads.min(together))
     }
 }
 
 /// Returns the memory in bytes held outside the solver: the program, the sphere, the targets as read, and the buffers
-/// of those that are being read or written.
+/// of targets that are being read or written.
 pub(crate) fn held(vertices: usize, faces: usize, together: usize, channels: usize, readers: usize) -> usize {
     /// Bytes of the program, its stacks and its allocator, measured on a fit of a small mesh.
     const BASE: usize = 12 << 20;

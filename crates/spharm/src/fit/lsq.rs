@@ -1,4 +1,4 @@
-//! The full least squares by fast transforms, without a basis, at the vertices.
+//! Fits targets at their vertices by the full least squares, by fast transforms instead of a basis.
 
 use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -22,7 +22,7 @@ use super::shared::{NestedMonitor, allowed, check_auto, converged, note_solution
 use crate::report::{BatchReport, Denoised};
 use crate::{Error, FitParams, FitWarning, Smoothness, Weights, defaults};
 
-/// Fits targets at their vertices, until the next one is to be fitted as a surface.
+/// Fits targets at their vertices, until the next target is to be fitted as a surface.
 pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Result<(), E> {
     let (monitor, channels, count) = (run.monitor, run.channels(), run.count - run.results.len());
     let mark = Instant::now();
@@ -33,13 +33,13 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     if automatic {
         check_auto(job.vertices_with_weight(), params.max_degree)?;
     }
-    // If each target has its own smoothness, each is a batch.
+    // A batch has one target if each target has its own smoothness.
     let most = if automatic { 1 } else { (defaults::MOST_COLUMNS / channels).clamp(1, count.max(1)) };
     let (plan, together) = plan(job, channels, most)?;
     note_plan(job, &plan, count, together, monitor);
     let transform = transform(params.max_degree, plan.channels_at_a_time);
     let n = directions.len();
-    // If this fails, moments can't be computed either.
+    // If their size can't be computed, moments can't be either.
     let moment_bytes = MatrixFreeOperator::moment_bytes(&transform, n, together * channels, job.threads);
     let moment_bytes = moment_bytes.unwrap_or(usize::MAX);
     let shared = moments_pay(n, params.max_degree, together * channels, params.tolerance)
@@ -66,7 +66,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
         let gram = moment_gram(directions, weights.as_deref(), params.max_degree)?;
         Ok(Box::new(gram) as Box<dyn GramMatrix>)
     };
-    // Moments are shared with each target's own solver.
+    // Moments are computed once, and shared with the solvers of single targets.
     let moments = Mutex::new(None);
     let make_moments = |accuracy: f64, targets: Option<&Array2<f64>>| {
         let mut moments = moments.lock().unwrap_or_else(PoisonError::into_inner);
@@ -93,7 +93,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
         monitor,
     };
     let readers = plan.readers(together, of_moments, job.threads);
-    // One factor serves all batches, unless each target has its own smoothness.
+    // One solver, with its factor, serves all batches, unless each target has its own smoothness.
     let mut shared = equations.solver(equations.solver.clone())?;
     let fit_noise = |noise: &Array2<f64>| {
         let columns = 0..noise.ncols();
@@ -115,7 +115,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     })
 }
 
-/// The normal equations that all batches share.
+/// The normal equations shared by all batches.
 struct Equations<'a> {
     params: &'a FitParams,
     operator: &'a dyn Operator,
@@ -125,7 +125,7 @@ struct Equations<'a> {
     solver: LsqParams,
     /// Warnings that apply to every fit.
     warnings: Vec<FitWarning>,
-    /// Number of vertices with weight, if the smoothness is the default of a parametrised sphere.
+    /// Number of vertices with nonzero weight, if the smoothness is the default of a parametrised sphere; else `None`.
     smooth_by_default: Option<usize>,
     monitor: &'a dyn Monitor,
 }
@@ -134,7 +134,7 @@ struct Equations<'a> {
 type Removed = (Option<Array2<f64>>, Vec<Vec<Denoised>>);
 
 impl<'a> Equations<'a> {
-    /// Returns a solver for a penalty without a factor in the store.
+    /// Returns a solver that doesn't use a factor in the store, for any penalty.
     fn unfactored(&self, params: LsqParams) -> Result<LsqSolver<'a>, Error> {
         let solver = LsqSolver::new(self.operator, Some(self.make_gram), params)?;
         Ok(solver.with_limits(&allowed).with_moments(self.make_moments))
@@ -195,7 +195,7 @@ impl<'a> Equations<'a> {
         })
     }
 
-    /// Replaces the plain fits of a batch by penalised ones. Returns standard errors, if requested, and the removed
+    /// Replaces the plain fits of a batch by penalised fits. Returns standard errors, if requested, and the removed
     /// noise.
     fn denoise(
         &self,
@@ -278,14 +278,14 @@ fn solver_params(job: &Job<'_>, smoothness: f64, plan: &LsqPlan, together: usize
         max_iterations: params.max_iterations,
         memory: plan.budget,
         held: plan.needed(together),
-        // If this fails, the matrix can't be computed either.
+        // If the size of the matrix can't be computed, neither can the matrix.
         gram_bytes: moment_gram_bytes(job.sphere.directions.len(), params.max_degree).unwrap_or(0),
         moment_bytes,
         threads: job.threads,
     }
 }
 
-/// Returns the penalty of all targets, unless it is chosen for each.
+/// Returns the smoothness penalty of all targets; 0 if a penalty is chosen for each target.
 fn smoothness(job: &Job<'_>, monitor: &dyn Monitor) -> f64 {
     let smoothness = job.smoothness();
     if smoothness > 0.0 && job.smooth_by_default() {
@@ -303,7 +303,7 @@ fn stored_factor(
     warnings: &mut Vec<FitWarning>,
     monitor: &dyn Monitor,
 ) -> Result<Option<StoredFactor>, Error> {
-    // Factors in the store are of unscaled weights and smoothness.
+    // Factors in the store are computed with unscaled weights and smoothness: a fit with scaled weights can't use them.
     let Some(store) = job.params.store.as_ref().filter(|_| job.weight_exponent == 0) else { return Ok(None) };
     let mut refused = None;
     // Look for the scheme with either scalar type of its basis.

@@ -6,7 +6,8 @@ use spharm_transform::{FINEST, Transform, TransformParams};
 use super::job::{held, reading};
 use crate::{Error, defaults};
 
-/// Number of channels that a transform processes at a time; more are slower, since they don't fit the caches.
+/// Number of channels that a transform processes at a time. A larger number is slower, since the data exceed the
+/// caches.
 const CHANNELS_AT_A_TIME: usize = 3;
 
 /// Memory of a fit, in bytes.
@@ -17,9 +18,9 @@ pub(crate) struct LsqPlan {
     pub(crate) channels_at_a_time: usize,
     /// Memory independent of the number of targets.
     fixed: usize,
-    /// Memory of a target's columns in all arrays.
+    /// Memory of the columns of one target in all arrays.
     each: usize,
-    /// Memory for reading a target.
+    /// Memory for reading one target while others are fitted.
     reading: usize,
 }
 
@@ -35,15 +36,15 @@ pub(crate) struct Sizes {
 }
 
 impl LsqPlan {
-    /// Plans fits of targets, with as many of their channels in a transform as the budget allows.
+    /// Plans the memory of fits, with as many of a target's channels in one transform as the budget allows.
     ///
     /// # Errors
     ///
     /// [`Error::Memory`] if one target doesn't fit the budget.
     pub(crate) fn new(sizes: Sizes, budget: usize) -> Result<Self, Error> {
         let Sizes { vertices, faces, max_degree, channels, denoise } = sizes;
-        // Targets, residual and intermediate samples, and those of the plain fit if a penalised one follows; the
-        // vectors of conjugate gradients.
+        // For each target: the target, its residual and intermediate samples; the samples of the plain fit if a
+        // penalised fit follows; the vectors of conjugate gradients.
         let samples = if denoise { 6 } else { 4 };
         let each = 8 * channels * (samples * vertices + 8 * basis_size(max_degree));
         let held = held(vertices, faces, 1, channels, 1);
@@ -73,8 +74,8 @@ impl LsqPlan {
         self.budget.saturating_sub(self.needed(together))
     }
 
-    /// Returns the number of threads that may read targets at a time while `together` are fitted together, and `taken`
-    /// bytes are reserved for moments.
+    /// Returns the number of threads that may read targets at the same time. Meanwhile `together` targets are fitted
+    /// together, and `taken` bytes are reserved for moments.
     pub(crate) fn readers(&self, together: usize, taken: usize, threads: usize) -> usize {
         let more = self.spare(together).saturating_sub(taken) / self.reading.max(1);
         (1 + more).min(threads)
@@ -94,8 +95,8 @@ pub(crate) fn quadrature_readers(sizes: Sizes, budget: usize, threads: usize) ->
     let Sizes { vertices, faces, max_degree, channels, .. } = sizes;
     let grid = 2 * (max_degree + 1) * (max_degree + 1);
     let transform = |n: usize| Transform::bytes(&quadrature_transform(max_degree), n, channels);
-    // The grid's directions, weights and samples, the latter twice while they are reordered for the transform; targets,
-    // synthesis and residual.
+    // The grid's directions, weights and samples; samples are counted twice, since they are reordered for the
+    // transform. Targets, synthesis and residual.
     let arrays = grid * (32 + 16 * channels) + 24 * channels * vertices + 16 * channels * basis_size(max_degree);
     let held = held(vertices, faces, 1, channels, 1) + BYTES_PER_TRIANGLE * faces;
     let needed = held + arrays + transform(grid)? + transform(vertices)?;
@@ -105,7 +106,7 @@ pub(crate) fn quadrature_readers(sizes: Sizes, budget: usize, threads: usize) ->
     Ok((1 + (budget - needed) / reading(vertices, faces, channels).max(1)).min(threads))
 }
 
-/// Returns the settings of quadrature's transforms, two surfaces at a time.
+/// Returns the settings of quadrature's transforms, for the channels of two surfaces at a time.
 pub(crate) fn quadrature_transform(max_degree: usize) -> TransformParams {
     TransformParams { max_degree, accuracy: FINEST, channels: 6 }
 }

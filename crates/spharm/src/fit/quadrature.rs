@@ -1,8 +1,8 @@
-//! Coefficients by quadrature: the surface resampled to a Gauss-Legendre grid, and analysed there exactly.
+//! Computes coefficients by quadrature: the surface is resampled to a Gauss-Legendre grid and analysed there exactly.
 //!
-//! On L + 1 Gauss-Legendre rings of 2 L + 2 azimuths the coefficients of a function of degree L are the sums of its
-//! values there times S_{l,m} and weights, without solving equations. This fits the surface between the vertices,
-//! linear over the sphere's triangles, rather than the vertices alone: it doesn't minimise the distances at the
+//! On a grid of L + 1 Gauss-Legendre rings with 2 L + 2 azimuths each, the coefficients of a function of degree L are
+//! sums over the grid of its values times S_{l,m} times weights. No equations are solved. The method fits the surface,
+//! which is linear on the sphere's triangles, rather than the vertices alone. It doesn't minimise the distances at the
 //! vertices, and the surface's part above degree L is aliased into the coefficients. D. M. Healy, D. N. Rockmore, P. J.
 //! Kostelec and S. Moore, "FFTs for the 2-sphere: improvements and variations", J. Fourier Anal. Appl. 9 (2003).
 
@@ -60,11 +60,11 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     Ok(())
 }
 
-/// Quadrature over one sphere, to one degree.
+/// Quadrature over one sphere, for models of one degree.
 pub struct Quadrature {
     locator: SphereLocator,
     grid: Directions,
-    /// Weights of the grid's directions, for integrals over the sphere.
+    /// Weights of the grid's directions in integrals over the sphere.
     weights: Vec<f64>,
     analysis: Transform,
 }
@@ -127,7 +127,7 @@ mod tests {
     use spharm_surface::generate::icosphere;
     use spharm_transform::{FINEST, TransformParams};
 
-    /// Quadrature itself is exact: values on the grid give the coefficients back.
+    /// Quadrature itself is exact: from a model's values on the grid it computes the model's coefficients.
     #[test]
     fn analysis_is_exact_on_the_grid() {
         let max_degree = 17;
@@ -142,7 +142,7 @@ mod tests {
         assert!((found - known).iter().all(|d| d.abs() < 1e-11));
     }
 
-    /// Interpolation over triangles is of second order: sixteen times as many vertices, a sixteenth of the error.
+    /// Interpolation over triangles is of second order: with sixteen times as many vertices the error is a sixteenth.
     #[test]
     fn the_error_is_that_of_linear_interpolation() {
         let known = Array2::from_shape_fn((16, 1), |(k, _)| (k as f64).cos());

@@ -1,9 +1,10 @@
-//! Scaling of targets and weights whose squares would overflow or underflow.
+//! Scales targets and weights whose squares would overflow or underflow.
 //!
-//! A fit is linear in its target and in the weights together with the penalty. So values beyond 1e60 or below 1e-60 are
-//! divided by a power of two and fitted, and the results are multiplied by it. The scaling is exact: coefficients have
-//! the digits that they would have for a target of ordinary size. Squared figures that would leave the range of f64 are
-//! clamped to its ends. A surface has one exponent; each channel of a signal has its own.
+//! The coefficients of a fit are proportional to its target, and don't change if weights and penalty are multiplied by
+//! the same factor. Therefore values beyond 1e60 or below 1e-60 are divided by a power of two and fitted, and the
+//! results are multiplied by that power. The scaling is exact: coefficients have the digits that they would have for a
+//! target of ordinary size. Squared figures that would exceed the range of f64 are clamped to its ends. A surface has
+//! one exponent; each channel of a signal has its own.
 
 use ndarray::{Array2, ArrayView2, ArrayViewMut1, ArrayViewMut2};
 use spharm_harmonics::{Coefficients, Directions};
@@ -17,10 +18,11 @@ use crate::assess::{Distances, SurfaceDistances};
 use crate::report::{BatchReport, Denoised};
 use crate::{Error, Fit, FitWarning};
 
-/// Largest exponent of a smoothness in the scaled weights' unit, for which products with degrees stay in the range.
+/// Largest binary exponent of a scaled smoothness. Products of the smoothness with degrees then stay in the range of
+/// f64.
 const MOST: i32 = 900;
 
-/// The exponents of a target's channels; none for a target in the range.
+/// Exponents of the powers of two by which a target's channels were divided; empty if the target wasn't scaled.
 pub(crate) type Exponents = Vec<i32>;
 
 /// Divides a target by powers of two, and returns their exponents.
@@ -48,17 +50,17 @@ pub(crate) fn weights_into_range(weights: Option<&mut Vec<f64>>) -> i32 {
     exponent
 }
 
-/// Returns a smoothness for weights that have been divided by 2^exponent.
+/// Scales a smoothness for weights that were divided by 2^exponent.
 pub(crate) fn smoothness_into_range(smoothness: f64, exponent: i32) -> f64 {
     if exponent == 0 { smoothness } else { times(smoothness, -exponent).min(times(1.0, MOST)) }
 }
 
-/// Returns the largest exponent, that of sums over channels.
+/// Returns the largest exponent of the channels, by which sums over channels are scaled.
 fn largest(exponents: &[i32]) -> i32 {
     exponents.iter().copied().max().unwrap_or(0)
 }
 
-/// Puts a target's fit back into its unit.
+/// Converts a target's fit back to the target's unit.
 pub(crate) fn restore(fit: &mut Fit, exponents: &[i32], weights: i32) {
     fit.report.smoothness = times_within(fit.report.smoothness, weights);
     let all = largest(exponents);
@@ -83,7 +85,7 @@ pub(crate) fn restore(fit: &mut Fit, exponents: &[i32], weights: i32) {
     }
 }
 
-/// Puts coefficients and their standard errors back into the unit of each channel.
+/// Converts coefficients and their standard errors back to the unit of each channel.
 fn restore_columns(coefficients: &mut Coefficients, errors: &mut Option<Array2<f64>>, exponents: &[i32]) {
     let mut values = coefficients.values().to_owned();
     scale_columns(values.view_mut(), exponents);
@@ -100,8 +102,8 @@ fn scale_columns(mut values: ArrayViewMut2<'_, f64>, exponents: &[i32]) {
     values.columns_mut().into_iter().zip(exponents).for_each(scale);
 }
 
-/// Puts noise back into the target's unit. It is the noise of a vertex of weight 1, if weights are the vertices'
-/// precisions.
+/// Converts noise back to the target's unit. If weights are the vertices' precisions, it is the noise of a vertex of
+/// weight 1.
 fn restore_denoised((denoised, exponent): (&mut Denoised, i32), weights: i32) {
     denoised.noise.sigma = times_within(denoised.noise.sigma, exponent + weights / 2);
     denoised.left_out = denoised.left_out.map(|left_out| times_within(left_out, exponent));
@@ -120,8 +122,8 @@ fn restore_warning(warning: &mut FitWarning, exponent: i32) {
     }
 }
 
-/// Returns the distances at the vertices of a signal whose channels have been divided by different powers of two, for
-/// which the solver's sums over channels are meaningless.
+/// Returns the distances at the vertices of a signal whose channels were divided by different powers of two; `None` for
+/// all other targets. For such a signal, the solver's sums over channels are meaningless.
 pub(crate) fn distances_of_mixed(
     directions: &Directions,
     unread: Option<&[bool]>,
@@ -140,7 +142,7 @@ pub(crate) fn distances_of_mixed(
     Ok(Some(Distances::new(mean_square, max_square, false, None)))
 }
 
-/// Puts a batch's report back into the unit of its targets, which have the same exponents.
+/// Converts a batch's report back to the unit of its targets, all of which have the same exponents.
 pub(crate) fn restore_batch(report: &mut BatchReport, exponents: &[Exponents], weights: i32) {
     let exponent = exponents.iter().map(|of_target| largest(of_target)).max().unwrap_or(0);
     if exponent == 0 && weights == 0 {
@@ -169,7 +171,7 @@ pub(crate) fn restore_batch(report: &mut BatchReport, exponents: &[Exponents], w
     }
 }
 
-/// Puts a solver's report on all of its targets back into their unit.
+/// Converts a solver's report on all of its targets back to their unit.
 pub(crate) fn restore_solution(report: &mut LsqReport, exponent: i32, weights: i32) {
     report.norm = times_within(report.norm, exponent);
     report.smoothness = times_within(report.smoothness, weights);
@@ -180,8 +182,8 @@ pub(crate) fn restore_solution(report: &mut LsqReport, exponent: i32, weights: i
     }
 }
 
-/// Divides sums over samples by powers of two. Returns the exponents of the channels and that of the weights; with
-/// `together`, all channels have the same. `None` for sums in the range.
+/// Divides sums over samples by powers of two. Returns the scaled sums, the exponents of the channels, and the exponent
+/// of the weights. With `together`, all channels have the same exponent. Returns `None` if no sum needs scaling.
 pub(crate) fn sums_into_range(sums: &SampleSums, together: bool) -> Option<(SampleSums, Exponents, i32)> {
     let weights = exponent(sums.moments.iter().copied().chain([sums.weight]));
     let of = |column: ndarray::ArrayView1<'_, f64>| exponent(column.iter().map(|&sum| times(sum, -weights)));
@@ -201,7 +203,7 @@ pub(crate) fn sums_into_range(sums: &SampleSums, together: bool) -> Option<(Samp
     Some((scaled, exponents, weights))
 }
 
-/// Puts a fit of sums back into their unit, except for its squares.
+/// Converts a fit from sums back to the unit of the sums, except for the fit's squares.
 pub(crate) fn restore_moments(fit: &mut MomentFit, exponents: &[i32], weights: i32) {
     restore_columns(&mut fit.coefficients, &mut fit.standard_errors, exponents);
     restore_solution(&mut fit.report, largest(exponents), weights);

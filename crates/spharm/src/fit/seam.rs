@@ -1,21 +1,22 @@
-//! Fits of the seams of a surface whose handles were cut.
+//! Adds the seams of a surface whose handles were cut to the fit of the surface.
 //!
-//! A vertex of a seam occurs twice on the cut surface, at unrelated places of the sphere. The fit has a different error
-//! at each, and these add up to a gap between the two sides. A line has no area, so the integral over the sphere
-//! ignores it. The vertices of the seams are added to that integral,
+//! A vertex of a seam occurs twice on the cut surface, at unrelated positions on the sphere. The fit has a different
+//! error at each, and the difference is a gap between the two sides. A line has no area, so the integral over the
+//! sphere ignores the seam. Therefore the vertices of the seams are added to that integral,
 //!
 //! ```text
 //! integral over the surface  +  density (L / 6)^2 (pi / L)  sum over the seams' vertices  s |f(u) - x|^2
 //! ```
 //!
-//! with s a vertex's share of the seam's length on the sphere, and the density that of the surface. This is as if a
-//! strip as wide as the resolution of a model of degree L were weighted (L / 6)^2 times. The lower the degree, the
-//! larger the part of a model's freedom that a seam takes, so its weight is smaller there. At L = 60 there are enough
-//! functions that are large only at the seam: for a double torus the gap between the sides is 4.4e-3 of the box without
-//! this and 6.0e-4 with it, and the root mean square error at all vertices is 1.24e-3 and 1.26e-3.
+//! with s a vertex's share of the seam's length on the sphere, and the density that of the surface. This corresponds to
+//! a strip along the seam, as wide as the resolution of a model of degree L, with weight (L / 6)^2. At low degrees a
+//! seam takes a larger part of a model's freedom, so its weight is smaller there. At L = 60 there are enough functions
+//! that are large only at the seam: for a double torus, the gap between the sides is 4.4e-3 of the box without the
+//! added vertices and 6.0e-4 with them. The root mean square error at all vertices is 1.24e-3 without and 1.26e-3 with
+//! them.
 //!
 //! Points between the vertices aren't added: triangles are chords of the surface, and a loop of edges has a corner at
-//! each vertex, which no model can follow (the gap is 2.9e-3 if they are added).
+//! each vertex, which no model can follow. If such points are added, the gap is 2.9e-3.
 
 use std::collections::BTreeMap;
 use std::collections::HashSet;
@@ -25,7 +26,7 @@ use ndarray::{Array2, ArrayView2, Axis};
 use spharm_surface::geometry::{dot, sub};
 use spharm_surface::{Seam, Sphere};
 
-/// The degree at which a strip of the width pi / L has weight 1.
+/// Degree L at which the strip of width pi / L along a seam has weight 1.
 const ONCE: f64 = 6.0;
 
 /// The vertices of a sphere's seams.
@@ -36,7 +37,7 @@ pub(crate) struct SeamVertices {
 }
 
 impl SeamVertices {
-    /// Returns the seams' vertices for models of a degree; none without a seam.
+    /// Returns the seams' vertices for models of a degree; `None` without a seam.
     pub(crate) fn of(sphere: &Sphere, max_degree: usize) -> Option<Self> {
         let (at, degree) = (sphere.directions.as_slice(), max_degree as f64);
         let mut lengths: BTreeMap<usize, f64> = BTreeMap::new();
@@ -52,30 +53,30 @@ impl SeamVertices {
         (!vertices.is_empty()).then_some(Self { vertices, lengths })
     }
 
-    /// Returns the weight of each vertex, for a surface of weight `density` per steradian, times the weight of the
-    /// sphere's vertex.
+    /// Returns the weight of each vertex of the seams, for a surface of weight `density` per steradian. It is
+    /// multiplied by the weight of the sphere's vertex, if there are such weights.
     pub(crate) fn weights(&self, density: f64, of_vertices: Option<&[f64]>) -> Vec<f64> {
         let times = |&vertex: &usize| of_vertices.map_or(1.0, |weights| weights[vertex]);
         self.lengths.iter().zip(&self.vertices).map(|(length, vertex)| density * length * times(vertex)).collect()
     }
 
-    /// Returns their indices, ascending.
+    /// Returns the indices of the seams' vertices, ascending.
     pub(crate) fn vertices(&self) -> &[usize] {
         &self.vertices
     }
 
-    /// Returns their directions.
+    /// Returns the directions of the seams' vertices.
     pub(crate) fn directions(&self, sphere: &Sphere) -> Vec<[f64; 3]> {
         self.vertices.iter().map(|&vertex| sphere.directions.as_slice()[vertex]).collect()
     }
 
-    /// Returns their rows of values on the sphere's vertices, (n, c).
+    /// Returns the rows of `values`, (n, c), at the seams' vertices.
     pub(crate) fn rows_of(&self, values: ArrayView2<'_, f64>) -> Array2<f64> {
         values.select(Axis(0), &self.vertices)
     }
 }
 
-/// Returns the edges between the given surface and the fillings.
+/// Returns the edges between the given surface and the triangles that fill its cuts.
 fn edges(seam: &Seam, faces: &[[u32; 3]]) -> Vec<[u32; 2]> {
     let (own, filling) = faces.split_at(seam.faces.min(faces.len()));
     let of = |face: &[u32; 3]| [[face[0], face[1]], [face[1], face[2]], [face[2], face[0]]];

@@ -1,4 +1,4 @@
-//! Functions shared by the full least squares at vertices, over surfaces and from moments.
+//! Functions shared by the three kinds of full least squares: at vertices, over surfaces and from moments.
 
 use std::fmt;
 
@@ -40,11 +40,11 @@ pub(crate) fn strategy(preconditioner: Preconditioner) -> Strategy {
     }
 }
 
-/// Number of coefficients per vertex or sample above which cross-validation has too little data.
+/// Largest number of coefficients per vertex or sample for which cross-validation has enough data.
 const MOST_FOR_AUTO: usize = 100;
 
-/// Refuses to choose a smoothness if there are far more coefficients than vertices or samples: it would take some 25
-/// fits of a high degree, based on a few residuals.
+/// Returns an error if there are far more coefficients than vertices or samples. Choosing a smoothness would take some
+/// 25 fits of a high degree, based on a few residuals.
 pub(crate) fn check_auto(rows: usize, max_degree: usize) -> Result<(), Error> {
     let functions = spharm_harmonics::basis_size(max_degree);
     if functions <= MOST_FOR_AUTO * rows {
@@ -67,7 +67,7 @@ pub(crate) fn converged(params: &FitParams, warnings: &[FitWarning]) -> Result<b
     }
 }
 
-/// Merges the report of another target into the report of some, for targets that were solved one after another.
+/// Merges the report `other` on one target into `some`, the report on the targets that were solved before it.
 pub(crate) fn merge_reports(some: LsqReport, other: LsqReport) -> LsqReport {
     let mut warnings = some.warnings;
     for warning in &other.warnings {

@@ -1,9 +1,10 @@
-//! The full least squares over entire surfaces: the integral over the sphere of the squared distance.
+//! Fits entire surfaces by the full least squares, which minimises the integral over the sphere of the squared
+//! distance.
 //!
-//! A mesh over a sphere is linear on each triangle, and all of them are sampled as densely as the degree requires. The
+//! A mesh over a sphere is linear on each triangle, and each triangle is sampled as densely as the degree requires. The
 //! fit uses only sums over these samples ([`SurfaceSums`]). With solid angles as weights, the normal matrix is nearly a
-//! multiple of the identity, and a handful of iterations on a grid of the degree's own size suffices; with a seam more
-//! are needed, some 60 at L = 60.
+//! multiple of the identity, and a handful of iterations on a grid of the degree's own size suffices. With a seam more
+//! iterations are needed, some 60 at L = 60.
 
 use std::ops::Range;
 use std::time::Instant;
@@ -27,7 +28,7 @@ use crate::assess::{ModelSurface, ReadSurface};
 use crate::report::{BatchReport, Denoised};
 use crate::{Error, FitParams, FitWarning, Smoothness, defaults};
 
-/// Fits targets until the next one isn't to be fitted as a surface.
+/// Fits surfaces until the next target is to be fitted at its vertices.
 pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Result<(), E> {
     let (monitor, channels, count) = (run.monitor, run.channels(), run.count - run.results.len());
     let mark = Instant::now();
@@ -82,16 +83,16 @@ fn places(job: &Job<'_>) -> Result<Directions, Error> {
 pub(super) struct Fitter<'a> {
     pub(super) params: &'a FitParams,
     sums: SurfaceSums<'a>,
-    /// Evaluates models at the vertices, for msd and xsd, followed by the centres of some triangles.
+    /// Evaluates models at the vertices, for msd and xsd, and then at the centres of some triangles.
     evaluation: Transform,
-    /// Number of columns of models that are evaluated together.
+    /// Number of columns of coefficients that are evaluated together.
     evaluated: usize,
     model_surface: Option<ModelSurface>,
-    /// The part of each surface that is read.
+    /// Triangles of each surface with which its model is compared.
     surface: ReadSurface,
     /// Marks vertices whose values aren't read, (n).
     unread: Option<Vec<bool>>,
-    /// Number of vertices with weight.
+    /// Number of vertices with nonzero weight.
     pub(super) vertices_with_weight: usize,
     pub(super) solver: LsqParams,
 }
@@ -164,7 +165,7 @@ impl<'a> Fitter<'a> {
             let results = (&mut coefficients, &mut standard_errors);
             denoised = self.denoise(denoiser, batch, &problem, results, &mut reports, &within)?;
         } else if let Some(errors) = &mut standard_errors {
-            // Noise is fitted in the same way as the targets, once for all of them.
+            // Standard errors are estimated by fits of noise, which are made once for all targets.
             let mut residual = Array2::zeros((self.vertices(), batch.columns()));
             for (group, target) in &targets {
                 let (of_target, _) = self.residual(*target, coefficients.slice(s![.., group.clone()]))?;
@@ -199,8 +200,8 @@ impl<'a> Fitter<'a> {
         })
     }
 
-    /// Returns the norms of the residuals of targets, given with their columns in the batch, and the models at the
-    /// centres of some triangles, (places, c) each.
+    /// Returns the norms of the residuals of targets, given with their columns in the batch, and each model's values at
+    /// the centres of some triangles, (p, c).
     fn assess(
         &self,
         targets: &[(Range<usize>, ArrayView2<'_, f64>)],
@@ -209,7 +210,7 @@ impl<'a> Fitter<'a> {
         let mut assessed = Vec::with_capacity(targets.len());
         let mut rest = targets;
         while !rest.is_empty() {
-            // As many columns as planned, even if targets differ in their number of channels.
+            // Take as many columns as planned, even if targets differ in their number of channels.
             let fits = |count: &usize| rest[count - 1].0.end - rest[0].0.start <= self.evaluated;
             let count = (1..=rest.len()).rev().find(fits).unwrap_or(1);
             let (some, others) = rest.split_at(count);
@@ -225,8 +226,8 @@ impl<'a> Fitter<'a> {
         Ok(assessed.into_iter().unzip())
     }
 
-    /// Returns a target minus its model at the vertices, (n, c), and the model at the centres of some triangles,
-    /// (places, c).
+    /// Returns a target minus its model at the vertices, (n, c), and the model at the centres of some triangles, (p,
+    /// c).
     fn residual(
         &self,
         target: ArrayView2<'_, f64>,
@@ -237,7 +238,7 @@ impl<'a> Fitter<'a> {
         Ok((&target - &vertices, centres.to_owned()))
     }
 
-    /// Fits noise of the vertices, (n, c), in the same way as targets: linear on each triangle.
+    /// Fits noise at the vertices, (n, c), which is interpolated linearly on each triangle, as targets are.
     fn fit_noise(&self, noise: &Array2<f64>, monitor: &dyn Monitor) -> Result<(Array2<f64>, Array2<f64>), Error> {
         let problem = self.problem(&[(0..noise.ncols(), noise.view())], monitor)?;
         let columns: Vec<Range<usize>> = (0..noise.ncols()).map(|column| column..column + 1).collect();
@@ -250,7 +251,7 @@ impl<'a> Fitter<'a> {
         Ok((coefficients, residual))
     }
 
-    /// Replaces the plain fits of a batch by penalised ones, with their standard errors if there are any; returns the
+    /// Replaces the plain fits of a batch by penalised fits, and their standard errors, if there are any. Returns the
     /// noise that was removed.
     fn denoise(
         &self,
@@ -295,7 +296,7 @@ impl<'a> Fitter<'a> {
         self.sums.weights()
     }
 
-    /// Returns the number of columns of models that are evaluated together.
+    /// Returns the number of columns of coefficients that are evaluated together.
     pub(super) fn evaluated(&self) -> usize {
         self.evaluated
     }
@@ -305,7 +306,7 @@ impl<'a> Fitter<'a> {
         Ok(self.evaluation.synthesis(coefficients)?)
     }
 
-    /// Returns the problem of targets, given with their columns.
+    /// Returns the normal equations of targets, given with their columns.
     pub(super) fn problem(
         &self,
         targets: &[(Range<usize>, ArrayView2<'_, f64>)],

@@ -1,4 +1,4 @@
-//! Memory plans of fits of surfaces.
+//! Plans the memory of fits of surfaces.
 
 use spharm_harmonics::basis_size;
 use spharm_solver::MomentNormal;
@@ -8,27 +8,27 @@ use super::job::{held, reading};
 use super::lsq_plan::{Sizes, transform};
 use crate::Error;
 
-/// Number of samples that are generated and added at a time.
+/// Number of samples that are generated and added to the sums at a time.
 pub(crate) const RUN: usize = 1 << 18;
 
 /// Number of samples that are generated at a time if they are sorted by vertices.
 pub(crate) const NODAL_RUN: usize = 1 << 15;
 
-/// Largest number of columns of models that are evaluated at the vertices together: kernels and Legendre functions are
-/// then computed once for several surfaces.
+/// Largest number of columns of coefficients that are evaluated at the vertices together. Kernels and Legendre
+/// functions are then computed once for several surfaces.
 const EVALUATED: usize = 12;
 
-/// Largest number of coefficients of these columns, so that their grid fits a cache: 12 columns up to degree 100, 3 up
-/// to degree 200.
+/// Largest number of coefficients that are evaluated together, so that their grid fits a cache: 12 columns up to degree
+/// 100, 3 up to degree 200.
 const COEFFICIENTS: usize = 12 * 101 * 101;
 
-/// Memory plans of fits of surfaces.
+/// Memory plan of fits of surfaces.
 pub(crate) struct SurfacePlan {
     pub(crate) sizes: Sizes,
     pub(crate) budget: usize,
     /// Number of surfaces that are fitted together.
     pub(crate) together: usize,
-    /// The number of samples, if these are sorted by vertices.
+    /// Number of samples if they are sorted by vertices; else `None`.
     sorted: Option<usize>,
 }
 
@@ -47,7 +47,7 @@ impl SurfacePlan {
         Ok(plan)
     }
 
-    /// Plans the same with `samples` samples sorted by vertices; `None` if that doesn't fit the budget.
+    /// Returns the plan with `samples` samples sorted by vertices; `None` if it doesn't fit the budget.
     pub(crate) fn by_nodes(&self, samples: usize, most: usize) -> Option<Self> {
         let mut plan = Self { sorted: Some(samples), together: 1, ..*self };
         if plan.needed(1) > plan.budget {
@@ -65,7 +65,7 @@ impl SurfacePlan {
     pub(crate) fn needed(&self, together: usize) -> usize {
         let Sizes { vertices, faces, max_degree, channels, denoise } = self.sizes;
         let columns = together * channels;
-        // The subdivision of each triangle; places, directions, weights and values of a run's samples, or of all
+        // The subdivision of each triangle; positions, directions, weights and values of a run's samples, or of all
         // samples if sorted by vertices.
         let (sampling, sums) = match self.sorted {
             None => (40 * faces + RUN * (64 + 8 * columns), Accumulator::bytes(max_degree, columns)),
@@ -74,14 +74,14 @@ impl SurfacePlan {
                 NodalSums::bytes(max_degree, vertices, faces, samples, columns),
             ),
         };
-        // Moments, their copy and the operator made from them; right-hand sides, twice; the vectors of conjugate
+        // Moments, their copy, and the operator made from them; right-hand sides, twice; the vectors of conjugate
         // gradients.
         let solving = 8 * basis_size(2 * max_degree) + 80 * columns * basis_size(max_degree);
         let operator = MomentNormal::bytes(max_degree, columns, rayon::current_num_threads());
         let evaluated = self.evaluated(together);
         let at_vertices =
             Transform::bytes(&transform(max_degree, evaluated), vertices, evaluated).unwrap_or(usize::MAX / 4);
-        // Models and residuals; noise and its residual, if noise is removed.
+        // Models and residuals; also noise and its residual when denoising.
         let residual = 16 * evaluated * vertices + if denoise { 16 * columns * vertices } else { 0 };
         let held = held(vertices, faces, together, channels, 1);
         held + sampling + sums.max(operator) + solving + at_vertices + residual
@@ -94,7 +94,7 @@ impl SurfacePlan {
         channels * (columns / channels.max(1)).clamp(1, together)
     }
 
-    /// Returns the number of threads that may read surfaces at a time.
+    /// Returns the number of threads that may read surfaces at the same time.
     pub(crate) fn readers(&self, threads: usize) -> usize {
         let Sizes { vertices, faces, channels, .. } = self.sizes;
         let spare = self.budget.saturating_sub(self.needed(self.together));

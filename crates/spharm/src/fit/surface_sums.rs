@@ -1,9 +1,9 @@
-//! The data of surface fits: sums over samples of all triangles, and over the vertices of seams.
+//! Computes the data of surface fits: sums over samples of all triangles, and over the vertices of seams.
 //!
-//! If memory allows, samples are sorted by the vertices that they are linear in, once for all surfaces over a sphere
-//! ([`NodalSums`]). Otherwise each run of triangles is sampled, added and discarded, anew for each batch of surfaces.
-//! The choice depends on the sphere, the degree and the budget, not on the surfaces or their number: a surface has the
-//! same model whether it is fitted alone or among others.
+//! If memory allows, samples are sorted by the vertices from which they are interpolated, once for all surfaces over a
+//! sphere ([`NodalSums`]). Otherwise triangles are sampled run by run, again for each batch of surfaces, and the
+//! samples are discarded after they have been added. The choice depends on the sphere, the degree and the budget, not
+//! on the surfaces or their number: a surface has the same model whether it is fitted alone or together with others.
 
 use std::f64::consts::PI;
 use std::ops::Range;
@@ -20,7 +20,7 @@ use super::seam::SeamVertices;
 use super::surface_plan::{NODAL_RUN, RUN, SurfacePlan};
 use crate::{Error, FitParams};
 
-/// Number of vertices whose values are copied by a task.
+/// Number of vertices whose values one parallel task copies.
 const ROWS: usize = 1024;
 
 /// Sums over the surfaces of one sphere.
@@ -29,10 +29,10 @@ pub(crate) struct SurfaceSums<'a> {
     params: &'a FitParams,
     /// Weights of the vertices, (n).
     weights: Option<Vec<f64>>,
-    /// Their reciprocals, infinite for weights of 0, (n).
+    /// Reciprocals of the weights, (n); infinite for weights of 0.
     reciprocals: Option<Vec<f64>>,
     sampling: SphereSampling,
-    /// The surface's seams; none for denoising, since noise at the seams' vertices shouldn't be fitted closely.
+    /// The surface's seams; `None` when denoising, so that noise at the seams' vertices isn't fitted closely.
     seam: Option<SeamVertices>,
     nodal: Option<Nodal>,
 }
@@ -85,13 +85,13 @@ impl<'a> SurfaceSums<'a> {
         self.sampling.samples(0..self.sphere.faces.len())
     }
 
-    /// Returns the bytes that are held in addition to the plan's.
+    /// Returns the bytes that are held in addition to the memory plan's bytes.
     pub(crate) fn kept_bytes(&self) -> usize {
         self.nodal.as_ref().map_or(0, |nodal| nodal.kept)
     }
 
-    /// Sorts the samples by vertices if that fits the plan's budget. Returns the plan for at most `most` surfaces
-    /// together.
+    /// Sorts the samples by vertices if this fits the plan's budget, and stores their patches if `several` surfaces use
+    /// them. Returns the plan for at most `most` surfaces together.
     pub(crate) fn use_nodal_sums(
         &mut self,
         plan: SurfacePlan,
@@ -136,9 +136,9 @@ impl<'a> SurfaceSums<'a> {
     }
 
     /// Returns the samples of some triangles, weighted by solid angles times the harmonic mean of the corners' weights,
-    /// in proportion to their shares. A sample is a mean of its corners' values, and no more certain than the least
-    /// certain of them: if one corner's weight is near 0, the sample's weight is small. If it is 0, so is the sample's
-    /// weight, and the corner's value has no influence.
+    /// in which each corner counts by its share in the sample. A sample is a mean of its corners' values, and no more
+    /// certain than the least certain corner: if one corner's weight is near 0, the sample's weight is small. If one
+    /// corner's weight is 0, the sample's weight is 0, and the corner's value has no influence.
     fn weighted(&self, triangles: Range<usize>) -> Result<SphereSamples, Error> {
         let mut samples = self.sampling.at(&self.sphere.directions, triangles.clone())?;
         if self.params.denoise {
@@ -157,8 +157,8 @@ impl<'a> SurfaceSums<'a> {
         seam.weights(of_surface / (4.0 * PI), self.weights.as_deref())
     }
 
-    /// Scales the weights of the samples of some triangles so that each triangle has weight 1. Noise is that of the
-    /// vertices: many small triangles contain more information about a place than a large one does.
+    /// Scales the weights of the samples of some triangles so that each triangle has total weight 1. Noise is at the
+    /// vertices: many small triangles contain more information about a region than one large triangle does.
     fn count_alike(&self, triangles: Range<usize>, weights: &mut [f64]) {
         let mut rest = weights;
         for triangle in triangles {
@@ -190,7 +190,7 @@ impl<'a> SurfaceSums<'a> {
         Ok(sums)
     }
 
-    /// Returns the sums, and the total weight of the seams' vertices in them.
+    /// Samples the triangles run by run. Returns the sums, and the total weight of the seams' vertices in them.
     fn run_by_run(
         &self,
         targets: &[(Range<usize>, ArrayView2<'_, f64>)],
@@ -226,7 +226,7 @@ fn columns(targets: &[(Range<usize>, ArrayView2<'_, f64>)]) -> usize {
     targets.last().map_or(0, |(group, _)| group.end)
 }
 
-/// Returns the targets' columns, (n, columns).
+/// Returns the columns of all targets side by side, (n, columns).
 fn side_by_side(targets: &[(Range<usize>, ArrayView2<'_, f64>)]) -> Array2<f64> {
     let rows = targets.first().map_or(0, |(_, target)| target.nrows());
     let mut all = Array2::zeros((rows, columns(targets)));
@@ -284,7 +284,7 @@ mod tests {
         }
     }
 
-    /// Samples are sorted by vertices if memory allows, and patches are kept if they serve several surfaces.
+    /// Samples are sorted by vertices if memory allows, and patches are stored if several surfaces use them.
     #[test]
     fn vertices_are_chosen_by_memory() {
         let chosen = |sphere: &Sphere, budget: usize, several: bool| {

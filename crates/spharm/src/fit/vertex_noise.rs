@@ -1,8 +1,9 @@
-//! Influence of noise on a fit of a surface: the smoothness by cross-validation, and standard errors.
+//! Computes the influence of noise on a fit of a surface: the smoothness by cross-validation, and standard errors.
 //!
-//! The data of a surface are its vertices; samples between them are interpolated and contain no further information. So
-//! noise is that of the vertices, independent and of equal variance. With S the interpolation to the samples, the fit
-//! of values y is `x = N^-1 A^T W S y`, and its model at the vertices `H y = A_v x`.
+//! The data of a surface are its vertices; samples between them are interpolated and contain no further information.
+//! Therefore noise is modelled at the vertices, independent and of equal variance. With S the interpolation to the
+//! samples, A the basis and W the weights of the samples, N the normal matrix and A_v the basis at the vertices, the
+//! fit of values y is `x = N^-1 A^T W S y`, and its model at the vertices is `H y = A_v x`.
 //!
 //! ```text
 //! GCV(lambda) = n |y - H y|^2 / (n - tr H)^2,   sd(x_k)^2 = sigma^2 (N^-1 A^T W S S^T W A N^-1)_kk
@@ -24,12 +25,12 @@ use super::shared::check_auto;
 use super::surface::Fitter;
 use crate::Error;
 
-/// Number of fits of noise for the trace at a smoothness. The noise is the same for each smoothness, so that GCV is a
-/// smooth function of it.
+/// Number of fits of noise that estimate the trace at one smoothness. The noise is the same for each smoothness, so
+/// that GCV is a smooth function of the smoothness.
 const PROBES_FOR_GCV: usize = 3;
 /// Number of fits of noise for standard errors.
 const PROBES_FOR_ERRORS: usize = 256;
-/// Largest number of fits of noise at a time.
+/// Largest number of columns of noise that are fitted at a time.
 const PROBES_AT_A_TIME: usize = 16;
 /// Optimality of the fits that GCV compares.
 const TOLERANCE_OF_GCV: f64 = 1e-7;
@@ -79,7 +80,7 @@ impl Fitter<'_> {
         }
         monitor.end();
         let freedom = vertices as f64 - trace;
-        // Probes leave an uncertainty of a few tenths of a percent of the trace.
+        // The estimated trace has an uncertainty of a few tenths of a percent.
         if vertices <= functions && solver.smoothness == 0.0 && solver.penalty.is_none() || freedom < 1.0 {
             return Err(SolverError::Underdetermined { rows: vertices, columns: functions }.into());
         }
@@ -87,7 +88,7 @@ impl Fitter<'_> {
         Ok(Array2::from_shape_fn((functions, sigma.len()), |(k, c)| sigma[c] * variances[k].sqrt()))
     }
 
-    /// Returns independent signs at the vertices, (n, columns); 0 at vertices that aren't fitted.
+    /// Returns independent random signs at the vertices, (n, columns); 0 at vertices that aren't fitted.
     fn signs(&self, columns: usize, random: &mut SplitMix64) -> Array2<f64> {
         let mut signs =
             Array2::from_shape_simple_fn((self.vertices(), columns), || (random.between(-1.0, 1.0)).signum());
@@ -112,7 +113,7 @@ impl Fitter<'_> {
         squares
     }
 
-    /// Evaluates models at the first `rows` places, the vertices, with as many columns at a time as planned.
+    /// Evaluates models at the vertices, the first `rows` evaluation points, with as many columns at a time as planned.
     fn at_vertices(&self, coefficients: ArrayView2<'_, f64>, rows: usize) -> Result<Array2<f64>, Error> {
         let mut all = Array2::zeros((rows, coefficients.ncols()));
         for (mut values, columns) in all
