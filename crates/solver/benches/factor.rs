@@ -1,7 +1,7 @@
-//! Cost of a factor: computing it, publishing it, and solving with it from the page cache.
+//! Measures the cost of a factor: computing it, publishing it in a store, and solving with it from the page cache.
 //!
-//! `cargo bench -p spharm-solver --bench factor [-- SIZE]`. Bytes are those of the factor's triangle, read once in each
-//! direction; flops are 2 K^2 per column.
+//! `cargo bench -p spharm-solver --bench factor [-- SIZE]`. Rates in bytes count the factor's triangle once for each
+//! direction of a solve; rates in flops count 2 K^2 per column.
 
 use std::ops::Range;
 use std::time::Instant;
@@ -15,8 +15,8 @@ use spharm_solver::{GramMatrix, SolverError};
 use spharm_store::factor::FactorFile;
 use spharm_store::{FactorSpec, Scalar, SchemeKey, WeightsHash};
 
-/// A matrix that is cheap to compute: noise, and a diagonal above its spectral radius of 2 sqrt(K / 3). (One that
-/// decays away from the diagonal would measure the slowness of denormal numbers.)
+/// A matrix that is cheap to compute: noise, and a diagonal above the noise's spectral radius of 2 sqrt(K / 3). Entries
+/// that decay away from the diagonal would become denormal numbers, whose slowness would be measured.
 struct Noise(usize);
 
 impl GramMatrix for Noise {
@@ -87,7 +87,7 @@ fn processor_time() -> f64 {
     nanoseconds / 1e9
 }
 
-/// Measures the first solve of a process that opens the file, and later ones.
+/// Measures the first solve of a process that opens the file, and the solves after it.
 fn solves(file: &FactorFile, channels: usize, threads: usize) {
     let (size, len) = (file.header().grid.size(), file.file_len() as f64);
     let right = Array2::from_shape_fn((size, channels), |(i, c)| ((i * 3 + c) as f64).sin());

@@ -8,7 +8,7 @@ use crate::SolverError;
 /// Number of rows of targets that are checked together.
 const RUN: usize = 1 << 14;
 
-/// Refuses weights whose number isn't the number of rows, that are negative or not finite, or that are all zero.
+/// Returns an error for weights whose number isn't the number of rows, that are negative or not finite, or all zero.
 pub(crate) fn weights(weights: &[f64], rows: usize) -> Result<(), SolverError> {
     if weights.len() != rows {
         return Err(SolverError::Rows { what: "the list of weights", expected: rows, found: weights.len() });
@@ -21,7 +21,7 @@ pub(crate) fn weights(weights: &[f64], rows: usize) -> Result<(), SolverError> {
     Ok(())
 }
 
-/// Refuses a list of unread rows that doesn't have an entry for each row.
+/// Returns an error if the list of unread rows doesn't have an entry for each row.
 pub(crate) fn unread(unread: Option<&Vec<bool>>, rows: usize) -> Result<(), SolverError> {
     match unread.map(Vec::len).filter(|found| *found != rows) {
         Some(found) => Err(SolverError::Rows { what: "the list of unread rows", expected: rows, found }),
@@ -29,12 +29,12 @@ pub(crate) fn unread(unread: Option<&Vec<bool>>, rows: usize) -> Result<(), Solv
     }
 }
 
-/// Refuses targets, (n, c), that don't have `rows` rows, or contain a NaN or an infinity.
+/// Returns an error if targets, (n, c), don't have `rows` rows, or contain a NaN or an infinity.
 pub(crate) fn targets(targets: &Array2<f64>, rows: usize) -> Result<(), SolverError> {
     if targets.nrows() != rows {
         return Err(SolverError::Rows { what: "the target", expected: rows, found: targets.nrows() });
     }
-    // By runs of rows, which the processor checks without a branch per value.
+    // Check runs of rows: within a run the processor needs no branch per value.
     let finite = |run: ArrayView2<'_, f64>| run.iter().fold(true, |all, value| all & value.is_finite());
     if targets.axis_chunks_iter(Axis(0), RUN).into_par_iter().all(finite) {
         return Ok(());

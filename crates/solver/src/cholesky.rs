@@ -1,21 +1,21 @@
 //! The Cholesky factor of normal equations, computed once and used for any number of surfaces.
 //!
-//! G = A^T diag(w) A + P = C C^T with C lower triangular: K^3 / 3 flops once, 2 K^2 for each right-hand side. G is read
-//! tile by tile from a [`GramMatrix`](crate::GramMatrix); C consists of tiles, too, in memory ([`MemoryFactor`]) or in
-//! a store ([`StoredFactor`]). A factor that is larger than the budget is computed out of core, reading finished
-//! columns back from the unfinished file.
+//! G = A^T diag(w) A + P = C C^T with C lower triangular takes K^3 / 3 flops once, and then 2 K^2 for each right-hand
+//! side. G is read tile by tile from a [`GramMatrix`](crate::GramMatrix). C is stored in tiles, too, in memory
+//! ([`MemoryFactor`]) or in a store ([`StoredFactor`]). A factor that is larger than the budget is computed out of
+//! core: finished columns are read back from the unfinished file.
 //!
-//! An f32 factor needs half the space, and half the time for solves that are bound by memory. Its solves have a
-//! relative error of 6e-8 times the condition number of G: refine them with the operator, or use them as a
-//! preconditioner.
+//! An f32 factor needs half the space of an f64 factor, and half the time for solves that are bound by the bandwidth of
+//! memory. Its solves have a relative error of 6e-8 times the condition number of G: refine them with the operator, or
+//! use them as a preconditioner.
 //!
 //! | module | contents |
 //! |---|---|
 //! | `build` | memory and disk space of a factor; its computation in memory or into a store |
 //! | `factorise` | the factorisation, panel by panel |
-//! | `tiles` | tiles in memory, and those of an unfinished file |
+//! | `tiles` | tiles in memory, and tiles of an unfinished file |
 //! | `stored` | tiles in a store |
-//! | `triangular` | the triangular solves, `kernels` their SIMD |
+//! | `triangular` | the triangular solves; `kernels` contains their SIMD code |
 //! | `inverse` | the diagonal of G^-1 |
 
 mod build;
@@ -44,7 +44,7 @@ pub trait CholeskyFactor: Sync {
     /// Returns the number of rows and columns, K.
     fn size(&self) -> usize;
 
-    /// Returns the scalar type of its values.
+    /// Returns the scalar type of the factor's values.
     fn scalar(&self) -> Scalar;
 
     /// Returns the norm and the estimated condition number of G.
@@ -62,10 +62,10 @@ pub trait CholeskyFactor: Sync {
     /// If `x` doesn't have K rows.
     fn solve(&self, x: &mut Array2<f64>) -> Result<(), SolverError>;
 
-    /// Returns the diagonal of G^-1, (K): the squares of the coefficients' standard errors at unit variance. K^3 / 3
-    /// flops.
+    /// Returns the diagonal of G^-1, (K): the squares of the coefficients' standard errors for data of variance 1.
+    /// Takes K^3 / 3 flops.
     ///
-    /// The monitor gets one stage, `standard errors`, in columns.
+    /// The monitor gets one stage, `standard errors`, counted in columns.
     ///
     /// # Errors
     ///

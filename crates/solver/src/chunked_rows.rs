@@ -1,8 +1,8 @@
-//! Arrays (n, c) stored in the chunks of the basis: each chunk's rows are contiguous, column-major.
+//! Arrays (n, c) in the same chunks of rows as the basis: each chunk is contiguous and column-major.
 //!
-//! Targets are given in this form and become the residual in place. A chunk of the residual is then one slice that
-//! stays in the L1 cache while a chunk of the basis is processed, and disjoint runs of chunks can be assigned to
-//! threads.
+//! Targets are passed in this form, and are replaced by the residual in place. A chunk of the residual is then one
+//! slice that stays in the L1 cache while a chunk of the basis is processed, and disjoint runs of chunks can be
+//! assigned to threads.
 
 use std::ops::Range;
 
@@ -33,7 +33,7 @@ impl ChunkedRows {
         chunked
     }
 
-    /// Copies `columns`, (rows, some), to column `first` and the following ones.
+    /// Copies `columns`, (rows, some), to the columns from `first` on.
     ///
     /// # Panics
     ///
@@ -113,7 +113,7 @@ impl ChunkedRows {
         self.channels
     }
 
-    /// Returns the row and column of a value that is NaN or infinite.
+    /// Returns the row and column of a value that is NaN or infinite; `None` if all values are finite.
     pub(crate) fn not_finite(&self) -> Option<(usize, usize)> {
         (0..self.rows.div_ceil(self.chunk_rows)).find_map(|chunk| {
             let values = self.chunk(chunk);
@@ -123,7 +123,7 @@ impl ChunkedRows {
         })
     }
 
-    /// Computes the norms over a range of columns and the rows that aren't marked in `unread`.
+    /// Computes the norms of the rows within a range of columns, over all rows that aren't marked in `unread`.
     pub(crate) fn norms(&self, columns: &Range<usize>, unread: Option<&[bool]>) -> ResidualNorms {
         let (mut sum, mut max) = (0.0, 0.0f64);
         let mut norms = Vec::new();

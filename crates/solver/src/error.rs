@@ -20,9 +20,9 @@ pub enum SolverError {
     /// A memory budget that is too small for the fit.
     #[error("a memory budget of {} is too small for this fit; the smallest that works is {} MiB", size(*.budget), .needed.div_ceil(1 << 20))]
     Budget {
-        /// The budget, bytes.
+        /// The budget in bytes.
         budget: usize,
-        /// The smallest sufficient budget, bytes.
+        /// The smallest sufficient budget in bytes.
         needed: usize,
         /// The largest granularity that fits the budget, if any.
         granularity: Option<usize>,
@@ -30,14 +30,14 @@ pub enum SolverError {
     /// A limit on the process that a factor would exceed.
     #[error("this process's limit on {what} is {} MiB, but {} MiB are needed; raise the limit or use fewer threads", .limit >> 20, .needed.div_ceil(1 << 20))]
     Limit {
-        /// Which limit.
+        /// Name of the limit.
         what: &'static str,
-        /// Bytes allowed.
+        /// Bytes allowed by the limit.
         limit: u64,
-        /// Bytes needed.
+        /// Bytes that the factor needs.
         needed: u64,
     },
-    /// A granularity or number of passes of zero, or the like.
+    /// A parameter below its minimum, such as a granularity or a number of passes of zero.
     #[error("{what} must be at least {least}, found {found}")]
     TooSmall {
         /// The parameter.
@@ -55,7 +55,7 @@ pub enum SolverError {
         /// Highest degree of the fit.
         max_degree: usize,
     },
-    /// A degree above the operator's highest.
+    /// A degree above the operator's highest degree.
     #[error("degree {found} is above {max_degree}, the highest degree of the basis")]
     Degree {
         /// Degree given.
@@ -66,7 +66,7 @@ pub enum SolverError {
     /// An array whose number of rows isn't the number of directions.
     #[error("{what} has {found} rows, the sampling scheme has {expected} directions")]
     Rows {
-        /// Which array.
+        /// Name of the array.
         what: &'static str,
         /// Number of directions.
         expected: usize,
@@ -76,9 +76,9 @@ pub enum SolverError {
     /// Targets that contain a NaN or an infinity.
     #[error("column {column} of the targets has a NaN or infinite value at row {row}")]
     NotFinite {
-        /// Row from 0.
+        /// Row, counted from 0.
         row: usize,
-        /// Column from 0.
+        /// Column, counted from 0.
         column: usize,
     },
     /// A batch with more columns than planned.
@@ -92,9 +92,9 @@ pub enum SolverError {
     /// Weights that are negative, not finite or all zero.
     #[error("weights must be finite, not negative and not all zero; row {row} has {found}")]
     Weight {
-        /// Row from 0.
+        /// Row, counted from 0.
         row: usize,
-        /// The weight.
+        /// The row's weight.
         found: f64,
     },
     /// A numerically singular block that is too wide for a rank-revealing solve within the budget.
@@ -104,7 +104,7 @@ pub enum SolverError {
         first: usize,
         /// Last degree of the block.
         last: usize,
-        /// The smallest sufficient budget, bytes.
+        /// The smallest sufficient budget in bytes.
         needed: usize,
     },
     /// A smoothness that is negative or not finite.
@@ -126,7 +126,7 @@ pub enum SolverError {
         "{rows} vertices for {columns} coefficients leave no residual to estimate the noise from; denoising needs more vertices than coefficients: choose a lower degree"
     )]
     NoResidual {
-        /// Number of vertices with weight.
+        /// Number of vertices with nonzero weight.
         rows: usize,
         /// Number of coefficients of a column, K.
         columns: usize,
@@ -134,10 +134,10 @@ pub enum SolverError {
     /// A factor is needed, but there is no Gram matrix to compute it from.
     #[error("this strategy needs the Gram matrix or a factor, but has neither")]
     NoGram,
-    /// Sums over no samples, or only over samples without weight.
+    /// Sums over no samples, or only over samples of weight 0.
     #[error("no sample has a positive weight (the sums are over {count} samples of total weight {weight})")]
     NoSamples {
-        /// Number of samples with weight.
+        /// Number of samples with nonzero weight.
         count: u64,
         /// Sum of the weights.
         weight: f64,
@@ -145,7 +145,7 @@ pub enum SolverError {
     /// Sums whose arrays don't match their degree or number of columns.
     #[error("sums over the samples: expected {expected} rows in {what}, found {found}")]
     Sums {
-        /// Which array.
+        /// Name of the array.
         what: &'static str,
         /// Number of rows expected.
         expected: usize,
@@ -160,9 +160,9 @@ pub enum SolverError {
         "{rows} vertices don't determine {columns} coefficients on this sampling; standard errors need a lower degree or a smoothness penalty"
     )]
     Underdetermined {
-        /// Number of rows with weight.
+        /// Number of rows with nonzero weight.
         rows: usize,
-        /// Number of columns.
+        /// Number of coefficients, K.
         columns: usize,
     },
     /// A Gram matrix without a Cholesky factor.
@@ -170,9 +170,9 @@ pub enum SolverError {
         "the Gram matrix is not numerically positive definite: its factorisation breaks down at column {column}, of degree {degree}. The sampling does not determine the coefficients from there on; choose a lower degree, add a smoothness penalty, or use the minimum-norm solution"
     )]
     NotPositiveDefinite {
-        /// Column from 0.
+        /// Column, counted from 0.
         column: usize,
-        /// Its degree.
+        /// Degree of the column.
         degree: usize,
     },
     /// The singular value decomposition of a block did not converge.
@@ -188,7 +188,7 @@ pub enum SolverError {
     Interrupted(#[from] spharm_monitor::Interrupted),
 }
 
-/// Formats a size in MiB, or in bytes if a unit seems to have been forgotten.
+/// Formats a size in MiB, or in bytes below 1 MiB, where a unit was probably forgotten.
 fn size(bytes: usize) -> String {
     if bytes < 1 << 20 { format!("{bytes} bytes") } else { format!("{} MiB", bytes >> 20) }
 }
@@ -197,7 +197,7 @@ fn size(bytes: usize) -> String {
 mod tests {
     use super::*;
 
-    /// Sizes are in MiB, rounded such that the stated budget suffices; or in bytes if a unit was forgotten.
+    /// Sizes are in MiB, rounded up so that the stated budget suffices, or in bytes below 1 MiB.
     #[test]
     fn sizes_are_those_that_work() {
         let budget = |budget, needed| SolverError::Budget { budget, needed, granularity: None }.to_string();

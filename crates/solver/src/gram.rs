@@ -1,12 +1,13 @@
-//! Gram matrices of samplings, from moments or other sources, tile by tile.
+//! Gram matrices of samplings, computed tile by tile, from moments or other sources.
 //!
 //! Summing `A^T W A` over the basis takes `n K (K + 1)` flops. The moments of the sampling give the same matrix in a
-//! time that doesn't depend on n (`spharm_transform::MomentGram`), to 1e-13, the accuracy of the finest transform. In a
-//! first pass of iterative residual fitting that changes the msd by a relative 1e-10 or so (5e-10 on a cortex, 6e-10 on
-//! an irregular head, L = 100). Further passes correct it, since the residual is exact even if a step is slightly off.
+//! time that doesn't depend on n (`spharm_transform::MomentGram`), with an error of 1e-13, the accuracy of the finest
+//! transform. In a first pass of iterative residual fitting this error changes the msd by about 1e-10, relatively
+//! (5e-10 on a cortex, 6e-10 on an irregular head, L = 100). Further passes correct it, since the residual is exact
+//! even if a step is slightly off.
 //!
-//! A basis stored in f64 equals these harmonics up to rounding. A basis stored in f32 differs from them by 6e-8, which
-//! would make the exact solve of a block an approximate one. So moments are only used with f64 bases.
+//! A basis stored in f64 equals the harmonics of the moments up to rounding. A basis stored in f32 differs from them by
+//! 6e-8, so the solve of a block would no longer be exact. Therefore moments are only used with f64 bases.
 
 use std::ops::{Range, RangeInclusive};
 
@@ -22,7 +23,7 @@ pub trait GramMatrix: Sync {
     /// Returns the number of rows and columns, K.
     fn size(&self) -> usize;
 
-    /// Returns the bytes of memory that it holds.
+    /// Returns the memory of the matrix in bytes.
     fn bytes(&self) -> usize;
 
     /// Writes `G[rows, columns]` to `out`, column-major with a stride of `leading` values between columns. Every entry
@@ -30,7 +31,7 @@ pub trait GramMatrix: Sync {
     ///
     /// # Errors
     ///
-    /// When the basis can't be evaluated or read.
+    /// If the basis can't be evaluated or read.
     ///
     /// # Panics
     ///
@@ -71,7 +72,7 @@ impl GramMatrix for MomentGram {
     }
 }
 
-/// Returns the degrees of these columns, if they are those of complete degrees.
+/// Returns the degrees of a range of columns if it consists of complete degrees.
 fn whole_degrees(columns: &Range<usize>) -> Option<RangeInclusive<usize>> {
     let (first, end) = (columns.start.isqrt(), columns.end.isqrt());
     (first * first == columns.start && end * end == columns.end && first < end).then(|| first..=end - 1)
@@ -89,7 +90,7 @@ impl<'a, S: GramMatrix + ?Sized> Penalised<'a, S> {
     ///
     /// # Panics
     ///
-    /// If its length isn't the matrix's size.
+    /// If the penalty's length isn't the matrix's size.
     pub fn new(source: &'a S, penalty: Vec<f64>) -> Self {
         assert_eq!(penalty.len(), source.size(), "penalty of the diagonal");
         Self { source, penalty }
@@ -133,11 +134,11 @@ pub fn degree_penalty(by_degree: &[f64]) -> Vec<f64> {
 }
 
 /// Computes the Gram matrix of the harmonics up to `max_degree` at weighted directions, from the moments of the
-/// sampling. Without weights all are 1; otherwise there must be one for each direction.
+/// sampling. Without `weights` each direction has weight 1; otherwise there must be a weight for each direction.
 ///
 /// # Errors
 ///
-/// Errors of the transforms, which are of twice the degree.
+/// Errors of the transforms, whose degree is twice `max_degree`.
 pub fn moment_gram(
     directions: &Directions,
     weights: Option<&[f64]>,
@@ -147,11 +148,12 @@ pub fn moment_gram(
 }
 
 /// Computes the normal matrix of the harmonics up to `max_degree` at weighted directions, from the moments of the
-/// sampling, to a relative accuracy. Without weights all are 1; otherwise there must be one for each direction.
+/// sampling, to a relative accuracy. Without `weights` each direction has weight 1; otherwise there must be a weight
+/// for each direction.
 ///
 /// # Errors
 ///
-/// Errors of the transforms, which are of twice the degree.
+/// Errors of the transforms, whose degree is twice `max_degree`.
 pub fn moment_normal(
     directions: &Directions,
     weights: Option<&[f64]>,
@@ -173,7 +175,7 @@ fn moments(
     Ok(transform.weighted_sums(none.view(), weights)?.into_raw_vec_and_offset().0)
 }
 
-/// Checks that there are n weights, if any.
+/// Checks that `weights`, if given, has n entries.
 pub(crate) fn check_count(n: usize, weights: Option<&[f64]>) -> Result<(), SolverError> {
     match weights {
         Some(weights) if weights.len() != n => {
@@ -187,7 +189,7 @@ pub(crate) fn check_count(n: usize, weights: Option<&[f64]>) -> Result<(), Solve
 ///
 /// # Errors
 ///
-/// Errors of the transforms, which are of twice the degree; that must not be above [`MAX_DEGREE`].
+/// Errors of the transforms, whose degree is twice `max_degree` and must not be above [`MAX_DEGREE`].
 pub fn moment_gram_bytes(directions: usize, max_degree: usize) -> Result<usize, SolverError> {
     if 2 * max_degree > MAX_DEGREE {
         return Err(HarmonicsError::DegreeTooHigh { degree: max_degree, max: MAX_DEGREE / 2 }.into());
@@ -197,7 +199,7 @@ pub fn moment_gram_bytes(directions: usize, max_degree: usize) -> Result<usize, 
 }
 
 /// Returns the settings of the transforms for moments. A Gram matrix needs all digits, since its condition number is
-/// the square of the basis's.
+/// the square of the basis's condition number.
 fn to_twice(max_degree: usize, accuracy: f64) -> TransformParams {
     TransformParams { max_degree: 2 * max_degree, accuracy, channels: 1 }
 }

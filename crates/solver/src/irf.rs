@@ -24,7 +24,7 @@
 //! |---|---|
 //! | `blocks` | NLSF, SIRF, MIRF, IRF: the degrees that are solved together |
 //! | `params`, `solver` | [`IrfParams`], [`IrfSolver`]: checks and the report |
-//! | `stream` | blocks opened in order, with read-ahead of the next |
+//! | `stream` | opens the blocks in order, and reads the next block ahead |
 //! | `block_solve` | one block's least squares, by Cholesky or a rank-revealing factorisation (`triangle`) |
 //! | `workers` | the residual, divided among threads |
 //! | `accelerated` | conjugate gradients over pairs of passes |
@@ -57,12 +57,12 @@ pub use plan::{IrfPlan, plan};
 pub use report::{BlockReport, IrfReport, IrfSeconds, PassReport};
 pub use solver::{IrfFit, IrfSolver, solve};
 
-/// Change of the coefficients, relative to their norm, below which a refinement is the last.
+/// A refinement that changes the coefficients by less than this, relative to their norm, is the last one.
 const REFINED: f64 = 1e-14;
 
 impl IrfSolver<'_> {
-    /// Fits `r`, (n, c), which contains the targets on entry and their residual on return, by `a`, (K, c), zero on
-    /// entry.
+    /// Fits `a`, (K, c), zero on entry, to `r`, (n, c), which contains the targets on entry and their residual on
+    /// return.
     fn passes(&mut self, r: &mut ChunkedRows, a: &mut Array2<f64>, log: &mut Recorder<'_>) -> Result<(), SolverError> {
         let passes = self.params.method.passes();
         let mut last_change = f64::INFINITY;
@@ -70,8 +70,9 @@ impl IrfSolver<'_> {
             log.begin_pass(number.min(passes), number > passes);
             let pass = self.pass(Order::Forward, r, a, log)?;
             log.end_pass(r, pass.bytes_read);
-            // The limit of rounding is reached when a further pass changes nothing, or no less than the previous one.
-            // Rank-revealing solves need no refinement, since they don't suffer from the Gram matrix's condition.
+            // The limit of rounding is reached when a refinement changes almost nothing, or at least half as much as
+            // the pass before it. Rank-revealing solves need no refinement: the condition number of the Gram matrix
+            // doesn't affect them.
             let change = pass.relative_change(a);
             let refined = number > passes && (change < REFINED || change >= 0.5 * last_change);
             if refined || (number >= passes && self.block_solver.has_rank_revealing()) {
@@ -131,7 +132,7 @@ impl PassSummary {
         self.bytes_read += bytes_read;
     }
 
-    /// Returns the norm of the change relative to that of the coefficients, the largest of all columns.
+    /// Returns the norm of the change relative to the norm of the coefficients, the largest of all columns.
     fn relative_change(&self, a: &Array2<f64>) -> f64 {
         let norms = a.columns().into_iter().map(|column| column.iter().map(|a| a * a).sum::<f64>());
         let relative =

@@ -76,7 +76,7 @@ pub use operator::{BlockOperator, DiskOperator, MemoryOperator, Residency};
 pub use operator::{DeferredOperator, MatrixFreeOperator, Operator};
 pub use residual::ResidualNorms;
 
-/// Returns the requested number of threads; 0 stands for the number of the caller's rayon pool.
+/// Returns the requested number of threads; 0 stands for the number of threads of the caller's rayon pool.
 #[cfg(feature = "dense")]
 pub(crate) fn threads(asked: usize) -> usize {
     if asked == 0 { rayon::current_num_threads() } else { asked }

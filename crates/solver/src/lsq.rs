@@ -4,29 +4,30 @@
 //! min | W^(1/2) (A x - f) |^2 + x^T P x,   P = lambda diag (l (l + 1))^2 + diag p_l
 //! ```
 //!
-//! for each column f of the targets. This is the paper's NLSF, without its matrix. There are three methods:
+//! for each column f of the targets. This is the paper's NLSF, but A isn't stored. There are three methods:
 //!
 //! - Conjugate gradients ([`cg`]) by fast operators. On an even sampling the normal matrix `N = A^T W A + P` is nearly
 //!   a multiple of the identity, and a handful of iterations suffices. Products with N are computed from the samples,
 //!   or from moments of the sampling ([`MomentProblem`]) at a cost that doesn't depend on the number of samples, three
 //!   columns at a time. With moments, the inverse of the density serves as a preconditioner if the sampling is uneven,
-//!   see [`InverseDensity`](spharm_transform::InverseDensity). At the end the gradient is computed from the samples if
-//!   its errors may matter, and the iteration is resumed from there if the optimality requires it.
+//!   see [`InverseDensity`](spharm_transform::InverseDensity). At the end the gradient is recomputed from the samples,
+//!   unless its errors are estimated to be small. If the recomputed gradient misses the tolerance, the iteration is
+//!   resumed.
 //! - A Cholesky factor of N, computed from the Gram matrix or read from a store, and refinement: `x += N^-1 g` with the
 //!   gradient `g = A^T W (f - A x) - P x` computed by the operator, until the optimality `|g| / |A^T W f|` is reached
 //!   or stops improving.
 //! - If N is numerically singular, the factor of `N + mu I`: `x += (N + mu I)^-1 g`, iterated Tikhonov regularisation.
-//!   From x = 0 that tends to the minimum-norm solution; components that the targets determine too poorly for `mu` stay
+//!   From x = 0 this tends to the minimum-norm solution; components that the targets determine too poorly for `mu` stay
 //!   small instead of growing to 1e11. A. Bjorck, "Numerical methods for least squares problems" (1996), section 4.1.3.
 //!
-//! The choice of methods, their order and duration is made in one place: `strategy` has a function from sizes,
-//! available data and the request to a list of steps, and documents it in a table. [`Strategy::Auto`] iterates first,
-//! by moments if these pay off, and switches from iterations to a factor if that seems faster. The plan is logged as a
-//! detail; the report has the steps taken ([`StepReport`]), and the accuracy of the result.
+//! All choices of methods, their order and their duration are made in `strategy`: a function returns a list of steps
+//! for the problem's sizes, the available data and the request, and a table documents it. [`Strategy::Auto`] iterates
+//! first, by moments if they pay off, and switches from iterations to a factor if the factor seems faster. The plan is
+//! logged as a detail; the report contains the steps taken ([`StepReport`]), and the accuracy of the result.
 //!
 //! | module | contents |
 //! |---|---|
-//! | `strategy`, `limits`, `cost`, `plan` | the choice of steps, and its numbers |
+//! | `strategy`, `limits`, `cost`, `plan` | the choice of steps, and its constants |
 //! | `params`, `solver`, `available`, `run`, `progress` | [`LsqParams`], [`LsqSolver`]: execution of the steps |
 //! | [`normal_equations`], [`cg`], [`preconditioner`] | conjugate gradients |
 //! | `factor`, `refine` | the factor of N, shifted if N is singular; refinement with it |

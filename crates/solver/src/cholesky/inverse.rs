@@ -1,4 +1,6 @@
-//! The diagonal of G^-1, for standard errors: (G^-1)_kk = ||C^-1 e_k||^2.
+//! Computes the diagonal of G^-1, for standard errors: (G^-1)_kk =
+//! C^-1 e_k
+//! ^2.
 //!
 //! The forward solve is applied to unit vectors, a few tile columns at a time; the leading zeros of a vector are
 //! skipped. This takes K^3 / 3 flops, as many as the factorisation, and 8 K bytes of workspace per vector.
@@ -9,7 +11,7 @@ use crate::SolverError;
 use crate::cholesky::tiles::Tiles;
 use crate::cholesky::triangular::{Direction, run};
 
-/// Number of columns solved for together: enough for matrix products to run at full speed.
+/// Number of unit vectors that are solved for together: enough for matrix products to run at full speed.
 const TOGETHER: usize = 512;
 
 /// Computes the diagonal of `(C C^T)^-1`, (K).

@@ -1,9 +1,9 @@
-//! Kernels for a tile or its transpose times a few columns, and for the triangles on the diagonal.
+//! Kernels that multiply a tile or its transpose by a few columns, and that solve with the triangles on the diagonal.
 //!
-//! With few columns a solve is bound by the bandwidth of memory. So every kernel reads its tile once, in storage order,
-//! and prefetches the next one meanwhile: otherwise the processor waits for one page after another (28 ms for a pass
-//! over 208 MB on one thread instead of 10). Values of f32 are widened in registers; sums and right-hand sides are
-//! always f64. From `MANY` columns on matrix products are faster (`triangular.rs`).
+//! With few columns a solve is bound by the bandwidth of memory. Therefore every kernel reads its tile once, in storage
+//! order, and prefetches the next tile meanwhile. Without prefetching, the processor waits for one page after another:
+//! a pass over 208 MB on one thread then takes 28 ms instead of 10 ms. Values of f32 are widened in registers; sums and
+//! right-hand sides are always f64. With `MANY` columns or more, matrix products are faster (`triangular.rs`).
 //!
 //! Tiles are column-major without gaps, right-hand sides (rows, c) column-major.
 
@@ -13,7 +13,7 @@ use spharm_store::prefetch;
 /// Number of lanes of an accumulator.
 const LANES: usize = 8;
 
-/// Types of a tile's values.
+/// Scalar type of a tile's values.
 pub(crate) trait Real: Copy + Send + Sync + 'static {
     fn widen(self) -> f64;
 }
@@ -34,7 +34,8 @@ impl Real for f32 {
 
 /// Kernels for one type of tile.
 pub(crate) trait Kernels: Real {
-    /// Computes `out -= tile y`: tile (rows, k), y (k, c), out (rows, c). The next tile is `ahead` bytes from this one.
+    /// Computes `out -= tile y`: tile (rows, k), y (k, c), out (rows, c). The next tile to read starts `ahead` bytes
+    /// from this one.
     fn subtract(tile: &[Self], rows: usize, y: &[f64], out: &mut [f64], channels: usize, ahead: isize);
     /// Computes `out -= tile^T x`: tile (rows, k), x (rows, c), out (k, c).
     fn subtract_transposed(tile: &[Self], rows: usize, x: &[f64], out: &mut [f64], channels: usize, ahead: isize);
@@ -86,7 +87,7 @@ macro_rules! kernels {
                 by_channels!(
                     channels, at,
                     $module::transposed_1(tile, rows, &x[at * rows..], &mut out[at * k..], ahead),
-                    // One after another: the compiler's code for two at once is slower.
+                    // Two columns one after another: the compiler's code for two at once is slower.
                     for c in at..at + 2 {
                         $module::transposed_1(tile, rows, &x[c * rows..], &mut out[c * k..], ahead);
                     },
@@ -280,7 +281,7 @@ fn axpys<S: Real, const J: usize, const C: usize, const FMA: bool>(
     }
 }
 
-/// Returns the inner products of J columns with C others, summed in lanes and then across them.
+/// Returns the inner products of J columns with C other columns. Sums are accumulated in lanes, and then added up.
 #[inline(always)]
 fn dots<S: Real, const J: usize, const C: usize, const FMA: bool>(columns: [&[S]; J], x: [&[f64]; C]) -> [[f64; C]; J] {
     let rows = x[0].len();
@@ -319,7 +320,7 @@ fn load<S: Real>(values: &[S], start: usize) -> [f64; LANES] {
     std::array::from_fn(|lane| values[lane].widen())
 }
 
-/// Computes `a b + sum`; fused if that is one instruction.
+/// Computes `a b + sum`, fused if the processor has an instruction for it.
 #[inline(always)]
 fn fused<const FMA: bool>(a: f64, b: f64, sum: f64) -> f64 {
     if FMA { a.mul_add(b, sum) } else { a * b + sum }
@@ -333,7 +334,8 @@ mod tests {
         (0..count).map(|i| ((i as f64 + 1.0) * seed).sin()).collect()
     }
 
-    /// Compares with explicit sums, for every remainder of rows, columns and channels by the kernels' steps.
+    /// Compares kernels with explicit sums, for all remainders of rows, columns and channels by the kernels' step
+    /// sizes.
     fn kernels_are_the_sums_written_out<S: Kernels>(narrow: fn(f64) -> S) {
         for rows in [1, 7, 8, 9, 23, 40] {
             for k in [1, 3, 4, 5, 11] {

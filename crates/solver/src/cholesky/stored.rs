@@ -1,4 +1,4 @@
-//! A Cholesky factor in a store.
+//! A Cholesky factor that is read from a store.
 
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
@@ -13,8 +13,8 @@ use crate::cholesky::{CholeskyFactor, inverse, triangular};
 
 /// A factor read from a store through windows on its tile columns.
 ///
-/// If the file fits the budget, windows are kept between solves. Otherwise each is dropped when its column is done, so
-/// that only a few columns occupy memory and address space at a time.
+/// If the file fits the budget, windows are kept between solves. Otherwise each window is dropped when its tile column
+/// is done, so that only a few columns occupy memory and address space at a time.
 #[derive(Debug)]
 pub struct StoredFactor {
     file: FactorFile,
@@ -23,7 +23,7 @@ pub struct StoredFactor {
     threads: usize,
 }
 
-/// A window on a tile column: kept, or shared only by the threads that are using it.
+/// A window on a tile column: kept between solves, or shared only by the threads that are using it.
 #[derive(Debug)]
 enum Held {
     None,
@@ -44,7 +44,7 @@ impl StoredFactor {
         &self.file
     }
 
-    /// Returns the window on a column: the one in use, or a new one.
+    /// Returns the window on a tile column: the window in use if there is one, else a new one.
     fn window(&self, column: usize) -> Result<Arc<TileWindow>, SolverError> {
         let mut held = self.windows[column].lock().unwrap_or_else(PoisonError::into_inner);
         let there = match &*held {
@@ -67,8 +67,8 @@ impl Tiles for StoredFactor {
         self.file.header().grid
     }
 
-    /// The threads divide the page faults of the first use among them. If each thread faulted in every page, that would
-    /// cost as much as reading the factor.
+    /// Faults in the pages of this thread's share of the tile columns, at the first use. If each thread faulted in
+    /// every page, that would cost as much as reading the factor.
     fn prepare(&self, thread: usize, threads: usize) -> Result<(), SolverError> {
         if !self.kept {
             return Ok(());

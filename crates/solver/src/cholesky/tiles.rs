@@ -7,7 +7,7 @@ use spharm_store::factor::{FactorWriter, TileValues, TileWindow};
 
 use crate::SolverError;
 
-/// The tile and window that a thread is currently using.
+/// The tile and the window that a thread is currently using.
 #[derive(Debug, Default)]
 pub(crate) struct Cursor {
     /// Buffer for a tile that must be copied.
@@ -34,7 +34,7 @@ pub(crate) trait Tiles: Sync {
     }
 }
 
-/// Finished tiles, which a factorisation reads again. Tiles on the diagonal are zero above it.
+/// Tiles that a factorisation has finished and reads again. Tiles on the diagonal are zero above the diagonal.
 pub(crate) trait Finished: Sync {
     fn put(&self, row: usize, column: usize, values: &[f64]) -> Result<(), SolverError>;
     fn get(&self, row: usize, column: usize, values: &mut [f64]) -> Result<(), SolverError>;
@@ -60,7 +60,7 @@ impl MemoryTiles {
         Self { grid, tiles: (0..grid.count()).map(|_| OnceLock::new()).collect() }
     }
 
-    /// Rounds every tile to single precision, freeing the memory of each before the next.
+    /// Rounds every tile to single precision, freeing the memory of each tile before the next is rounded.
     pub(crate) fn narrow(&mut self) {
         for tile in &mut self.tiles {
             if let Some(Values::F64(values)) = tile.take() {
@@ -122,7 +122,7 @@ impl Finished for FactorWriter {
     }
 }
 
-/// An unpublished factor, read back for the condition estimate.
+/// An unpublished factor, which is read back to estimate its condition number.
 impl Tiles for FactorWriter {
     fn grid(&self) -> TileGrid {
         self.grid()

@@ -1,14 +1,14 @@
 //! The triangular solves, C y = b and C^T x = y, over tiles.
 //!
-//! Both together read every tile of C once each, at 2 K^2 flops per column. With few columns they are bound by the
-//! bandwidth of memory, with many by the speed of faer's matrix products.
+//! Each of the two solves reads every tile of C once; together they take 2 K^2 flops per column. With few columns they
+//! are bound by the bandwidth of memory, with many by the speed of faer's matrix products.
 //!
-//! Forward, a thread owns tile rows and processes the tile columns in file order, subtracting `C_ij y_j` from its own
-//! rows as soon as y_j is available. The owner of row j + 1 processes that row first and publishes y_(j + 1) before it
-//! continues, so that the others needn't wait for the rest of its column. Backward, a thread owns tile columns and
-//! processes each of them upwards: `x_j = C_jj^-T (y_j - sum_i C_ij^T x_i)`. Its neighbour is half a column behind, and
-//! by the time that it needs x_j as the last term of its sum, x_j is available. There is no other waiting, and there
-//! are no barriers.
+//! In the forward solve, a thread owns tile rows and processes the tile columns in file order, subtracting `C_ij y_j`
+//! from its own rows as soon as y_j is available. The owner of row j + 1 processes that row first and publishes y_(j +
+//! 1) before it continues. The other threads then needn't wait for the rest of the owner's column. In the backward
+//! solve, a thread owns tile columns and processes each from the last row upwards:
+//! `x_j = C_jj^-T (y_j - sum_i C_ij^T x_i)`. The thread of the next column is half a column behind. It needs x_j only
+//! for the last term of its sum, when x_j is available. Threads wait nowhere else, and there are no barriers.
 //!
 //! The order of summation depends only on the tiles, so results are bit-identical for any number of threads.
 
@@ -25,8 +25,8 @@ use crate::cholesky::kernels::{Kernels, widen};
 use crate::cholesky::tiles::{Cursor, Tiles};
 use crate::dense;
 
-/// Number of columns from which faer's matrix products are faster than the kernels for few columns, which process three
-/// at a time.
+/// Number of columns from which faer's matrix products are faster than the kernels, which process three columns at a
+/// time.
 const MANY: usize = 16;
 
 /// Solves `C C^T x = b`: `x`, (K, c), is b on entry.
@@ -64,8 +64,8 @@ pub(crate) enum Direction {
     Both,
 }
 
-/// Solves for right-hand sides in blocks of tile rows, each (rows, c) column-major. Those before `first` are zero,
-/// which saves their share of the forward solve; without a backward solve they are returned unchanged.
+/// Solves for right-hand sides in blocks of tile rows, each (rows, c) column-major. Blocks before `first` must be zero,
+/// which saves their share of the forward solve; without a backward solve these blocks are returned unchanged.
 pub(crate) fn run(
     tiles: &dyn Tiles,
     blocks: Vec<Vec<f64>>,
@@ -98,7 +98,7 @@ pub(crate) fn run(
         }
     }
     std::thread::scope(|scope| {
-        // These are dedicated threads, not those of a pool: each may wait for results of another, so all must run.
+        // These are dedicated threads, not threads of a pool: each may wait for results of another, so all must run.
         let mut owned = owned.into_iter().enumerate();
         let mine = owned.next();
         for (thread, rows) in owned {
@@ -124,7 +124,7 @@ struct Job<'a> {
     direction: Direction,
     /// Checked for interruption before each tile: with many columns a tile takes milliseconds.
     monitor: &'a dyn Monitor,
-    /// y and x by tile rows, once they are computed.
+    /// y and x by tile rows: each block is set when it has been computed.
     forward: Vec<OnceLock<Vec<f64>>>,
     backward: Vec<OnceLock<Vec<f64>>>,
     /// Set if a thread fails, so that the others don't wait for its results.
@@ -132,7 +132,7 @@ struct Job<'a> {
     error: Mutex<Option<SolverError>>,
 }
 
-/// Another thread has failed, and reports its own error.
+/// Why a thread stops: it failed itself, or another thread failed and reports its own error.
 enum Stop {
     Failed(SolverError),
     Others,
@@ -189,7 +189,7 @@ impl Job<'_> {
                 self.monitor.check()?;
                 let height = block.len() / self.channels;
                 let tile = self.tiles.tile(row, column, cursor)?;
-                // The next tile of this thread, after those of the other threads.
+                // This thread's next tile comes after the tiles of the other threads.
                 let ahead = (self.threads * bytes(tile)) as isize;
                 match tile {
                     TileValues::F64(tile) if self.channels < MANY => {
@@ -253,8 +253,9 @@ impl Job<'_> {
         Ok(())
     }
 
-    /// Waits for a block that another thread computes. Usually it is already available. Yielding after a while then
-    /// costs little, and much less than a wasted processor if there are more threads than processors.
+    /// Waits for a block that another thread computes. Usually the block is already available. After some spins the
+    /// thread yields its processor: that costs little, and much less than a wasted processor if there are more threads
+    /// than processors.
     fn wait<'b>(&self, block: &'b OnceLock<Vec<f64>>) -> Result<&'b [f64], Stop> {
         const SPINS: usize = 2000;
         let mut spins = 0;
@@ -278,7 +279,7 @@ fn bytes(tile: TileValues<'_>) -> usize {
     }
 }
 
-/// Returns a tile for matrix products: unchanged, or widened into `wide`.
+/// Returns a tile for matrix products: f64 values unchanged, f32 values widened into `wide`.
 fn matrix<'m>(tile: TileValues<'m>, rows: usize, wide: &'m mut Vec<f64>) -> Matrix<'m> {
     let values: &[f64] = match tile {
         TileValues::F64(values) => values,

@@ -1,8 +1,8 @@
 //! Accelerated residual fitting: conjugate gradients, preconditioned by a forward and a backward pass.
 //!
 //! A pass is one step of block Gauss-Seidel on the normal equations `N x = A^T W f`, `N = A^T W A`. If blocks are far
-//! from orthogonal its error decreases slowly. But a forward and a backward pass together apply a symmetric positive
-//! definite `M` close to `N^-1`, which conjugate gradients use as a preconditioner.
+//! from orthogonal, the error decreases slowly from pass to pass. However, a forward and a backward pass together apply
+//! a symmetric positive definite matrix `M` close to `N^-1`, which conjugate gradients use as a preconditioner.
 //!
 //! # In sample space
 //!
@@ -12,11 +12,12 @@
 //! y = G_j^-1 A_j^T W s      z_j += y      s -= A_j y           G_j = A_j^T W A_j
 //! ```
 //!
-//! Then `z = M A^T W r` with the preconditioner M of symmetric block Gauss-Seidel (Saad, section 10.2), and `A z = r -
-//! s` is obtained for free: no product with A beyond those of the passes, and no gradient. In `W^(1/2) A` a step is an
-//! orthogonal projection `I - P_j`. That of the last block would be applied twice in a row, but once suffices: `(I -
-//! P)^2 = I - P`, which saves reading one block. For a rank-deficient block `G_j^-1` is its minimum-norm solve, which
-//! is symmetric and gives the same projection; all iterates then stay in the span of such solutions.
+//! Then `z = M A^T W r` with the preconditioner M of symmetric block Gauss-Seidel (Saad, section 10.2). `A z = r - s`
+//! is obtained without products with A other than those of the passes, and without the gradient. On `W^(1/2) s`, the
+//! step of block j is an orthogonal projection `I - P_j`. The projection of the last block would be applied twice in a
+//! row. It is applied only once, since `(I - P)^2 = I - P`, which saves reading one block. For a rank-deficient block
+//! `G_j^-1` is its minimum-norm solve, which is symmetric and gives the same projection; all iterates then stay in the
+//! span of such solutions.
 //!
 //! # The iteration
 //!
@@ -26,17 +27,18 @@
 //! ```
 //!
 //! Every column has its own alpha and beta. With E = (I - P_B) .. (I - P_1), the forward pass,
-//! `gamma = |W^(1/2) r|^2 - |W^(1/2) E r|^2`, the decrease of the residual by the forward pass. It is obtained from the
-//! pass's steps as sums of `y^T A_j^T W s`, which is never negative. So gamma keeps its digits down to rounding,
-//! whereas `r^T W (r - s)` would lose them to `|r|^2`, which doesn't go to zero.
+//! `gamma = |W^(1/2) r|^2 - |W^(1/2) E r|^2` is the decrease of the squared residual by the forward pass. Gamma is
+//! summed over the steps of the pass: each contributes `y^T A_j^T W s`, which is never negative. Therefore gamma is
+//! accurate down to rounding, whereas `r^T W (r - s)` would lose digits by cancellation, since `|r|^2` doesn't go to
+//! zero.
 //!
-//! A column is finished when `gamma^(1/2) <= 1e-13 |W^(1/2) f|`, and isn't changed from then on.
+//! A column is finished when `gamma^(1/2) <= 1e-13 |W^(1/2) f|`, and isn't changed after that.
 //!
 //! # Cost
 //!
 //! An iteration is two passes, minus one block: `8 n K c` flops and two readings of the basis. In addition to the
-//! arrays of plain passes it needs s and q, (n, c), and z and p, (K, c). An odd number of passes begins with a plain
-//! one.
+//! arrays of plain passes it needs s and q, (n, c), and z and p, (K, c). If the number of passes is odd, the first one
+//! is a plain pass.
 //!
 //! Y. Saad, "Iterative methods for sparse linear systems", second edition, SIAM 2003, sections 9.2 and 10.2; M. R.
 //! Hestenes and E. Stiefel, "Methods of conjugate gradients for solving linear systems", 1952.
@@ -51,11 +53,12 @@ use super::stream::Order;
 use crate::SolverError;
 use crate::chunked_rows::ChunkedRows;
 
-/// Tolerance of the square root of gamma, relative to the targets: rounding errors of `A^T W s` are not far below.
+/// Tolerance of the square root of gamma, relative to the norm of the targets. Rounding errors of `A^T W s` are only
+/// slightly smaller.
 const CONVERGED: f64 = 1e-13;
 
 impl IrfSolver<'_> {
-    /// Fits the residual r, (n, c), which contains the targets on entry, by x, (K, c), zero on entry.
+    /// Fits x, (K, c), zero on entry, to r, (n, c), which contains the targets on entry and their residual on return.
     pub(super) fn accelerated(
         &mut self,
         r: &mut ChunkedRows,
@@ -121,7 +124,7 @@ impl IrfSolver<'_> {
             columns.map(sum).collect()
         };
         let parts: Vec<Vec<f64>> = (0..self.operator.chunk_count()).into_par_iter().map(of_chunk).collect();
-        // In the order of the chunks, whatever the number of threads.
+        // Add in the order of the chunks: the sums then don't depend on the number of threads.
         let mut sums = vec![0.0; a.channels()];
         for part in parts {
             sums.iter_mut().zip(part).for_each(|(sum, part)| *sum += part);

@@ -1,4 +1,4 @@
-//! The paper's methods: the degrees that are solved together, and the number of passes.
+//! The paper's methods: which degrees they solve together, and their number of passes.
 //!
 //! Shen and Chung (3DPVT 2006), section 3: NLSF is one block of all degrees; SIRF has a first block of degrees 0 to s
 //! and then one block per degree; MIRF repeats this several times; a block of IRF has as many degrees as fit into g
@@ -20,7 +20,7 @@ pub enum Method {
         /// Largest number of columns of a block, g; a block has at least one degree.
         granularity: usize,
     },
-    /// Stepwise: degrees 0 to `start_degree` together, then one degree at a time, in one pass.
+    /// Stepwise fitting: degrees 0 to `start_degree` together, then one degree at a time, in one pass.
     Sirf {
         /// Last degree of the first block, s.
         start_degree: usize,
@@ -110,14 +110,14 @@ mod tests {
         assert_eq!(irf(1, 3), [0..=0, 1..=1, 2..=2, 3..=3]);
         assert_eq!(irf(4, 3), [0..=1, 2..=2, 3..=3]);
         assert_eq!(irf(9, 3), [0..=2, 3..=3]);
-        // Degrees 10, 11, 12, 13 have 21 + 23 + 25 + 27 = 96 columns; 14 would make 125.
+        // Degrees 10, 11, 12, 13 have 21 + 23 + 25 + 27 = 96 columns; with degree 14 they would have 125.
         assert_eq!(irf(100, 14), [0..=9, 10..=13, 14..=14]);
         assert_eq!(irf(usize::MAX, 100), [0..=100]);
         for g in [1, 7, 100, 400] {
             let blocks = irf(g, 100);
             assert_eq!(blocks.iter().map(columns).sum::<usize>(), basis_size(100));
             assert!(blocks.iter().all(|b| columns(b) <= g || b.start() == b.end()));
-            // None could have taken one degree more.
+            // No block could contain one degree more.
             assert!(blocks[..blocks.len() - 1].iter().all(|b| columns(&(*b.start()..=b.end() + 1)) > g));
         }
     }

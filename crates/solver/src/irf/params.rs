@@ -9,8 +9,8 @@ pub struct IrfParams {
     pub max_degree: usize,
     /// Blocks and passes; default IRF in one pass with a granularity of 100.
     pub method: Method,
-    /// Maximum number of additional passes that remove rounding errors; they end early when they change nothing. Useful
-    /// for [`Method::Nlsf`], whose single block may be ill-conditioned. Default 0.
+    /// Maximum number of additional passes that remove rounding errors; passes end early when they change nothing.
+    /// Useful for [`Method::Nlsf`], whose single block may be ill-conditioned. Default 0.
     pub refinements: usize,
     /// Weight of each row (vertex) in the least squares, (n), finite and not negative; `None` for equal weights.
     pub weights: Option<Vec<f64>>,
@@ -20,16 +20,16 @@ pub struct IrfParams {
     pub memory: usize,
     /// Bytes already held by the caller, which count against `memory`; default 0.
     pub held: usize,
-    /// Number of threads of the caller's rayon pool; 0, the default, for all of them.
+    /// Number of threads of the caller's rayon pool to use; default 0, which uses all of them.
     pub threads: usize,
     /// Whether more fits will follow on the same [`IrfSolver`](super::IrfSolver), so that keeping factors pays off;
     /// default false.
     pub reuse: bool,
     /// Whether to run conjugate gradients over pairs of passes, which converge in far fewer passes; default false.
     pub accelerate: bool,
-    /// Bytes held by the source of the blocks' Gram matrices, for [`plan`](super::plan()) of a fit with such a source.
-    /// [`IrfSolver::new`](super::IrfSolver::new) and [`IrfSolver::with_gram`](super::IrfSolver::with_gram) set it
-    /// according to their arguments.
+    /// Bytes held by the source of the blocks' Gram matrices, if the fit has such a source; used by
+    /// [`plan`](super::plan()). [`IrfSolver::new`](super::IrfSolver::new) and
+    /// [`IrfSolver::with_gram`](super::IrfSolver::with_gram) replace it according to their arguments.
     pub gram_bytes: Option<usize>,
 }
 

@@ -1,4 +1,4 @@
-//! Reports on fits, and their recording.
+//! Reports on fits by iterative residual fitting, and their recording.
 
 use std::ops::{Range, RangeInclusive};
 use std::time::Instant;
@@ -14,7 +14,7 @@ use crate::residual::ResidualNorms;
 #[derive(Debug, Clone, Serialize)]
 #[non_exhaustive]
 pub struct IrfReport {
-    /// `irf`, `sirf`, `mirf` or `nlsf`.
+    /// Name of the method: `irf`, `sirf`, `mirf` or `nlsf`.
     pub method: &'static str,
     /// Whether the passes were accelerated by conjugate gradients.
     pub accelerated: bool,
@@ -39,7 +39,7 @@ pub struct IrfReport {
     pub memory: IrfPlan,
 }
 
-/// One block of a pass.
+/// Report on one block of a pass.
 #[derive(Debug, Clone, Serialize)]
 pub struct BlockReport {
     /// First degree.
@@ -48,7 +48,7 @@ pub struct BlockReport {
     pub last_degree: usize,
     /// Number of basis functions.
     pub columns: usize,
-    /// `cholesky` of the Gram matrix, or `rank-revealing`.
+    /// Solver of the block: `cholesky` of the Gram matrix, or `rank-revealing`.
     pub solver: &'static str,
     /// Numerical rank.
     pub rank: usize,
@@ -56,15 +56,15 @@ pub struct BlockReport {
     pub condition: f64,
 }
 
-/// One pass over all blocks; for an accelerated fit one iteration, which is two passes.
+/// Report on one pass over all blocks. For an accelerated fit it covers one iteration, which is two passes.
 #[derive(Debug, Clone, Serialize)]
 #[non_exhaustive]
 pub struct PassReport {
-    /// Number of the pass, from 1; for an iteration, that of its second pass.
+    /// Number of the pass, from 1; for an iteration, the number of its second pass.
     pub pass: usize,
     /// Whether this is an additional pass, which removes rounding errors of the full least squares.
     pub refinement: bool,
-    /// Wall time, seconds.
+    /// Wall time in seconds.
     pub seconds: f64,
     /// Bytes read from the store.
     pub bytes_read: u64,
@@ -130,7 +130,7 @@ impl<'a> Recorder<'a> {
         self.monitor.check()
     }
 
-    /// Reports progress by a block's columns of the basis. Those of refinements aren't counted, since the number of
+    /// Reports progress by the number of a block's columns. Blocks of refinements aren't counted, since the number of
     /// refinements isn't known beforehand.
     pub(super) fn end_block(&self, columns: usize) {
         if !self.refinement {

@@ -1,4 +1,4 @@
-//! Fits batch after batch of targets by iterative residual fitting.
+//! Fits targets in batches by iterative residual fitting.
 
 use std::ops::{Range, RangeInclusive};
 
@@ -20,11 +20,11 @@ use crate::{SolverError, check};
 pub struct IrfFit {
     /// Canonical coefficients, (K, c).
     pub coefficients: Coefficients,
-    /// Blocks, passes, residuals, times and memory.
+    /// Report on blocks, passes, residuals, times and memory.
     pub report: IrfReport,
 }
 
-/// Fits batch after batch of targets on one operator, and keeps the blocks' factors between batches.
+/// Fits batches of targets on one operator, and keeps the blocks' factors between batches.
 pub struct IrfSolver<'o> {
     pub(super) operator: &'o dyn BlockOperator,
     /// The parameters, with the actual number of threads.
@@ -49,12 +49,13 @@ impl<'o> IrfSolver<'o> {
         Self::planned(operator, channels, params, None)
     }
 
-    /// Plans the same with the blocks' Gram matrices from `gram`, which must be that of the operator's basis, in f64,
-    /// with the weights of `params`. Every pass, including the first, then costs only its right-hand sides and updates.
+    /// Plans fits as [`IrfSolver::new`] does, with the blocks' Gram matrices taken from `gram`. It must be the Gram
+    /// matrix of the operator's basis, in f64, with the weights of `params`. Every pass, including the first, then only
+    /// computes right-hand sides and updates.
     ///
     /// # Errors
     ///
-    /// Those of [`IrfSolver::new`]; [`SolverError::Degree`] for a matrix whose highest degree is below that of the fit.
+    /// Those of [`IrfSolver::new`]; [`SolverError::Degree`] if the matrix's highest degree is below the fit's.
     pub fn with_gram(
         operator: &'o dyn BlockOperator,
         channels: usize,
@@ -105,10 +106,10 @@ impl<'o> IrfSolver<'o> {
         &self.blocks
     }
 
-    /// Fits targets, (n, c), of which `groups` gives the columns of each target: three for a surface, one for a signal.
+    /// Fits targets, (n, c). `groups` gives the columns of each target: three for a surface, one for a signal.
     ///
-    /// The monitor gets one stage, `fit`, in columns of the basis over all passes, with a status for each block and a
-    /// detail for each pass.
+    /// The monitor gets one stage, `fit`, counted in columns of the basis over all passes. It also gets a status for
+    /// each block and a detail for each pass.
     ///
     /// # Errors
     ///
@@ -160,7 +161,7 @@ impl<'o> IrfSolver<'o> {
     }
 }
 
-/// Fits one batch of targets: [`IrfSolver::new`] and [`IrfSolver::fit`].
+/// Fits one batch of targets by [`IrfSolver::new`] and [`IrfSolver::fit`].
 ///
 /// # Errors
 ///

@@ -1,4 +1,4 @@
-//! The blocks of a pass, opened one after another while the next one is being read from disk.
+//! Opens the blocks of a pass one after another, while the next block is being read from disk.
 
 use std::ops::{Range, RangeInclusive};
 
@@ -14,8 +14,8 @@ use crate::operator::{Block, BlockOperator};
 pub(super) enum Order {
     /// From the first to the last.
     Forward,
-    /// From the last but one to the first, after a forward pass: the last block has just been solved, and solving it
-    /// again would give zero.
+    /// From the last block but one to the first, after a forward pass. The last block is skipped: it has just been
+    /// solved, and solving it again would give zero.
     Backward,
 }
 
@@ -66,14 +66,14 @@ impl<'s, 'o> Stream<'s, 'o> {
 
 /// An open block: the columns of a run of degrees.
 pub(super) struct OpenBlock<'o> {
-    /// Its index within a forward pass, from 0.
+    /// Index of the block within a forward pass, from 0.
     pub(super) index: usize,
     pub(super) degrees: RangeInclusive<usize>,
     pub(super) data: Box<dyn Block + 'o>,
 }
 
 impl OpenBlock<'_> {
-    /// Returns its columns within the basis.
+    /// Returns the block's columns within the basis.
     pub(super) fn columns(&self) -> Range<usize> {
         first_column(*self.degrees.start())..basis_size(*self.degrees.end())
     }

@@ -1,20 +1,22 @@
-//! The triangular factor R of a tall matrix that arrives in chunks of rows.
+//! Computes the triangular factor R of a tall matrix that arrives in chunks of rows.
 //!
-//! Each chunk is stacked below the R of the previous ones and the two are factorised again: the sequential tall-skinny
-//! QR of Demmel, Grigori, Hoemmen and Langou (SIAM J. Sci. Comput. 34, 2012, section 3). It holds a few times k x k
-//! numbers, costs 2 n k^2 flops and, unlike a Gram matrix, keeps singular values down to eps times the largest.
+//! Each chunk is stacked below the R of the previous chunks, and the stack is factorised again. This is the sequential
+//! tall-skinny QR of Demmel, Grigori, Hoemmen and Langou (SIAM J. Sci. Comput. 34, 2012, section 3). For k columns it
+//! holds a few times k x k numbers and takes 2 n k^2 flops. Unlike a Gram matrix, R preserves singular values down to
+//! eps times the largest.
 
 use spharm_harmonics::product::Matrix;
 
 use crate::dense::triangularise;
 
-/// R of the rows pushed so far, (height, columns) with height at most columns, and rows waiting to be folded into it.
+/// R of the rows so far, (height, columns) with height at most columns, and rows that aren't yet folded into R.
 #[derive(Debug, Clone)]
 pub(super) struct Triangle {
     values: Vec<f64>,
     height: usize,
     columns: usize,
-    /// Column-major runs of rows: folding only pays off once there are about as many rows as columns.
+    /// Runs of rows, column-major. They are folded into R when there are about as many rows as columns; folding fewer
+    /// doesn't pay off.
     waiting: Vec<(usize, Vec<f64>)>,
 }
 

@@ -1,7 +1,7 @@
-//! The residual, divided among threads: each owns a fixed run of chunks and its own sums.
+//! Divides the residual among threads: each owns a fixed run of chunks and its own sums.
 //!
-//! Runs and the order of summation depend only on the number of threads, so results are bit-identical for the same
-//! number.
+//! Runs and the order of summation depend only on the number of threads. Results are therefore bit-identical for the
+//! same number of threads.
 
 use std::ops::Range;
 
@@ -26,7 +26,7 @@ pub(super) struct Workers<'r> {
     root_weights: Option<&'r [f64]>,
 }
 
-/// One thread's share.
+/// One thread's share of the residual, and its buffers.
 struct Worker<'r> {
     chunks: Range<usize>,
     residual: Vec<&'r mut [f64]>,

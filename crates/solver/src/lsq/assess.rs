@@ -1,4 +1,4 @@
-//! Reports on solutions.
+//! Creates reports on solutions.
 
 use std::ops::Range;
 use std::time::Instant;
@@ -13,7 +13,7 @@ use crate::cholesky::CholeskyFactor;
 use crate::residual::ResidualNorms;
 
 impl LsqSolver<'_> {
-    /// Creates the report on a solution; `groups` gives the columns of each target whose residual is to be assessed.
+    /// Creates the report on a solution. `groups` gives the columns of each target, for the norms of its residual.
     pub(super) fn report(
         &mut self,
         cg: &Cg,

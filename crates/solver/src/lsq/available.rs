@@ -1,4 +1,4 @@
-//! The data that a solver's strategy decides by, and the preconditioner of a step.
+//! Collects the data by which the strategy decides, and creates the preconditioner of a step.
 
 use spharm_transform::InverseDensity;
 
@@ -47,7 +47,7 @@ impl LsqSolver<'_> {
         self.params.memory.saturating_sub(self.params.held)
     }
 
-    /// Returns the reason why there are no moments.
+    /// Returns the reason why moments aren't available.
     pub(super) fn why_no_moments(&self) -> String {
         match self.make_moments {
             Some(_) => format!("their moments don't fit the {} MiB of memory that are left", self.room() >> 20),

@@ -1,5 +1,5 @@
-//! Preconditioned conjugate gradients on the normal equations, for all columns together, or by moments for a few at a
-//! time.
+//! Preconditioned conjugate gradients on the normal equations, for all columns together or, with moments, for a few
+//! columns at a time.
 //!
 //! Problem: `min |W^(1/2) (A x - f)|^2 + x^T P x` for each column f of the targets; N = A^T W A + P. From x = 0:
 //!
@@ -10,10 +10,10 @@
 //! ```
 //!
 //! with M the preconditioner. In exact arithmetic the iterates are those of LSQR with the same preconditioner, with
-//! less storage: four (K, c) arrays, and none of (n, c). The normal equations square the condition number, so rounding
-//! limits the attainable optimality. Hence r is recomputed at the end unless its errors are estimated to be small, and
-//! the iteration is restarted from there while that improves it. If there are many solutions, iterating from zero tends
-//! to that of minimum norm.
+//! less storage: four (K, c) arrays, and no (n, c) array. The normal equations square the condition number, so rounding
+//! limits the attainable optimality. Therefore r is recomputed at the end unless its errors are estimated to be small,
+//! and the iteration is restarted from the recomputed r as long as the optimality improves. If there are many
+//! solutions, iterating from zero tends to the solution of minimum norm.
 //!
 //! M. R. Hestenes and E. Stiefel, "Methods of conjugate gradients for solving linear systems", J. Res. NBS 49 (1952);
 //! A. Bjorck, "Numerical methods for least squares problems" (1996), section 7.4.
@@ -32,17 +32,17 @@ use super::problem::{Problem, ProductError, Sampled};
 use super::progress::Progress;
 use crate::SolverError;
 
-/// Largest error of an optimality, relative to the tolerance.
+/// Largest estimated error of the optimality, relative to the tolerance, for which the gradient isn't recomputed.
 const ERROR_SHARE: f64 = 0.2;
 
-/// Stopping rules.
+/// Stopping rules of conjugate gradients.
 #[derive(Debug, Clone, Copy)]
 pub struct CgParams {
     /// Optimality to reach, `|A^T W r - P x| / |A^T W f|`, of every column; default 1e-10.
     pub tolerance: f64,
     /// Maximum number of iterations; default 3000.
     pub max_iterations: usize,
-    /// Number of iterations without halving the optimality after which to give up; default 250.
+    /// Number of iterations after which to give up if the optimality hasn't halved; default 250.
     pub patience: usize,
 }
 
@@ -57,9 +57,9 @@ impl Default for CgParams {
 pub struct CgFit {
     /// Solution x, (K, c).
     pub solution: Array2<f64>,
-    /// `f - A x`, (n, c).
+    /// Residual `f - A x`, (n, c).
     pub residual: Array2<f64>,
-    /// Why the iteration ended.
+    /// Reason why the iteration ended.
     pub stop: Stop,
     /// Number of iterations.
     pub iterations: usize,
@@ -69,11 +69,11 @@ pub struct CgFit {
 
 /// Solves the normal equations for targets f, (n, c), from x = 0.
 ///
-/// Each iteration is a step of the monitor's stage, with a status.
+/// The monitor gets a step and a status for each iteration.
 ///
 /// # Errors
 ///
-/// [`SolverError::Interrupted`]; those of operator and preconditioner. Not converging isn't an error.
+/// [`SolverError::Interrupted`]; errors of the operator and the preconditioner. Not converging isn't an error.
 pub fn solve(
     equations: &NormalEquations<'_>,
     targets: &Array2<f64>,
@@ -91,7 +91,7 @@ pub fn solve(
     Ok(CgFit { solution: cg.x, residual, stop, iterations: cg.iterations, optimality })
 }
 
-/// Why an iteration ended.
+/// Reason why an iteration ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Stop {
@@ -107,19 +107,20 @@ pub enum Stop {
 pub(crate) struct Cg {
     /// Solution, (K, c).
     pub(crate) x: Array2<f64>,
-    /// `A^T W (f - A x) - P x`, as updated by the iteration.
+    /// Gradient `A^T W (f - A x) - P x`, as updated by the iteration.
     pub(crate) gradient: Array2<f64>,
     /// Norms of the columns of `A^T W f`.
     pub(crate) scale: Vec<f64>,
     pub(crate) iterations: usize,
-    /// The last iteration at which the optimality halved.
+    /// Number of the iteration at which the optimality last halved.
     pub(crate) best_at: usize,
-    /// Condition number of N, estimated from the coefficients of the iterations, times that of the preconditioner; the
-    /// largest of all columns. NaN if that of the preconditioner is unknown.
+    /// Estimated condition number of N, the largest of all columns: the condition number of the preconditioned matrix,
+    /// estimated from alpha and beta of the iterations, times the condition number of the preconditioner. NaN if the
+    /// latter is unknown.
     pub(crate) condition: f64,
-    /// Estimated error of the optimality, if the gradient is that updated by the iteration.
+    /// Estimated error of the optimality if the gradient was updated by the iteration rather than recomputed; else 0.
     pub(crate) doubt: f64,
-    /// Wall time of the iterations.
+    /// Wall time of the iterations in seconds.
     pub(crate) seconds: f64,
 }
 
@@ -152,8 +153,8 @@ impl Cg {
         self.run_while(problem, preconditioner, params, None, monitor)
     }
 
-    /// Iterates until a stopping rule applies, or until `progress` is too slow, which is treated as the limit of
-    /// iterations.
+    /// Iterates until a stopping rule applies, or until `progress` is too slow, which also returns
+    /// [`Stop::IterationLimit`].
     pub(crate) fn run_while(
         &mut self,
         problem: &dyn Problem,
@@ -231,10 +232,10 @@ impl Cg {
         Ok(Stop::IterationLimit)
     }
 
-    /// Computes the gradient from the samples, and resumes the iteration from there if it hasn't converged after all.
-    /// Without samples the gradient is only one more product, no more accurate than the previous ones. It isn't
-    /// computed if the errors of products are small. Returns why the iteration ended, and the residual, (n, c), if
-    /// there are samples.
+    /// Recomputes the gradient from the samples, and resumes the iteration if the tolerance isn't met after all. The
+    /// gradient isn't recomputed if the errors of products are small. Without samples, recomputing it takes one more
+    /// product, which is no more accurate than the previous ones. Returns why the iteration ended, and the residual,
+    /// (n, c), if there are samples.
     pub(crate) fn confirm(
         &mut self,
         mut stop: Stop,
@@ -262,14 +263,14 @@ impl Cg {
         }
     }
 
-    /// Returns the residual, (n, c), if there are samples, provided that the iteration's own gradient is accurate
-    /// enough; `None` if the gradient must be recomputed, at twice the cost of the residual.
+    /// Accepts the iteration's own gradient if it is accurate enough, and returns the residual, (n, c), if there are
+    /// samples. Returns `None` if the gradient must be recomputed, at twice the cost of the residual.
     ///
-    /// Products with an error of e relative to the norm of N cause an error of up to `e |N| |x|` in the gradient, `b -
-    /// N x`, and rounding one of some eps of `|N| |x|` in each iteration. In units of the optimality these errors are
-    /// divided by `|b|`, and must be small compared with the tolerance. If there are samples, the accuracy of products
-    /// is verified with them in the direction of x, in which the residual r and the gradient g have the same slope, `(A
-    /// x)^T W r = x^T g`.
+    /// Products with an error of e relative to the norm of N cause an error of up to `e |N| |x|` in the gradient,
+    /// `b - N x`. Rounding adds an error of some eps times `|N| |x|` in each iteration. In units of the optimality
+    /// these errors are divided by `|b|`; they must be small compared with the tolerance. If there are samples, they
+    /// serve to verify the accuracy of products in the direction of x: the residual r and the gradient g satisfy
+    /// `(A x)^T W r = x^T g`.
     fn confirm_carried(
         &mut self,
         problem: &dyn Problem,
@@ -293,18 +294,18 @@ impl Cg {
     }
 }
 
-/// Returns the largest of the quotients; a zero column is solved.
+/// Returns the largest quotient of a norm and its scale; 0 for columns of scale 0, whose solution is zero.
 pub(crate) fn relative(norms: &[f64], scale: &[f64]) -> f64 {
     norms.iter().zip(scale).map(|(norm, scale)| if *scale > 0.0 { norm / scale } else { 0.0 }).fold(0.0, f64::max)
 }
 
-/// Returns a quotient; zero for a solved column, which has no search direction left.
+/// Returns a quotient; zero for a solved column, which has no search direction any more.
 fn ratio(numerator: f64, denominator: f64) -> f64 {
     if denominator > 0.0 { numerator / denominator } else { 0.0 }
 }
 
-/// The tridiagonal matrix that is implicit in conjugate gradients: its eigenvalues approach those of the preconditioned
-/// matrix from within, the extreme ones first.
+/// The tridiagonal matrix that is implicit in conjugate gradients. Its eigenvalues approach those of the preconditioned
+/// matrix from inside the spectrum, the extreme ones first.
 struct Lanczos {
     steps: Vec<(Vec<f64>, Vec<f64>)>,
     columns: usize,
@@ -336,7 +337,7 @@ impl Lanczos {
             before = Some((alpha, beta));
         }
         let Some(largest) = diagonal.iter().copied().reduce(f64::max) else { return 1.0 };
-        // Gershgorin's bound, then bisection with Sturm's count of the eigenvalues below.
+        // Gershgorin's bound on the eigenvalues, then bisection; Sturm's sequence counts the eigenvalues below a value.
         let bound = 2.0 * largest + 2.0 * squares.iter().copied().fold(0.0, f64::max).sqrt();
         let below = |value: f64| {
             let mut count = 0;
@@ -353,7 +354,7 @@ impl Lanczos {
             count
         };
         let find = |rank: usize| {
-            // On a logarithmic scale, since the smallest may be 1e-16 of the largest.
+            // On a logarithmic scale, since the smallest eigenvalue may be 1e-16 of the largest.
             let (mut low, mut high) = (bound * 1e-20, bound);
             for _ in 0..80 {
                 let middle = (low * high).sqrt();

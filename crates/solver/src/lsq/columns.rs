@@ -83,7 +83,7 @@ pub(crate) fn add_scaled_rows(y: &mut Array2<f64>, factors: &[f64], x: &Array2<f
     }
 }
 
-/// Multiplies each row by its factor.
+/// Multiplies each row of `y` by its factor.
 pub(crate) fn scale_rows(y: &mut Array2<f64>, factors: &[f64]) {
     for (mut y, factor) in y.rows_mut().into_iter().zip(factors) {
         y *= *factor;

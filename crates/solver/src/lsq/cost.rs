@@ -1,9 +1,9 @@
-//! Costs of products with the normal matrix, by samples and by moments.
+//! Models the costs of products with the normal matrix, by samples and by moments, and of factors.
 //!
-//! Costs are nanoseconds of one thread, from measurements on a Xeon of 2023 (`examples/rates.rs` of
+//! Costs are in nanoseconds of one thread, from measurements on a Xeon of 2023 (`examples/rates.rs` of
 //! `spharm-transform`); only their ratios matter. At 40,962 samples and L = 100 a product of three channels takes 8.4
-//! ms by samples and 2.0 ms by moments, which take 20 ms to compute. At 10^6 samples and L = 1,000 a product of one
-//! channel takes 0.33 s either way.
+//! ms by samples and 2.0 ms by moments; computing the moments takes 20 ms. At 10^6 samples and L = 1,000 a product of
+//! one channel takes 0.33 s by either method.
 
 use spharm_harmonics::basis_size;
 
@@ -11,7 +11,7 @@ use super::limits::{
     PAYING_PER_EXPECTED_ITERATIONS, PRODUCTS_PER_DENSITY_ITERATION, SAMPLES_PER_DEGREE_SQUARED_FOR_SHARED_GRID,
 };
 
-/// Sizes that a cost depends on.
+/// Sizes on which costs depend.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Cost {
     pub(super) rows: usize,
@@ -20,8 +20,8 @@ pub(super) struct Cost {
 }
 
 impl Cost {
-    /// Returns the cost of a product by samples: kernels, which channels share, and their sums; the transforms of a
-    /// grid.
+    /// Returns the cost of a product by samples: computing kernels, which channels share; summing them; the transforms
+    /// of a grid.
     fn by_samples(&self) -> f64 {
         let (n, l, c) = self.sizes();
         n * (50.0 + 50.0 * c) + c * (25.0 * l * l * l.log2() + 0.1 * l.powi(3))
@@ -33,12 +33,12 @@ impl Cost {
         c * (0.2 * l.powi(3) + 13.0 * l * l * l.log2())
     }
 
-    /// Returns the cost of a product by moments and one with the inverse of the density.
+    /// Returns the cost of a product by moments and a product with the inverse of the density.
     pub(super) fn preconditioned(&self) -> f64 {
         PRODUCTS_PER_DENSITY_ITERATION * self.by_moments()
     }
 
-    /// Returns the cost of computing the moments and the operator from them.
+    /// Returns the cost of computing the moments and the normal operator from them.
     pub(super) fn making(&self) -> f64 {
         let (n, l, _) = self.sizes();
         350.0 * n + 100.0 * l * l * (2.0 * l).log2() + 1.2 * l.powi(3)
@@ -50,7 +50,7 @@ impl Cost {
     }
 
     /// Returns the cost of a solve with a factor, whose `4 K^2` bytes are read twice, at 5 bytes per nanosecond, and of
-    /// computing gradient and residual.
+    /// computing the gradient and the residual.
     pub(super) fn with_factor(&self) -> f64 {
         let entries = (basis_size(self.max_degree) as f64).powi(2);
         entries * (2.0 * self.channels as f64 / 40.0 + 1.6) + 0.5 * self.by_samples()
@@ -62,9 +62,9 @@ impl Cost {
         if saved > 0.0 { self.making() / saved } else { f64::INFINITY }
     }
 
-    /// Returns the expected number of iterations to a tolerance on a random sampling. Its normal matrix has the
-    /// eigenvalues of Marchenko and Pastur's law, (1 -+ (K / n)^(1/2))^2, and each iteration reduces the error by (n /
-    /// K)^(1/2). Even samplings take half as many.
+    /// Returns the expected number of iterations to a tolerance on a random sampling. By the law of Marchenko and
+    /// Pastur, the eigenvalues of its normal matrix lie between (1 - (K / n)^(1/2))^2 and (1 + (K / n)^(1/2))^2, and
+    /// each iteration reduces the error by a factor of (n / K)^(1/2). Even samplings take half as many iterations.
     pub(super) fn expected_iterations(&self, tolerance: f64) -> f64 {
         let ratio = basis_size(self.max_degree) as f64 / self.rows.max(1) as f64;
         if ratio < 1.0 { 2.0 * tolerance.ln() / ratio.ln() } else { f64::INFINITY }
@@ -81,10 +81,10 @@ impl Cost {
 }
 
 /// Returns whether [`MatrixFreeOperator::with_moments`](crate::MatrixFreeOperator::with_moments) saves time, by a model
-/// of costs. It does if iterations on n = `rows` samples to a tolerance will use moments from the start, and there are
-/// enough samples that the larger grid, which both degrees share, costs less than sorting the samples twice. That
-/// saves 10 to 25 % for one channel. With fewer samples the larger grid's memory costs more time than it saves, and for
-/// 6 to 48 channels it took 10 to 40 % longer at degrees from 50 to 400.
+/// of costs. Its grid is larger, since operator and moments share it. It saves 10 to 25 % for one channel, if
+/// iterations on n = `rows` samples to a tolerance use moments from the start, and if n is so large that sorting the
+/// samples twice costs more than the larger grid. With fewer samples the larger grid's memory costs more time than it
+/// saves. For 6 to 48 channels the shared grid took 10 to 40 % longer at degrees from 50 to 400.
 pub fn moments_pay(rows: usize, max_degree: usize, channels: usize, tolerance: f64) -> bool {
     let many = rows >= SAMPLES_PER_DEGREE_SQUARED_FOR_SHARED_GRID * max_degree * max_degree;
     channels == 1 && many && Cost { rows, max_degree, channels }.at_once(tolerance)
@@ -107,7 +107,7 @@ mod tests {
         assert!(cost(100_000, 1_000, 1).paid_after() > 60.0);
     }
 
-    /// Each iteration gains a factor of the root of n / K: if that ratio is a hundred, ten iterations give ten digits.
+    /// Each iteration reduces the error by a factor of (n / K)^(1/2): with n / K = 100, ten iterations give ten digits.
     #[test]
     fn iterations_are_those_of_the_law() {
         assert!((cost(100 * 121, 10, 1).expected_iterations(1e-10) - 10.0).abs() < 1e-12);

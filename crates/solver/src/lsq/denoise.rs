@@ -1,9 +1,9 @@
 //! Denoising within the fit: a ridge penalty on each degree, whose strength is derived from the targets' own noise.
 //!
-//! Targets are the sum of a smooth function and noise, which is independent from row to row and of equal variance
-//! sigma^2 (divided by the precision of a row, if rows have different ones). An estimate of coefficients that is linear
+//! Targets are modelled as the sum of a smooth function and noise, which is independent from row to row and of variance
+//! sigma^2, or sigma^2 divided by the row's precision if precisions differ. An estimate of coefficients that is linear
 //! in the targets, such as the plain least squares x = N^-1 A^T W f, transfers noise into each degree, with a power
-//! that depends only on the sampling. It is measured by fits of noise e of variance 1:
+//! that depends only on the sampling. This power is measured by fits of noise e of variance 1:
 //!
 //! ```text
 //! B_l = E |x(e)_l|^2,   D = E |e - A x(e)|^2          of a column, from 12 columns of random signs
@@ -15,16 +15,16 @@
 //!
 //! This is empirical Bayes (C. N. Morris, "Parametric empirical Bayes inference", JASA 78, 1983): coefficients of
 //! degree l have the prior variance tau_l = h_l / (1 - h_l) sigma^2 B_l / (2l + 1), and `p_l = sigma^2 / tau_l`.
-//! Without pooling tau_l is `(P_l - N_l) / (c (2l + 1))`. On an even sampling N is `n / 4 pi I`, and the fit is the
-//! plain one times h_l, Wiener's filter; on an uneven one degrees mix, and the penalised fit removes less where the
-//! vertices contain more information. The regression to a non-increasing sequence is by pooling adjacent violators (R.
-//! E. Barlow et al., "Statistical inference under order restrictions", 1972). There is only one round: a second one,
-//! with the penalised fit's own powers in place of P_l, would gain 0.02 dB.
+//! Without pooling tau_l is `(P_l - N_l) / (c (2l + 1))`. On an even sampling N is `n / 4 pi I`, and degree l of the
+//! fit is the plain fit's times h_l, which is Wiener's filter. On an uneven sampling degrees mix, and the penalised fit
+//! removes less where the vertices contain more information. The non-increasing sequence is computed by pooling
+//! adjacent violators (R. E. Barlow et al., "Statistical inference under order restrictions", 1972). There is only one
+//! round: a second round, with the penalised fit's own powers in place of P_l, would gain 0.02 dB.
 //!
-//! Noise and detail are separated only by the degree: detail of a surface beyond the degree is treated as noise.
+//! Noise and detail are distinguished only by degree: detail of a surface beyond the fit's degree is treated as noise.
 //!
-//! Cost: the fits of 12 columns of noise, once per sampling, and a second fit of each target, which is better
-//! conditioned than the plain one.
+//! Cost: fits of 12 columns of noise, once per sampling, and a second fit of each target, which is better conditioned
+//! than the plain fit.
 
 use std::ops::Range;
 
@@ -40,15 +40,15 @@ use super::preconditioner::Diagonal;
 use super::signs::sign;
 use crate::SolverError;
 
-/// Number of columns of noise that are fitted, that of four surfaces. The noise power of degree l is then estimated
-/// from 12 (2l + 1) values.
+/// Number of columns of noise that are fitted, as many as four surfaces have. The noise power of degree l is then
+/// estimated from 12 (2l + 1) values.
 pub const NOISE_COLUMNS: usize = 12;
 
-/// Smallest gain for which a penalty is computed: below it a degree is practically left out.
+/// Lower bound of the gain in the formula of the penalty: a degree with such a gain is practically left out.
 const LEAST_GAIN: f64 = 1e-6;
 
-/// Generates columns of noise of variance 1, (n, columns): random signs that depend only on row and column. With a
-/// precision of each row, (n), the variance is its inverse, or zero if the precision is zero.
+/// Generates columns of noise of variance 1, (n, columns): random signs that depend only on row and column. With
+/// `precision`, (n), the variance of a row is the inverse of its precision, or zero if the precision is zero.
 #[must_use]
 pub fn white_noise(rows: usize, columns: Range<usize>, precision: Option<&[f64]>) -> Array2<f64> {
     let first = columns.start;
@@ -59,7 +59,7 @@ pub fn white_noise(rows: usize, columns: Range<usize>, precision: Option<&[f64]>
             Some(precision) if precision > 0.0 => 1.0 / precision.sqrt(),
             Some(_) => 0.0,
         };
-        // 2^40 rows per column.
+        // The sequence of signs has 2^40 positions per column.
         *value = size * sign((((first + column) as u64) << 40) | row as u64);
     });
     noise
@@ -72,27 +72,28 @@ pub fn residual_square(residual: ArrayView2<'_, f64>, precision: Option<&[f64]>)
     rows.map(|(i, row)| precision.map_or(1.0, |precision| precision[i]) * row.dot(&row)).sum()
 }
 
-/// The power of noise of variance 1 after a fit, by degree and in the residual.
+/// Power that noise of variance 1 has after a fit: in the coefficients of each degree, and in the residual.
 #[derive(Debug, Clone)]
 pub struct NoisePower {
-    /// Sums over the columns, (L + 1).
+    /// Sums over the columns of noise, (L + 1).
     by_degree: Vec<f64>,
     residual: f64,
     columns: f64,
 }
 
 impl NoisePower {
-    /// Creates it without any fits of noise.
+    /// Creates the sums without any fits of noise.
     #[must_use]
     pub fn new(max_degree: usize) -> Self {
         Self { by_degree: vec![0.0; max_degree + 1], residual: 0.0, columns: 0.0 }
     }
 
-    /// Adds the fit of columns of [`white_noise`]: its coefficients, (K, columns), and the [`residual_square`] of all.
+    /// Adds a fit of columns of [`white_noise`]: the coefficients, (K, columns), and the [`residual_square`] of all
+    /// columns.
     ///
     /// # Panics
     ///
-    /// If there are fewer coefficients than the degree has.
+    /// If there are fewer coefficients than the highest degree requires.
     pub fn add(&mut self, coefficients: ArrayView2<'_, f64>, residual: f64) {
         let powers = powers(coefficients, self.by_degree.len());
         self.by_degree.iter_mut().zip(powers).for_each(|(sum, power)| *sum += power);
@@ -100,14 +101,14 @@ impl NoisePower {
         self.columns += coefficients.ncols() as f64;
     }
 
-    /// Estimates the noise power of fits from moments: rows with weight w have noise of variance 1 / w, whose power is
-    /// the trace of each degree's part of `N^-1` (M. F. Hutchinson, Commun. Stat. Simul. 19, 1990: z^T N^-1 z for 12
-    /// vectors z of signs); its power in the residual is n - K. The trace is at least `(2l + 1) 4 pi / sum w`, its
-    /// value on an even sampling.
+    /// Estimates the noise power of fits from moments: rows with weight w have noise of variance 1 / w. Its power in a
+    /// degree is the trace of the degree's part of `N^-1`, estimated by z^T N^-1 z for 12 vectors z of signs (M. F.
+    /// Hutchinson, Commun. Stat. Simul. 19, 1990). Its power in the residual is n - K. Estimates of the trace are
+    /// raised to at least `(2l + 1) 4 pi / sum w`, the trace on an even sampling.
     ///
     /// # Errors
     ///
-    /// [`SolverError::NoResidual`] if n isn't above K; [`SolverError::Interrupted`].
+    /// [`SolverError::NoResidual`] unless n is above K; [`SolverError::Interrupted`].
     pub fn of_moments(problem: &MomentProblem, monitor: &dyn Monitor) -> Result<Self, SolverError> {
         const CG: CgParams = CgParams { tolerance: 1e-7, max_iterations: 1000, patience: 100 };
         let (max_degree, rows) = (problem.max_degree(), problem.rows());
@@ -135,18 +136,19 @@ impl NoisePower {
         self.by_degree.iter().map(|power| power / self.columns).collect()
     }
 
-    /// Returns D, the residual's power of a column of noise of variance 1 after the fit: n - K for the plain least
+    /// Returns D, the power in the residual after the fit of a column of noise of variance 1: n - K for the plain least
     /// squares.
     #[must_use]
     pub fn residual(&self) -> f64 {
         self.residual / self.columns
     }
 
-    /// Estimates noise, gains and penalties from a target's plain coefficients, (K, c), and its [`residual_square`].
+    /// Estimates noise, gains and penalties from the coefficients, (K, c), and the [`residual_square`] of a target's
+    /// plain fit.
     ///
     /// # Panics
     ///
-    /// If there are fewer coefficients than the degree has.
+    /// If there are fewer coefficients than the highest degree requires.
     #[must_use]
     pub fn denoise(&self, coefficients: ArrayView2<'_, f64>, residual: f64) -> Denoise {
         let (base, c) = (self.by_degree(), coefficients.ncols() as f64);
@@ -181,7 +183,7 @@ pub struct Denoise {
     pub penalty: Vec<f64>,
 }
 
-/// Refuses a sampling without a residual.
+/// Checks that a sampling leaves a residual.
 ///
 /// # Errors
 ///
@@ -201,7 +203,7 @@ fn powers(coefficients: ArrayView2<'_, f64>, degrees: usize) -> Vec<f64> {
 }
 
 /// Returns the gains `1 - noise / power`, at least zero, made non-increasing by least squares with the powers as
-/// weights: runs of degrees that violate the order get a common quotient of sums.
+/// weights. Degrees that violate the order get a common gain, from the sums of their noise and their power.
 fn gains(power: &[f64], noise: &[f64]) -> Vec<f64> {
     struct Run {
         power: f64,

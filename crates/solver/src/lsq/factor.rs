@@ -1,4 +1,4 @@
-//! The factor of the normal equations, computed on demand.
+//! Computes the factor of the normal equations on demand.
 
 use spharm_harmonics::index::{first_column, max_degree_of};
 use spharm_monitor::Monitor;
@@ -8,7 +8,7 @@ use crate::SolverError;
 use crate::cholesky::{CholeskyFactor, FactorParams, MemoryFactor, factorise};
 use crate::gram::{GramMatrix, Penalised};
 
-/// The factor of `N + mu I`.
+/// A computed factor of `N + mu I`.
 pub(super) struct MadeFactor {
     pub(super) factor: MemoryFactor,
     /// mu relative to the largest diagonal entry of N; zero if N isn't singular.
@@ -17,8 +17,8 @@ pub(super) struct MadeFactor {
     pub(super) breaks_at: Option<[usize; 2]>,
 }
 
-/// Factorises `G + diag(penalty)`. If that is numerically singular, its diagonal is shifted by the smallest amount that
-/// makes it definite.
+/// Factorises `G + diag(penalty)`. If this matrix is numerically singular, its diagonal is shifted by the smallest
+/// amount that makes it definite.
 pub(super) fn factorise_shifted(
     gram: &dyn GramMatrix,
     penalty: &[f64],
@@ -38,7 +38,7 @@ pub(super) fn factorise_shifted(
         Err(SolverError::NotPositiveDefinite { column, degree }) => breaks_at = Some([column, degree]),
         Err(error) => return Err(error),
     }
-    // The smallest shift that the matrix's rounding errors allow.
+    // Begin with a shift of the size of the matrix's rounding errors.
     let largest = largest_diagonal(gram, penalty)?;
     let mut shift = f64::EPSILON * gram.size() as f64;
     loop {

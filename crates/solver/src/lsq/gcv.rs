@@ -1,14 +1,14 @@
-//! The smoothness by generalised cross-validation.
+//! Chooses the smoothness by generalised cross-validation.
 //!
 //! ```text
 //! GCV(lambda) = n |W^(1/2) (f - A x_lambda)|^2 / (n - tr H)^2,   H = A (A^T W A + P)^-1 A^T W
 //! tr H = K - tr(P N^-1) = K - E[ z^T P^(1/2) N^-1 P^(1/2) z ]
 //! ```
 //!
-//! with vectors z of independent signs (M. F. Hutchinson, Commun. Stat. Simul. 19, 1990). A few fixed, seeded z are
-//! used for every lambda, so that GCV is a smooth function of it that can be searched. G. H. Golub, M. Heath, G. Wahba,
-//! "Generalized cross-validation as a method for choosing a good ridge parameter", Technometrics 21 (1979). The columns
-//! of a target share a lambda: their residuals are summed.
+//! with vectors z of independent signs (M. F. Hutchinson, Commun. Stat. Simul. 19, 1990). The same few z are used for
+//! every lambda, so that GCV is a smooth function of lambda, whose minimum can be searched for. G. H. Golub, M. Heath,
+//! G. Wahba, "Generalized cross-validation as a method for choosing a good ridge parameter", Technometrics 21 (1979).
+//! The columns of a target share a lambda: their residuals are summed.
 //!
 //! Cost: for each of some 25 values of lambda, one solve for the columns of the target and of the probes by conjugate
 //! gradients.
@@ -29,12 +29,12 @@ use crate::SolverError;
 use crate::gram::smoothness_penalty;
 use crate::operator::Operator;
 
-/// Number of probes of the trace. The noise of GCV, some percent of `tr(P N^-1)`, falls with the root of this number.
+/// Number of probes z of the trace. The noise of GCV, some percent of `tr(P N^-1)`, falls with the root of this number.
 const PROBES: usize = 3;
 /// Number of values of lambda on the coarse grid.
 const COARSE: usize = 13;
-/// Number of steps of the subsequent golden section: they reduce the factor of 30 between neighbours on the grid to
-/// 1.1.
+/// Number of steps of the golden-section search that follows. It reduces the ratio of neighbouring lambdas from 30 on
+/// the grid to 1.1.
 const FINE: usize = 10;
 
 /// The search for a smoothness, and its result.
@@ -42,7 +42,7 @@ const FINE: usize = 10;
 pub struct Gcv {
     /// The lambda that minimises GCV.
     pub smoothness: f64,
-    /// (lambda, GCV, tr H) in the order of the search.
+    /// All values that were tried, in the order of the search: (lambda, GCV, tr H).
     pub tried: Vec<[f64; 3]>,
     /// Whether the minimum is at the lower end of the range: the targets then need no penalty at all.
     pub at_the_end: bool,
@@ -50,7 +50,7 @@ pub struct Gcv {
 
 /// Chooses lambda for targets, (n, c).
 ///
-/// The monitor gets one stage, `smoothness`, in values of lambda.
+/// The monitor gets one stage, `smoothness`, counted in values of lambda.
 ///
 /// # Errors
 ///
@@ -65,10 +65,10 @@ pub fn choose_smoothness(
     search(&Samples { operator, weights, targets }, adjoint, monitor)
 }
 
-/// Chooses lambda for a problem given by its moments; all of its columns share it. Trying some 25 values costs about as
-/// much as a few hundred products of [`MomentProblem::operator`].
+/// Chooses lambda for a problem given by its moments; all columns share it. Trying some 25 values costs about as much
+/// as a few hundred products of [`MomentProblem::operator`].
 ///
-/// The monitor gets one stage, `smoothness`, in values of lambda.
+/// The monitor gets one stage, `smoothness`, counted in values of lambda.
 ///
 /// # Errors
 ///
@@ -78,10 +78,10 @@ pub fn choose_smoothness_by_moments(problem: &MomentProblem, monitor: &dyn Monit
     search(problem, adjoint, monitor)
 }
 
-/// A problem as required by cross-validation.
+/// The operations on a problem that cross-validation requires.
 trait Validated {
     fn max_degree(&self) -> usize;
-    /// Returns the number of rows with weight.
+    /// Returns the number of rows with nonzero weight.
     fn rows(&self) -> usize;
     /// Returns the sum of the weights.
     fn weight(&self) -> f64;
@@ -170,17 +170,17 @@ pub struct GcvTerms {
 impl GcvTerms {
     fn score(self) -> f64 {
         let Self { square, trace, rows } = self;
-        // With more coefficients than data there is nothing to validate with, unless the penalty is large enough to
-        // matter.
+        // With more coefficients than data, a fit reproduces the data and GCV is meaningless, unless the penalty is
+        // large enough to leave a residual.
         let left = rows - trace.clamp(0.0, rows);
         if left > 1e-3 * rows { rows * square / (left * left) } else { f64::INFINITY }
     }
 }
 
-/// Chooses lambda by the terms of GCV that `terms` computes for each value, for fits with a hat matrix other than the
-/// above. `weight` is the sum of the weights, on which the range of the search depends.
+/// Chooses lambda for fits whose hat matrix differs from the one above: `terms` computes the terms of GCV for each
+/// lambda. `weight` is the sum of the weights; the range of the search depends on it.
 ///
-/// The monitor gets one stage, `smoothness`, in values of lambda.
+/// The monitor gets one stage, `smoothness`, counted in values of lambda.
 ///
 /// # Errors
 ///
@@ -193,7 +193,7 @@ pub fn choose_smoothness_by<E>(
 ) -> Result<Gcv, E> {
     let even = weight / (4.0 * std::f64::consts::PI);
     let top = ((max_degree * (max_degree + 1)) as f64).max(2.0).powi(2);
-    // From a negligible penalty, 1e-6 of the highest degree's diagonal, to one that suppresses degree 2.
+    // From a negligible penalty, 1e-6 of the highest degree's diagonal, to a penalty that suppresses degree 2.
     let (low, high) = ((1e-6 * even / top).ln(), (even / 36.0).ln());
     monitor.begin(Stage::counted("smoothness", "values"), (COARSE + FINE) as u64);
     let mut tried = Vec::new();
@@ -234,7 +234,7 @@ pub fn choose_smoothness_by<E>(
     Ok(Gcv { smoothness: least, tried, at_the_end })
 }
 
-/// Returns the terms for a problem with the right-hand sides `adjoint`, (K, c).
+/// Returns the terms of GCV for a problem with the right-hand sides `adjoint`, (K, c).
 fn terms(
     problem: &dyn Validated,
     adjoint: &Array2<f64>,

@@ -1,4 +1,4 @@
-//! [`LsqSolver`] on moments, without samples.
+//! Runs [`LsqSolver`] on moments, without samples.
 
 use std::ops::Range;
 
@@ -19,15 +19,15 @@ use crate::gram::GramMatrix;
 pub struct MomentFit {
     /// Canonical coefficients, (K, c).
     pub coefficients: Coefficients,
-    /// `sum w (f - A x)^2` of each column, (c).
+    /// Weighted sum of squares of each column's residual, `sum w (f - A x)^2`, (c).
     pub residual_squares: Vec<f64>,
-    /// Report on the fit. It has no residuals, which would need the samples.
+    /// Report on the fit. It has no residuals of targets, since these would need the samples.
     pub report: LsqReport,
     /// Standard errors of the coefficients, (K, c), if requested.
     pub standard_errors: Option<Array2<f64>>,
 }
 
-/// The fit of one of several groups of columns from the same moments.
+/// The fit of one of several groups of columns that share their moments.
 #[derive(Debug, Clone)]
 pub struct GroupFit {
     /// Canonical coefficients, (K, c).
@@ -36,15 +36,15 @@ pub struct GroupFit {
     pub report: LsqReport,
 }
 
-/// Solves a problem given by its moments, as [`LsqSolver::fit`] would with the samples. With `standard_errors` it also
-/// computes these, which requires a factor: `K^3 / 3` flops and `4 K^2` bytes.
+/// Solves a problem given by its moments, in the same way as [`LsqSolver::fit`] with the samples. With
+/// `standard_errors` it also computes standard errors, which require a factor: `K^3 / 3` flops and `4 K^2` bytes.
 ///
 /// The weights of `params` are ignored: the moments include the weights.
 ///
 /// # Errors
 ///
-/// [`SolverError::Smoothness`], [`SolverError::Interrupted`]; if a factor is requested, too small a budget for it; with
-/// standard errors [`SolverError::Underdetermined`]. Not converging isn't an error.
+/// [`SolverError::Smoothness`], [`SolverError::Interrupted`]; an error for too small a budget if a factor is requested;
+/// [`SolverError::Underdetermined`] if standard errors are. Not converging isn't an error.
 ///
 /// ```
 /// use ndarray::Array2;
@@ -102,13 +102,13 @@ pub fn solve_moments_of_groups(
         Ok(GroupFit { coefficients, report })
     };
     let mut solver = LsqSolver::of(Source::Moments(problem), Some(&make_gram), params.clone())?;
-    // The groups share it: it is computed before them, by all threads.
+    // The groups share the inverse of the density: compute it before them, on all threads.
     let _ = solver.inverse_density();
     if let Some(group) = groups.first() {
         solver.plan(Given::Sums(problem), group.len()).note(monitor);
     }
     solver.notes_plans = false;
-    // Products of a group run on one thread. A factor uses all threads, and there is memory for only one.
+    // Products of a group run on one thread. A factor uses all threads, and there is memory for only one factor.
     let without_factor = |group: &Range<usize>| {
         let refuse = || Err(SolverError::NoGram);
         let mut solver = LsqSolver::of(Source::Moments(problem), Some(&refuse), params.clone())?;

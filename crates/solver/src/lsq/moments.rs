@@ -1,6 +1,6 @@
-//! Least squares only from sums over the samples, whatever their number, and wherever they were added up.
+//! Least squares from sums over the samples alone, whatever the number of samples and wherever the sums were computed.
 //!
-//! Moments determine `N = A^T W A + P` ([`MomentOperator`]), and `b = A^T W f` and `sum w f^2` are given. These
+//! Moments determine `N = A^T W A + P` ([`MomentOperator`]), and `b = A^T W f` and `sum w f^2` are given. These data
 //! determine the solution, the weighted sum of squares of its residual,
 //!
 //! ```text
@@ -37,7 +37,7 @@ pub struct MomentProblem {
 }
 
 impl MomentProblem {
-    /// Creates the problem up to degree L = `max_degree`, at most that of the sums.
+    /// Creates the problem up to degree L = `max_degree`, at most the degree of the sums.
     ///
     /// # Errors
     ///
@@ -93,7 +93,7 @@ impl MomentProblem {
         }
     }
 
-    /// Returns the number of samples with weight, n.
+    /// Returns the number of samples with nonzero weight, n.
     pub fn rows(&self) -> usize {
         self.rows
     }
@@ -125,7 +125,7 @@ impl MomentProblem {
 
     /// Computes `sum w (f - A x)^2` of each column for coefficients x, (K, c); not below zero.
     ///
-    /// It is a difference of sums, whose error is some eps times `sum w f^2`.
+    /// The result is a difference of sums, whose error is some eps times `sum w f^2`.
     ///
     /// # Errors
     ///

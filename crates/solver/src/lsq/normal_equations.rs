@@ -12,9 +12,9 @@ use crate::operator::Operator;
 /// The normal equations of a weighted and penalised least squares.
 #[derive(Clone, Copy)]
 pub struct NormalEquations<'a> {
-    /// A.
+    /// Operator of the basis, A.
     pub operator: &'a dyn Operator,
-    /// w, (n); all one by default.
+    /// Weights w, (n); all 1 by default.
     pub weights: Option<&'a [f64]>,
     /// Diagonal of P, (K); zero by default.
     pub penalty: Option<&'a [f64]>,
@@ -30,8 +30,8 @@ impl NormalEquations<'_> {
         Ok(y)
     }
 
-    /// Returns the inverse of the diagonal that N would have on an even sampling: the preconditioner of iterations that
-    /// are called unpreconditioned.
+    /// Returns the inverse of the diagonal that N would have on an even sampling. Iterations that are called
+    /// unpreconditioned use it as their preconditioner.
     pub fn diagonal(&self) -> Diagonal {
         let weight = self.weights.map_or(self.operator.rows() as f64, |weights| weights.iter().sum());
         Diagonal::new(self.operator.max_degree(), weight, self.penalty)

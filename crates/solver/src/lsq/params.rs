@@ -23,8 +23,7 @@ pub struct LsqParams {
     pub weights: Option<Vec<f64>>,
     /// Marks rows that are left out of the norms of residuals, (n); none by default.
     pub unread: Option<Vec<bool>>,
-    /// Smoothness penalty, lambda, at least 0, which is the default: adds `lambda sum (l (l + 1))^2 a^2` to the squared
-    /// residual.
+    /// Smoothness penalty, lambda, at least 0; default 0. Adds `lambda sum (l (l + 1))^2 a^2` to the squared residual.
     pub smoothness: f64,
     /// Penalty of each degree, (L + 1), finite and not negative; none by default. Adds `sum_l p_l |a_l|^2` to the
     /// squared residual, with a_l the coefficients of degree l.
@@ -41,10 +40,10 @@ pub struct LsqParams {
     pub held: usize,
     /// Bytes of memory for computing the Gram matrix for a factor; default 0.
     pub gram_bytes: usize,
-    /// Bytes of memory of the normal operator from moments in addition to `held`, mostly during its computation;
+    /// Bytes of memory that the normal operator from moments needs in addition to `held`, mostly while it is computed;
     /// default 0.
     pub moment_bytes: usize,
-    /// Number of threads for factors; 0, the default, for that of the caller's rayon pool.
+    /// Number of threads for factors; default 0, which is the number of threads of the caller's rayon pool.
     pub threads: usize,
 }
 

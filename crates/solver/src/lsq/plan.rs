@@ -1,4 +1,4 @@
-//! The steps of a fit, and the data that decide about them; see `strategy`.
+//! The steps of a fit, and the data by which `strategy` chooses them.
 
 use std::fmt;
 
@@ -6,8 +6,8 @@ use spharm_monitor::{Level, Monitor};
 
 use super::params::Strategy;
 
-/// Sizes of a problem: `rows_with_weight` of the rows (samples) have a nonzero weight; `columns` are those of the
-/// targets.
+/// Sizes of a problem: `rows_with_weight` of the rows (samples) have a nonzero weight; `columns` is the number of
+/// columns of the targets.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sizes {
     pub(super) rows: usize,
@@ -23,7 +23,8 @@ pub(super) struct Available {
     pub(super) factor: Factor,
 }
 
-/// Moments of the samples. Problems without samples already have them; `uneven` ones have a density to divide by.
+/// Moments of the samples: unavailable, computable or computed. Problems without samples already have them. If the
+/// samples are `uneven`, iterations can be preconditioned with the inverse of their density.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Moments {
     None,
@@ -31,7 +32,8 @@ pub(super) enum Moments {
     Made { uneven: bool },
 }
 
-/// A factor of the normal matrix, from its Gram matrix, or from a store with its reciprocal condition number.
+/// A factor of the normal matrix: unavailable, computable from the Gram matrix, computed, or stored with its reciprocal
+/// condition number.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Factor {
     None,
@@ -40,7 +42,7 @@ pub(super) enum Factor {
     Stored { reciprocal: f64 },
 }
 
-/// The request.
+/// Settings of the caller that decide about the steps.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Request {
     pub(super) strategy: Strategy,
@@ -62,10 +64,10 @@ pub(super) enum Step {
     MakeMoments,
     /// Runs conjugate gradients up to a total of `at_most` iterations, or until a factor seems faster.
     Cg { by_moments: bool, precondition: Precondition, at_most: usize, leave_for_factor: Option<Leave> },
-    /// Provides the factor, computing it if necessary, with a shifted diagonal if the matrix is singular. If it can't
-    /// be computed, that is an error if it is `required`; otherwise refinement is left out.
+    /// Provides the factor, computing it if necessary, with a shifted diagonal if the matrix is singular. A factor that
+    /// can't be computed is an error if it is `required`; otherwise refinement is left out.
     Factor { from: Factor, required: bool },
-    /// Refines with the factor. Always the last step.
+    /// Refines with the factor, and ends the fit.
     Refine,
 }
 
@@ -76,8 +78,9 @@ pub(super) enum Precondition {
     Density,
 }
 
-/// The rule for switching from iterations to a factor: after `after` iterations, if the predicted remaining number,
-/// from the progress of the last `every`, exceeds `most`, or `most_with_density` if the density preconditions.
+/// The rule for switching from iterations to a factor. After `after` iterations, the remaining number is predicted from
+/// the progress of the last `every` iterations. Iterations end if it exceeds `most`, or `most_with_density` if the
+/// density preconditions.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Leave {
     pub(super) after: usize,

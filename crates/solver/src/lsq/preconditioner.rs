@@ -12,15 +12,15 @@ use crate::cholesky::CholeskyFactor;
 
 /// An approximate inverse M of N = A^T W A + P.
 pub trait Preconditioner: Sync {
-    /// Returns its name in reports.
+    /// Returns the preconditioner's name in reports.
     fn name(&self) -> &'static str;
 
-    /// Returns a bound on its condition number; `None` if unknown.
+    /// Returns a bound on the preconditioner's condition number; `None` if unknown.
     fn condition(&self) -> Option<f64> {
         None
     }
 
-    /// Returns whether processing a few columns at a time costs no more than all at once.
+    /// Returns whether processing a few columns at a time costs no more than processing all at once.
     fn takes_columns_alone(&self) -> bool {
         false
     }
@@ -29,7 +29,7 @@ pub trait Preconditioner: Sync {
     ///
     /// # Errors
     ///
-    /// If its data can't be read.
+    /// If the preconditioner's data can't be read.
     fn apply(&self, r: &Array2<f64>) -> Result<Array2<f64>, SolverError>;
 }
 
@@ -52,14 +52,14 @@ impl<P: Preconditioner + ?Sized> Preconditioner for &P {
 }
 
 /// The inverse of the diagonal that N would have on an even sampling of the sphere, `sum w / 4 pi + P`. Without a
-/// penalty this is a number, and doesn't change the iterates.
+/// penalty this is a multiple of the identity, which doesn't change the iterates.
 #[derive(Debug)]
 pub struct Diagonal {
     inverse: Vec<f64>,
 }
 
 impl Diagonal {
-    /// Computes it from the sum of the weights and the penalty's diagonal, (K).
+    /// Computes the inverse from the sum of the weights and the penalty's diagonal, (K).
     pub fn new(max_degree: usize, weight: f64, penalty: Option<&[f64]>) -> Self {
         let even = weight / (4.0 * std::f64::consts::PI);
         let inverse = match penalty {
@@ -71,7 +71,7 @@ impl Diagonal {
 }
 
 impl Preconditioner for Diagonal {
-    /// It has no effect except, with a penalty, on the diagonal.
+    /// Reports say `none`: without a penalty it has no effect, and with a penalty it only scales by the diagonal.
     fn name(&self) -> &'static str {
         "none"
     }
@@ -92,7 +92,7 @@ impl Preconditioner for Diagonal {
     }
 }
 
-/// The inverse of the density from moments, for samplings of any kind: see [`InverseDensity`].
+/// The inverse of the sampling density, from moments of any sampling: see [`InverseDensity`].
 #[cfg(feature = "dense")]
 pub(crate) struct Density<'a>(pub(crate) &'a InverseDensity);
 
@@ -115,7 +115,7 @@ impl Preconditioner for Density<'_> {
     }
 }
 
-/// A factor of N itself, of low precision.
+/// A factor of N that has too few digits for refinement, but serves as a preconditioner.
 #[cfg(feature = "dense")]
 pub(crate) struct ByFactor<'a>(pub(crate) &'a dyn CholeskyFactor);
 

@@ -9,7 +9,7 @@ use super::columns::{add_scaled_rows, dots};
 use super::normal_equations::NormalEquations;
 use crate::{MomentNormal, SolverError};
 
-/// Products with the normal matrix, and the gradient by which their result is finally verified.
+/// Products with the normal matrix, and the gradient by which a solution is finally verified.
 pub(crate) trait Problem: Sync {
     /// Returns `A^T W f`, (K, c).
     fn right_sides(&self) -> Result<Array2<f64>, SolverError>;
@@ -21,14 +21,14 @@ pub(crate) trait Problem: Sync {
     /// samples.
     fn gradient(&self, x: &Array2<f64>) -> Result<(Array2<f64>, Option<Array2<f64>>), SolverError>;
 
-    /// Returns the error of products relative to those computed from the samples, or to exact ones if there are no
-    /// samples; `None` if unknown.
+    /// Returns a bound on the errors of products, compared with products from the samples, or with exact products if
+    /// there are no samples; `None` if unknown.
     fn product_error(&self) -> Option<ProductError> {
         None
     }
 
-    /// Returns the number of columns that products process together, if they process more in sequence; `None`
-    /// otherwise.
+    /// Returns the number of columns that products process together, if further columns are processed after them;
+    /// `None` if all columns are processed together.
     fn columns_together(&self) -> Option<usize> {
         None
     }
@@ -48,7 +48,7 @@ pub(crate) struct ProductError {
     pub(crate) norm: f64,
 }
 
-/// A residual r.
+/// A residual r, with its slopes.
 pub(crate) struct Residual {
     /// `f - A x`, (n, c).
     pub(crate) values: Array2<f64>,
@@ -56,7 +56,7 @@ pub(crate) struct Residual {
     pub(crate) slopes: Vec<f64>,
 }
 
-/// A problem with samples. Products are computed by moments, if there are any.
+/// A problem with samples. Products are computed by moments if there are any, else by samples.
 #[derive(Clone, Copy)]
 pub(crate) struct Sampled<'a> {
     pub(crate) equations: NormalEquations<'a>,

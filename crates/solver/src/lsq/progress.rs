@@ -7,11 +7,11 @@ use super::plan::Leave;
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Progress {
     tolerance: f64,
-    /// Number of iterations after which the iteration may be abandoned; `every` is the number over which its gain is
-    /// measured.
+    /// Number of iterations before which the iteration isn't abandoned; `every` is the number of iterations over which
+    /// progress is measured.
     after: usize,
     every: usize,
-    /// Largest predicted number of remaining iterations.
+    /// Largest predicted number of remaining iterations for which the iteration continues.
     most: f64,
     before: f64,
 }
@@ -52,7 +52,8 @@ mod tests {
         Leave { after: 60, every: 30, most, most_with_density: 0.0 }
     }
 
-    /// Returns the step, within the first 300, at which an iteration with this gain per step is given up.
+    /// Returns the step, within the first 300, at which an iteration with this gain per step is abandoned; `None` if it
+    /// isn't.
     fn given_up(mut progress: Progress, gain: f64) -> Option<usize> {
         (1..300).find(|&iteration| !progress.may_go_on(iteration, gain.powi(-(iteration as i32))))
     }
@@ -60,12 +61,12 @@ mod tests {
     #[test]
     fn iterations_beside_a_factor_go_on_while_few_are_left() {
         let beside = Progress::new(&BESIDE, false, 1e-12, 1.0);
-        // Twelve steps of a factor of ten, of which three are done.
+        // Twelve steps that gain a factor of ten each, of which three are done.
         assert_eq!(given_up(beside, 10.0), None);
-        // Forty steps.
+        // Forty steps that gain a factor of two each.
         assert_eq!(given_up(beside, 2.0), Some(3));
         assert_eq!(given_up(beside, 1.0), Some(3));
-        // Earlier progress doesn't count as gain.
+        // Progress before the first step isn't counted.
         assert_eq!(given_up(Progress::new(&BESIDE, false, 1e-12, 1e-2), 10.0), Some(3));
         // Nine remaining steps are more than the four allowed with the density.
         assert_eq!(given_up(Progress::new(&BESIDE, true, 1e-12, 1.0), 10.0), Some(3));
@@ -73,7 +74,7 @@ mod tests {
 
     #[test]
     fn a_factor_is_made_where_many_are_left_after_sixty() {
-        // 0.7 digits in thirty steps.
+        // Thirty steps gain 0.7 digits.
         assert_eq!(given_up(Progress::new(&before(100.0), false, 1e-10, 1.0), 1.05), Some(60));
         assert_eq!(given_up(Progress::new(&before(1000.0), false, 1e-10, 1.0), 1.05), None);
         assert_eq!(given_up(Progress::new(&before(1000.0), false, 1e-10, 1.0), 1.0), Some(60));

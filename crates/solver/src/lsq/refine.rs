@@ -1,5 +1,5 @@
-//! Refinement with a factor of the normal equations: `x += M g`, `M = (N + mu I)^-1`, with the gradient g computed by
-//! the operator.
+//! Refines solutions with a factor of the normal equations: `x += M g`, `M = (N + mu I)^-1`, with the gradient g
+//! computed by the operator.
 
 use spharm_monitor::{Level, Monitor};
 
@@ -26,7 +26,7 @@ impl LsqSolver<'_> {
         let tolerance = self.params.tolerance;
         let shifted = self.made.as_ref().is_some_and(|made| made.shift > 0.0);
         if shifted && cg.iterations > 0 {
-            // Start from zero, to obtain the minimum norm.
+            // Start from zero, to obtain the solution of minimum norm.
             *cg = Cg::new(problem)?;
         }
         let (mut stop, mut refinements, mut residual) = (Stop::IterationLimit, 0, None);
@@ -38,7 +38,7 @@ impl LsqSolver<'_> {
             let x = &cg.x + &step;
             let (gradient, new_residual) = problem.gradient(&x)?;
             let improved = relative(&norms(&gradient), &cg.scale);
-            // Reject a step that makes it worse.
+            // Reject a step that makes the optimality worse.
             if improved >= optimality && improved > tolerance {
                 stop = Stop::Stalled;
                 break;
@@ -80,7 +80,7 @@ impl LsqSolver<'_> {
             }
             taken.add("iterations with the factor", preconditioner, cg, None);
         }
-        // The limit of rounding is the best that can be attained, since the factor is that of N.
+        // Rounding limits the optimality: no better one can be attained, since the factor is that of N.
         if stop == Stop::Stalled && cg.optimality() <= ROUNDING_OPTIMALITY {
             stop = Stop::Converged;
         }

@@ -11,9 +11,9 @@ use crate::residual::ResidualNorms;
 pub struct LsqReport {
     /// Highest degree, L.
     pub max_degree: usize,
-    /// Rows, n.
+    /// Number of rows, n.
     pub rows: usize,
-    /// Columns of the targets, c.
+    /// Number of columns of the targets, c.
     pub channels: usize,
     /// The preconditioner of the last steps: `none`, `density` (by moments), `factor`, `stored-factor`.
     pub preconditioner: &'static str,
@@ -25,17 +25,19 @@ pub struct LsqReport {
     pub refinements: usize,
     /// The steps taken, in order.
     pub steps: Vec<StepReport>,
-    /// The largest relative gradient of all columns. It is computed from the samples, if there are any; or it is that
-    /// of iterations by moments plus its estimated error, if that error is small compared with the tolerance.
+    /// The largest relative gradient of all columns, computed from the samples if there are any. If iterations by
+    /// moments have an estimated error that is small compared with the tolerance, it is their relative gradient plus
+    /// that error.
     pub optimality: f64,
-    /// Why the fit ended.
+    /// Reason why the fit ended.
     pub stop: Stop,
     /// Estimated condition number of the basis matrix, with its weights and penalty, or a bound on it if the density of
     /// moments preconditions; infinite (null in JSON) if the matrix is numerically singular, NaN (null) if unknown.
     pub condition: f64,
-    /// Shift of the diagonal of a singular normal matrix, relative to its largest entry; zero otherwise.
+    /// Shift of the diagonal of a singular normal matrix, relative to the largest diagonal entry; zero otherwise.
     pub shift: f64,
-    /// The column, from 0, and its degree at which the factorisation of a singular normal matrix broke down.
+    /// Column, counted from 0, at which the factorisation of a singular normal matrix broke down, and the column's
+    /// degree.
     pub breaks_at: Option<[usize; 2]>,
     /// The largest norm of a column of the coefficients.
     pub norm: f64,
@@ -45,35 +47,35 @@ pub struct LsqReport {
     pub warnings: Vec<LsqWarning>,
     /// Norms of the residual of each target; empty without samples.
     pub residuals: Vec<ResidualNorms>,
-    /// Wall times.
+    /// Wall time by kind of work.
     pub seconds: LsqSeconds,
 }
 
-/// A step of a fit.
+/// Report on a step of a fit.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct StepReport {
-    /// `moments`, `iterations by samples`, `iterations by moments`, `factor`, `refinement`, `iterations with the
-    /// factor`; `confirmation` of the gradient, including further iterations that it shows to be necessary; `iterations
-    /// from zero` if rounding errors had dominated.
+    /// Name of the step: `moments`, `iterations by samples`, `iterations by moments`, `factor`, `refinement`,
+    /// `iterations with the factor`; `confirmation` of the gradient, with further iterations if the confirmed gradient
+    /// requires them; `iterations from zero`, which repeat iterations that rounding errors had dominated.
     pub name: &'static str,
-    /// Its preconditioner, as in [`LsqReport::preconditioner`].
+    /// Preconditioner of the step, as in [`LsqReport::preconditioner`].
     pub preconditioner: &'static str,
-    /// Number of fits with this step, in a report on several fits.
+    /// Number of fits that took this step, in a report on several fits.
     pub fits: usize,
     /// Number of iterations of conjugate gradients, or of refinements.
     pub iterations: usize,
-    /// Wall time.
+    /// Wall time in seconds.
     pub seconds: f64,
     /// The largest relative gradient of all columns after the step.
     pub optimality: f64,
-    /// Why it ended early.
+    /// Reason why the step ended early.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub left: Option<String>,
 }
 
 impl LsqReport {
-    /// Adds the steps of another fit: to equal steps, or else at the end.
+    /// Adds the steps of another fit: equal steps are merged, other steps are appended.
     pub fn add_steps(&mut self, others: Vec<StepReport>) {
         for other in others {
             let same = |step: &&mut StepReport| {
@@ -105,7 +107,7 @@ pub struct LsqSeconds {
     pub total: f64,
 }
 
-/// A possible problem of a result, in plain words.
+/// A possible problem of a result; its text describes the problem.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum LsqWarning {
@@ -126,15 +128,15 @@ pub enum LsqWarning {
         "moments of the sampling lose digits: iterations with them ended at an optimality of {optimality:.1e}; went on with the samples"
     )]
     MomentsLoseDigits {
-        /// Optimality at which they ended.
+        /// Optimality at which iterations by moments ended.
         optimality: f64,
     },
-    /// There are fewer vertices with weight than coefficients, without a penalty.
+    /// There are fewer vertices with nonzero weight than coefficients, and no penalty.
     #[error("{rows} vertices don't determine {columns} coefficients; took the solution of least norm, {norm:.3e}")]
     Underdetermined {
-        /// Vertices with weight.
+        /// Number of vertices with nonzero weight.
         rows: usize,
-        /// Coefficients, K.
+        /// Number of coefficients, K.
         columns: usize,
         /// The largest norm of a column of the solution.
         norm: f64,

@@ -16,7 +16,7 @@ use super::report::{LsqWarning, StepReport};
 use super::solver::{Given, LsqSolver, Solution};
 use crate::SolverError;
 
-/// The steps taken, and the state after the last one.
+/// Records the steps taken, and the number of iterations and the time at the end of the last step.
 pub(super) struct Taken {
     steps: Vec<StepReport>,
     iterations: usize,
@@ -34,7 +34,7 @@ impl Taken {
         self.add_of(name, preconditioner, iterations, cg, left);
     }
 
-    /// Adds a finished step whose iterations aren't those of conjugate gradients.
+    /// Adds a finished step whose iterations aren't iterations of conjugate gradients.
     pub(super) fn add_of(
         &mut self,
         name: &'static str,
@@ -126,7 +126,7 @@ impl LsqSolver<'_> {
         cg.run_while(&*self.problem(given), &*self.preconditioner(precondition), &params, progress, monitor)
     }
 
-    /// Computes the gradient of the iterations' result, and corrects the errors that it reveals.
+    /// Confirms the result of iterations: recomputes the gradient if necessary, and corrects errors that it reveals.
     fn confirm(
         &mut self,
         cg: &mut Cg,
@@ -149,7 +149,7 @@ impl LsqSolver<'_> {
         };
         taken.add("confirmation", name, cg, wrong.map(str::to_owned));
         if too_far {
-            // Rounding errors have dominated; repeat the iterations only up to the best one.
+            // Rounding errors have dominated: repeat the iterations, but only up to the best one.
             let before = cg.iterations;
             let first = CgParams { max_iterations: cg.best_at, ..params };
             *cg = Cg::new(&*self.problem(given))?;
@@ -188,7 +188,8 @@ impl LsqSolver<'_> {
         CgParams { tolerance, max_iterations, patience: ITERATIONS_WITHOUT_GAIN }
     }
 
-    /// Computes moments; returns right-hand sides, (K, c), of targets if they were computed together.
+    /// Computes moments. Returns the right-hand sides, (K, c), of targets if they were computed together with the
+    /// moments.
     fn take_moments(
         &mut self,
         targets: Option<&Array2<f64>>,
@@ -201,16 +202,15 @@ impl LsqSolver<'_> {
         let started = Instant::now();
         let (normal, right_sides) = make(accuracy, targets)?;
         self.moments = Some(Moments { normal, accuracy });
-        // Computed now if needed.
+        // Compute the inverse of the density now, if it is needed, so that its time is counted.
         let _ = self.inverse_density();
         self.moment_seconds = started.elapsed().as_secs_f64();
         Ok(right_sides)
     }
 }
 
-/// Returns whether a column of x is further from its target than zero is, including the penalty:
-/// `|W^(1/2) (f - A x)|^2 + x^T P x - |W^(1/2) f|^2 = -x^T (b + r)`, with b the right-hand side and r = b - N x the
-/// gradient.
+/// Returns whether a column of x has a larger squared residual, penalty included, than x = 0 would have: `|W^(1/2) (f -
+/// A x)|^2 + x^T P x - |W^(1/2) f|^2 = -x^T (b + r)`, with b the right-hand side and r = b - N x the gradient.
 fn further_than_zero(cg: &Cg, problem: &dyn Problem) -> Result<bool, SolverError> {
     let sum = problem.right_sides()? + &cg.gradient;
     Ok(dots(&cg.x, &sum).iter().any(|gain| *gain < 0.0))

@@ -1,4 +1,4 @@
-//! Independent signs from a counter, for probes of traces: they are the same on every machine, in any order of
+//! Independent signs from a counter, for probes of traces. They are the same on every machine and in any order of
 //! evaluation.
 
 /// Returns the sign, 1 or -1, at a position of the sequence: a bit of SplitMix64 (G. L. Steele, D. Lea, C. H. Flood,
@@ -14,8 +14,8 @@ pub(crate) fn sign(place: u64) -> f64 {
 mod tests {
     use super::*;
 
-    /// SplitMix64 from seed 0: e220a8397b1dcdaf, 6e789e6aa1b965f4, 06c45d188009454f, f88bb8a8724c81ec,
-    /// 1b39896a51a8749b, 53cb9f0c747ea2ea, 2c829abe1f4532e1, c584133ac916ab3c.
+    /// The first outputs of SplitMix64 with seed 0 are e220a8397b1dcdaf, 6e789e6aa1b965f4, 06c45d188009454f,
+    /// f88bb8a8724c81ec, 1b39896a51a8749b, 53cb9f0c747ea2ea, 2c829abe1f4532e1, c584133ac916ab3c.
     #[test]
     fn signs_are_the_generators_and_balanced() {
         let found: Vec<f64> = (0..8).map(sign).collect();

@@ -1,4 +1,4 @@
-//! The solver: its data, and the course of a fit from plan to report. The steps themselves are in `run`.
+//! The solver: its data, and the sequence of a fit from plan to report. The steps themselves are in `run`.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -36,20 +36,21 @@ pub struct LsqFit {
     pub report: LsqReport,
 }
 
-/// Computes the Gram matrix `A^T W A`, when a factor is needed.
+/// Computes the Gram matrix `A^T W A`; called when a factor is needed.
 pub type MakeGram<'a> = dyn Fn() -> Result<Box<dyn GramMatrix>, SolverError> + Sync + 'a;
 
 /// Checks that the process's limits allow this number of further bytes of anonymous memory.
 pub type CheckLimits<'a> = dyn Fn(usize) -> Result<(), SolverError> + Sync + 'a;
 
-/// Computes the normal matrix from moments of at least the given relative accuracy, when iterations are faster with it;
-/// also the right-hand sides `A^T W f` of given targets, (n, c), if they are obtained at the same time.
+/// Computes the normal matrix from moments of at least the given relative accuracy; called when iterations are faster
+/// with it. Also returns the right-hand sides `A^T W f` of the given targets, (n, c), if they are obtained at the same
+/// time.
 pub type MakeMoments<'a> = dyn Fn(f64, Option<&Array2<f64>>) -> Result<MomentsAndRightSides, SolverError> + Sync + 'a;
 
 /// The normal matrix from moments, and right-hand sides, (K, c), if they were computed with it.
 pub type MomentsAndRightSides = (Arc<MomentNormal>, Option<Array2<f64>>);
 
-/// The data source of a solver.
+/// The data source of a solver: an operator on samples, or moments.
 #[derive(Clone, Copy)]
 pub(super) enum Source<'a> {
     Samples(&'a dyn Operator),
@@ -72,14 +73,14 @@ impl Source<'_> {
     }
 }
 
-/// The problem to solve.
+/// The problem to solve: targets at an operator's samples, or sums over samples.
 #[derive(Clone, Copy)]
 pub(super) enum Given<'a> {
     Targets(&'a dyn Operator, &'a Array2<f64>),
     Sums(&'a MomentProblem),
 }
 
-/// Solves batch after batch on one sampling, and keeps moments and factor between batches.
+/// Solves for batches of targets on one sampling, and keeps moments and factor between batches.
 pub struct LsqSolver<'a> {
     pub(super) source: Source<'a>,
     pub(super) make_gram: Option<&'a MakeGram<'a>>,
@@ -157,41 +158,40 @@ impl<'a> LsqSolver<'a> {
         })
     }
 
-    /// Uses an existing factor, which must be that of the operator's directions and degree, and of the weights and
-    /// penalty of the parameters.
+    /// Uses an existing factor. It must have been computed for the operator's directions and degree, and for the
+    /// weights and penalty of the parameters.
     #[must_use]
     pub fn with_factor(mut self, factor: &'a dyn CholeskyFactor) -> Self {
         self.stored = Some(factor);
         self
     }
 
-    /// Lets iterations use the normal matrix from moments, if they are faster with it. It must be that of the
-    /// operator's directions and degree, and of the weights of the parameters.
+    /// Lets iterations use the normal matrix from moments, if they are faster with it. It must be computed for the
+    /// operator's directions and degree, and for the weights of the parameters.
     #[must_use]
     pub fn with_moments(mut self, make: &'a MakeMoments<'a>) -> Self {
         self.make_moments = Some(make);
         self
     }
 
-    /// Sets a check of the process's limits that is called before a factor is computed. OpenBLAS waits forever for
-    /// buffers that it can't allocate.
+    /// Sets a check of the process's limits that is called before a factor is computed. Without it, OpenBLAS would wait
+    /// forever for buffers that it can't allocate.
     #[must_use]
     pub fn with_limits(mut self, check: &'a CheckLimits<'a>) -> Self {
         self.check_limits = Some(check);
         self
     }
 
-    /// Solves for targets, (n, c), of which `groups` gives the columns of each target: three for a surface, one for a
-    /// signal.
+    /// Solves for targets, (n, c). `groups` gives the columns of each target: three for a surface, one for a signal.
     ///
-    /// The monitor gets the stage `fit`, in steps whose number is unknown, with a status for each; and the stage
-    /// `factor`, in flops, if a factor is computed.
+    /// The monitor gets the stage `fit`, counted in steps whose number is unknown, with a status for each step. If a
+    /// factor is computed, it also gets the stage `factor`, counted in flops.
     ///
     /// # Errors
     ///
     /// [`SolverError::Rows`], [`SolverError::NotFinite`], [`SolverError::Interrupted`]; [`SolverError::NoGram`],
-    /// [`SolverError::Limit`] and too small a budget for a strategy that needs a Gram matrix; those of operator, Gram
-    /// matrix and stored factor. Not converging isn't an error.
+    /// [`SolverError::Limit`] and errors for too small a budget, for a strategy that needs a Gram matrix; errors of the
+    /// operator, the Gram matrix and the stored factor. Not converging isn't an error.
     pub fn fit(
         &mut self,
         targets: &Array2<f64>,
@@ -240,7 +240,7 @@ impl<'a> LsqSolver<'a> {
         choose(&self.sizes(columns), &available, &self.request())
     }
 
-    /// Returns the factor to solve with: the stored one, or else the computed one.
+    /// Returns the factor to solve with: the stored factor if there is one, else the computed factor.
     pub(super) fn factor(&self) -> Result<&dyn CholeskyFactor, SolverError> {
         match (self.stored, &self.made) {
             (Some(factor), _) => Ok(factor),
@@ -249,8 +249,8 @@ impl<'a> LsqSolver<'a> {
         }
     }
 
-    /// Computes a factor unless there is one. Returns false if memory or the process's limits don't suffice; that is an
-    /// error if it is `required`.
+    /// Computes a factor unless there is one. Returns false if memory or the process's limits don't suffice; if the
+    /// factor is `required`, returns an error instead.
     pub(super) fn make_factor(&mut self, required: bool, monitor: &dyn Monitor) -> Result<bool, SolverError> {
         if self.stored.is_some() || self.made.is_some() {
             return Ok(true);
@@ -303,14 +303,15 @@ impl<'a> LsqSolver<'a> {
         }
     }
 
-    /// Returns the number of rows with weight.
+    /// Returns the number of rows with nonzero weight.
     pub(super) fn rows_with_weight(&self) -> usize {
         let count = |weights: &Vec<f64>| weights.iter().filter(|weight| **weight > 0.0).count();
         self.params.weights.as_ref().map_or(self.source.rows(), count)
     }
 }
 
-/// Returns the diagonal of P, (K), if there is a penalty: that of the smoothness, and that of each degree.
+/// Returns the diagonal of P, (K), if there is a penalty: the sum of the smoothness penalty and the penalties by
+/// degree.
 fn penalty(max_degree: usize, params: &LsqParams) -> Result<Option<Vec<f64>>, SolverError> {
     let smoothness = (params.smoothness > 0.0).then(|| smoothness_penalty(max_degree, params.smoothness));
     let Some(by_degree) = &params.penalty else { return Ok(smoothness) };
@@ -326,7 +327,7 @@ fn penalty(max_degree: usize, params: &LsqParams) -> Result<Option<Vec<f64>>, So
     Ok(Some(all))
 }
 
-/// Fits the columns of targets, (n, c), as one target: [`LsqSolver::new`] without a Gram matrix, and
+/// Fits the columns of targets, (n, c), as one target, by [`LsqSolver::new`] without a Gram matrix and
 /// [`LsqSolver::fit`].
 ///
 /// # Errors

@@ -1,4 +1,4 @@
-//! Standard errors of the coefficients.
+//! Computes standard errors of the coefficients.
 
 use ndarray::{Array2, ArrayView1};
 use spharm_harmonics::basis_size;
@@ -8,8 +8,8 @@ use super::solver::LsqSolver;
 use crate::SolverError;
 
 impl LsqSolver<'_> {
-    /// Computes the standard errors of the coefficients, (K, c): `sigma sqrt(diag N^-1)`, with `sigma^2` the weighted
-    /// sum of squares of the residual, (n, c), divided by the number of rows with weight minus the trace of the hat
+    /// Computes the standard errors of the coefficients, (K, c): `sigma sqrt(diag N^-1)`. `sigma^2` is the weighted sum
+    /// of squares of the residual, (n, c), divided by the number of rows with nonzero weight minus the trace of the hat
     /// matrix `A N^-1 A^T W`, which is K without a penalty. `diag N^-1` needs the entire factor, and `K^3 / 3` flops.
     ///
     /// # Errors

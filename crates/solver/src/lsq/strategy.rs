@@ -1,21 +1,20 @@
 //! The strategy of a least-squares fit, as data: [`choose`] decides which steps to take, and computes nothing else. The
-//! solver executes one step after another (`run`) and reports on them.
+//! solver executes the steps one after another (`run`) and reports on them.
 //!
 //! | request | available | steps |
 //! |---|---|---|
 //! | factor | | factor, refinement |
 //! | auto | factor, except as below | factor, refinement |
 //! | any | moments, or no samples | iterations by moments |
-//! | any | moments that pay off at once (`cost`) or that a requested density needs | moments, iterations by them |
-//! | any | moments that pay off later | iterations by samples until then, moments, iterations by them |
+//! | any | moments that pay off at once (`cost`) or that a requested density needs | moments, iterations by moments |
+//! | any | moments that pay off later | iterations by samples until then, moments, iterations by moments |
 //! | any | no moments that pay off | iterations by samples |
 //!
 //! The exception: a stored factor of a well-conditioned matrix isn't used for few columns, or if moments and a few
-//! iterations cost less than its use. The density preconditions iterations by moments if it is requested, or if the
-//! choice is left to the solver, provided that there is no penalty and there are enough rows. With auto, at most as
-//! many columns as rows, and a factor or a Gram matrix, iterations end early if a factor seems faster. They are
-//! followed by factor and refinement, or by further iterations if the factor can't be computed. The numbers are in
-//! `limits`.
+//! iterations cost less than its use. The density preconditions iterations by moments if it is requested or if the
+//! choice is left to the solver, provided that there is no penalty and there are enough rows. Iterations end early if a
+//! factor seems faster: with auto, at most as many columns as rows, and a factor or a Gram matrix. They are followed by
+//! factor and refinement, or by further iterations if the factor can't be computed. The constants are in `limits`.
 
 #[cfg(test)]
 mod tests;
@@ -76,8 +75,8 @@ pub(super) fn density_may_precondition(sizes: &Sizes, request: &Request) -> bool
     matches!(request.strategy, Strategy::Auto | Strategy::DensityCg) && enough && !request.penalised
 }
 
-/// Returns the number of iterations by samples before moments are computed: zero if moments pay off within the expected
-/// iterations, else the number that takes as long as moments would have; `None` if moments aren't to be computed.
+/// Returns the number of iterations by samples before moments are computed. It is zero if moments pay off within the
+/// expected iterations, else the number after which they would have paid off; `None` if moments aren't to be computed.
 fn iterations_before_moments(cost: &Cost, moments: Moments, request: &Request) -> Option<usize> {
     let paid_after = cost.paid_after();
     match moments {
@@ -89,8 +88,8 @@ fn iterations_before_moments(cost: &Cost, moments: Moments, request: &Request) -
     }
 }
 
-/// Returns whether it pays off to begin with iterations by moments although there is a factor of a matrix of moderate
-/// condition.
+/// Returns whether it pays off to begin with iterations by moments although there is a stored factor of a
+/// well-conditioned matrix.
 fn pays_beside_factor(cost: &Cost, moments: Moments, before_moments: Option<usize>) -> bool {
     let (making, each) = match (moments, before_moments) {
         (Moments::Made { uneven: true }, _) => (0.0, cost.preconditioned()),

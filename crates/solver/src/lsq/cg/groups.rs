@@ -1,8 +1,8 @@
 //! Conjugate gradients on groups of a few columns at a time.
 //!
-//! If products process a few columns at a time anyway, each group is iterated to its own end. Its arrays stay in a
-//! thread's cache from one step to the next, threads wait for each other only once, and a converged group needs no
-//! further products. In a run from x = 0 a group's iterates are bit-identical to those without the other groups.
+//! If products process a few columns at a time anyway, each group of columns is iterated until it ends. Its arrays stay
+//! in a thread's cache from one step to the next, threads wait for each other only once, and a converged group needs no
+//! further products. In a run from x = 0 a group's iterates are bit-identical to the iterates when it is solved alone.
 
 use ndarray::{ArrayViewMut2, Axis};
 use rayon::prelude::*;
@@ -15,8 +15,8 @@ use crate::lsq::problem::Problem;
 use crate::lsq::progress::Progress;
 
 impl Cg {
-    /// Iterates `width` columns at a time, otherwise as [`steps`](Self::steps). If the first group makes too little
-    /// progress the others are left unchanged.
+    /// Iterates `width` columns at a time, otherwise as [`steps`](Self::steps) does. If the first group makes too
+    /// little progress, the other groups are left unchanged.
     ///
     /// The monitor receives the steps of a group when it has ended.
     pub(super) fn steps_of_groups(
@@ -46,7 +46,7 @@ impl Cg {
         let mut groups: Vec<Group<'_>> = groups.map(|((x, gradient), scale)| Group { x, gradient, scale }).collect();
         let mut ended = Vec::with_capacity(groups.len());
         if progress.is_some() {
-            // Groups have the same matrix: the first shows whether to use a factor for all of them.
+            // All groups have the same matrix: the first group shows whether to use a factor for all of them.
             ended.push(run(groups.remove(0))?);
         }
         let given_up = |first: &Ended| first.stop == Stop::IterationLimit && first.iterations < params.max_iterations;
@@ -54,7 +54,8 @@ impl Cg {
             let others = groups.into_par_iter().with_max_len(1).map(run);
             ended.extend(others.collect::<Result<Vec<_>, SolverError>>()?);
         }
-        // The earliest best iteration of the groups that haven't converged, to which the iteration may have to return.
+        // The earliest best iteration of the groups that haven't converged. A restarted iteration may have to end
+        // there.
         let before = self.iterations;
         let left = ended.iter().filter(|group| group.stop != Stop::Converged && group.best_at > 0);
         if let Some(best_at) = left.map(|group| before + group.best_at).min() {
@@ -71,14 +72,14 @@ impl Cg {
     }
 }
 
-/// The columns of a group.
+/// Arrays of a group of columns.
 struct Group<'a> {
     x: ArrayViewMut2<'a, f64>,
     gradient: ArrayViewMut2<'a, f64>,
     scale: &'a [f64],
 }
 
-/// The result of a group.
+/// Result of iterating a group.
 struct Ended {
     stop: Stop,
     iterations: usize,

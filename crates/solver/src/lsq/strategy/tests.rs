@@ -1,9 +1,9 @@
-//! Plans for given sizes, availability and request.
+//! Tests of the plans for given sizes, available data and requests.
 
 use super::*;
 
 const AUTO: Request = Request { strategy: Strategy::Auto, tolerance: 1e-10, max_iterations: 3000, penalised: false };
-/// A cortex up to degree 100.
+/// Sizes of a cortex fitted up to degree 100.
 const CORTEX: Sizes = Sizes { rows: 40_962, rows_with_weight: 40_962, max_degree: 100, columns: 3 };
 const STORED: Factor = Factor::Stored { reciprocal: 0.1 };
 const EVEN: Moments = Moments::Made { uneven: false };
