@@ -2,9 +2,9 @@
 //!
 //! Summing `A^T W A` over the basis takes `n K (K + 1)` flops. The moments of the sampling give the same matrix in a
 //! time that doesn't depend on n (`spharm_transform::MomentGram`), with an error of 1e-13, the accuracy of the finest
-//! transform. In a first pass of iterative residual fitting this error changes the msd by about 1e-10, relatively
-//! (5e-10 on a cortex, 6e-10 on an irregular head, L = 100). Further passes correct it, since the residual is exact
-//! even if a step is slightly off.
+//! transform. In a first pass of iterative residual fitting this error causes a relative change of the msd of about
+//! 1e-10 (5e-10 on a cortex, 6e-10 on an irregular head, L = 100). Further passes correct it, since the residual is
+//! exact even if a step is slightly off.
 //!
 //! A basis stored in f64 equals the harmonics of the moments up to rounding. A basis stored in f32 differs from them by
 //! 6e-8, so the solve of a block would no longer be exact. Therefore moments are only used with f64 bases.

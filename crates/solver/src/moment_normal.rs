@@ -1,4 +1,4 @@
-//! The normal matrix of a sampling, from its moments.
+//! Computes the normal matrix of a sampling from its moments.
 
 use std::sync::OnceLock;
 
@@ -26,7 +26,7 @@ impl MomentNormal {
         Ok(Self { operator, moments, inverse: OnceLock::new() })
     }
 
-    /// Returns its peak memory in bytes, as [`MomentOperator::bytes`] does for the operator.
+    /// Returns the peak memory in bytes of the operator, its moments and its inverse; see [`MomentOperator::bytes`].
     pub const fn bytes(max_degree: usize, channels: usize, threads: usize) -> usize {
         let moments = 8 * (2 * max_degree + 1) * (2 * max_degree + 1);
         moments + InverseDensity::bytes_with_operator(max_degree, channels, threads)
@@ -42,11 +42,12 @@ impl MomentNormal {
         &self.moments
     }
 
-    /// Returns the approximate inverse; `None` if the sampling has none that pays off.
+    /// Returns the approximate inverse; `None` if an inverse doesn't pay off for this sampling.
     pub fn inverse(&self) -> Option<&InverseDensity> {
         if self.inverse.get().is_none() {
-            // Not computed within the cell's initialisation: a thread that waits there for other threads' parts of the
-            // work may steal a task that itself waits for the cell. Degree and moments were already validated by `new`.
+            // Computed outside the cell's initialisation: within it, a thread that waits for other threads' parts of
+            // the work may steal a task that itself waits for the cell. Degree and moments were already validated by
+            // `new`.
             let made = InverseDensity::new(self.operator.max_degree(), &self.moments).unwrap_or_default();
             let _ = self.inverse.set(made);
         }

@@ -1,8 +1,8 @@
-//! The basis as used by solvers: its products with vectors, and, for iterative residual fitting, its blocks.
+//! The basis as used by solvers: its products with vectors and, for iterative residual fitting, its blocks.
 //!
-//! An [`Operator`] is the matrix A, (n, K): rows are vertices, columns basis functions. A [`BlockOperator`] can also be
-//! read: a block is a run of degrees, and thus of A's columns, which is opened and read chunk by chunk from several
-//! threads.
+//! An [`Operator`] is the matrix A, (n, K): rows are vertices, columns are basis functions. A [`BlockOperator`] also
+//! gives access to the entries of A by blocks. A block is a run of degrees, and thus of A's columns; it is opened, and
+//! then read chunk by chunk from several threads.
 //!
 //! | operator | the basis |
 //! |---|---|
@@ -48,7 +48,7 @@ pub trait Operator: Sync {
     ///
     /// # Panics
     ///
-    /// If K' isn't a basis size, or is above the operator's.
+    /// If K' isn't a basis size, or is above the operator's basis size.
     fn apply(&self, x: ArrayView2<'_, f64>) -> Result<Array2<f64>, SolverError>;
 
     /// Computes the adjoint synthesis `A^T r`: r (n, c), result (K, c).
@@ -62,7 +62,7 @@ pub trait Operator: Sync {
     /// If r doesn't have n rows.
     fn apply_adjoint(&self, r: ArrayView2<'_, f64>) -> Result<Array2<f64>, SolverError>;
 
-    /// Computes `A^T diag(w) A x`: x (K, c), weights w (n), all one by default; result (K, c).
+    /// Computes `A^T diag(w) A x`: x (K, c), weights w (n), all 1 by default; result (K, c).
     ///
     /// # Errors
     ///

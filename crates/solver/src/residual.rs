@@ -7,8 +7,8 @@ use serde::Serialize;
 /// Number of rows whose squares are summed together.
 const RUN: usize = 1 << 14;
 
-/// Mean and maximum over the rows (vertices) of the squared norm of one target's residual, in the target's unit
-/// squared.
+/// Mean and maximum over the rows (vertices) of the squared norm of one target's residual, in the square of the
+/// target's unit.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct ResidualNorms {
     /// Mean over the rows of the squared norm.
@@ -23,9 +23,9 @@ impl ResidualNorms {
         Self::without(residual, None)
     }
 
-    /// As [`of`](Self::of), over the rows that aren't marked in `unread`, (n).
+    /// Computes the norms over the rows of a residual, (n, c), that aren't marked in `unread`, (n).
     pub fn without(residual: ArrayView2<'_, f64>, unread: Option<&[bool]>) -> Self {
-        // By runs of rows, so that the sums don't depend on the number of threads.
+        // Sum runs of rows: the sums then don't depend on the number of threads.
         let runs: Vec<[f64; 2]> = residual
             .axis_chunks_iter(Axis(0), RUN)
             .into_par_iter()

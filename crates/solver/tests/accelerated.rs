@@ -1,4 +1,5 @@
-//! Accelerated residual fitting, and Gram matrices from moments, compared with plain fitting and the least squares.
+//! Accelerated residual fitting, and Gram matrices from moments, compared with plain fitting and the full least
+//! squares.
 
 use ndarray::{Array2, ArrayView2};
 use spharm_harmonics::Directions;
@@ -43,7 +44,8 @@ fn optimality(operator: &MemoryOperator, targets: &Array2<f64>, x: &Array2<f64>,
     left.iter().zip(whole).map(|(left, whole)| left / whole).fold(0.0, f64::max)
 }
 
-/// Holds for any blocks, weights and columns. Each iteration also decreases the weighted residual.
+/// Accelerated fits reach the least squares for different blocks, weights and numbers of columns. Without weights each
+/// iteration also decreases the residual.
 #[test]
 fn accelerated_fits_reach_the_least_squares() {
     let operator = MemoryOperator::new(&uneven(), L, 104).unwrap();
@@ -55,7 +57,7 @@ fn accelerated_fits_reach_the_least_squares() {
         assert!(found.report.history.len() < 60, "it ends early: {}", found.report.history.len());
         let sweeps = &found.report.history;
         assert!(sweeps.iter().enumerate().all(|(i, sweep)| sweep.pass == 2 * (i + 1)));
-        // The reported residual is the actual one.
+        // The reported residual equals the recomputed one.
         let residual = &targets - &operator.apply(found.coefficients.values().view()).unwrap();
         let mean = residual.iter().map(|r| r * r).sum::<f64>() / 1200.0;
         let told = sweeps.last().unwrap().residuals[0].mean_square;
@@ -86,7 +88,7 @@ fn acceleration_takes_fewer_passes_than_plain_fitting() {
     assert!(2 * accelerated <= plain, "{accelerated} against {plain}");
 }
 
-/// One pass is a plain one; three passes are a plain one and an iteration.
+/// One pass is a plain pass; three passes are a plain pass and an iteration.
 #[test]
 fn an_odd_number_of_passes_begins_with_a_plain_one() {
     let operator = MemoryOperator::new(&uneven(), L, 104).unwrap();
@@ -143,7 +145,7 @@ fn gram_matrices_from_moments_give_the_same_fit() {
     }
 }
 
-/// The memory of a source is included, and a fit above its degree is refused.
+/// The plan includes the memory of a source of Gram matrices, and a fit above the source's degree is refused.
 #[test]
 fn the_plan_counts_the_source_and_the_iteration() {
     let directions = uneven();

@@ -1,4 +1,4 @@
-//! Memory plans fit their budget, count the stated memory, and choose the fastest option within it; reports are
+//! Memory plans fit their budget, include the stated memory, and choose the fastest option within it; reports are
 //! correct.
 
 use std::ops::RangeInclusive;
@@ -24,8 +24,8 @@ fn operator() -> MemoryOperator {
     MemoryOperator::new(&Directions::fibonacci(N).unwrap(), L, CHUNK).unwrap()
 }
 
-/// A basis that is held elsewhere: a block needs 1,000 bytes per column if it is entirely in memory, 30,000 in all if
-/// it is read in chunks.
+/// A basis that is stored elsewhere: a block needs 1,000 bytes per column if it is entirely in memory, or 30,000 bytes
+/// in all if it is read in chunks.
 struct Elsewhere(MemoryOperator);
 
 const WHOLE: usize = 1000;
@@ -81,7 +81,7 @@ fn adds_up(plan: &IrfPlan) {
     assert!(plan.total <= plan.budget, "{plan:?}");
 }
 
-/// Sizes as in the documentation of the plan, in doubles.
+/// The plan's sizes are as documented, counted in f64 values of 8 bytes.
 #[test]
 fn arrays_and_factors_are_counted_to_the_byte() {
     let operator = operator();
@@ -95,14 +95,14 @@ fn arrays_and_factors_are_counted_to_the_byte() {
         plan
     };
     let plain = planned(&|_| {});
-    // Residual, coefficients, a block's right-hand sides, solution and both transposed.
+    // The arrays are the residual, the coefficients, and a block's right-hand sides and solution, both also transposed.
     assert_eq!(plain.arrays, 8 * (N * c + size * c + 4 * widest * c));
     let weighted = planned(&|params| params.weights = Some(vec![1.0; N]));
     assert_eq!(weighted.arrays, plain.arrays + 8 * N);
-    // Two more arrays of each kind.
+    // Acceleration needs two more arrays like the residual, and two more like the coefficients.
     let accelerated = planned(&|params| params.accelerate = true);
     assert_eq!(accelerated.arrays, plain.arrays + 8 * 2 * (N * c + size * c));
-    // All factors that are kept, and the one being computed.
+    // The factors are all factors that are kept, and the one being computed.
     let squares: usize = columns.iter().map(|k| k * k).sum();
     assert_eq!((plain.factors, plain.keep_factors), (8 * (squares + widest * widest), true));
     let once = planned(&|params| params.method = Method::Irf { passes: 1, granularity: 20 });
@@ -111,12 +111,12 @@ fn arrays_and_factors_are_counted_to_the_byte() {
     assert_eq!((reused.factors, reused.keep_factors), (plain.factors, true));
     let refined = planned(&|params| (params.method, params.refinements) = (Method::Nlsf, 1));
     assert_eq!((refined.factors, refined.keep_factors), (8 * size * size, true));
-    // A thread's Gram matrix, chunk of it, sums of the right-hand sides, and 4 MiB for products.
+    // Each thread has a Gram matrix, a chunk of the block, sums of the right-hand sides, and 4 MiB for products.
     let thread = 8 * (widest * widest + CHUNK * widest + widest * c);
     assert_eq!(plain.work, thread + (4 << 20));
     assert_eq!(planned(&|params| params.threads = 3).work, 3 * plain.work);
     assert_eq!(weighted.work, plain.work + 8 * CHUNK * c);
-    // With Gram matrices from elsewhere no thread sums one; computing one needs a MiB per thread.
+    // If a source provides the Gram matrices, no thread sums one; computing one takes a MiB per thread.
     let given = planned(&|params| (params.gram_bytes, params.threads) = (Some(5000), 2));
     assert_eq!((given.grams, given.work), (5000 + (2 << 20), 2 * (8 * widest * c + (4 << 20))));
     let held = planned(&|params| params.held = 12_345);
@@ -137,7 +137,7 @@ fn wide_blocks_are_shared_by_the_threads() {
         plan
     };
     let (one, two) = (planned(32, 1), planned(32, 2));
-    // 2,048 rows stacked and a chunk being packed.
+    // The memory includes 2,048 stacked rows and a chunk being packed.
     let stacked = 8 * 1089 * (2048 + 120);
     let thread = 8 * 1089 * 2;
     assert_eq!(two.work - one.work, one.work - stacked);
@@ -148,7 +148,8 @@ fn wide_blocks_are_shared_by_the_threads() {
     assert_eq!(planned(30, 1).work, 8 * (961 * 961 + 120 * 961 + 961 * 2) + (4 << 20));
 }
 
-/// The smallest sufficient budget is stated and works, and a byte less doesn't; likewise for the granularity.
+/// The error states the smallest sufficient budget and the largest granularity that fits. Both work; a byte less, or a
+/// larger granularity, doesn't.
 #[test]
 fn a_refusal_names_the_least_budget_and_the_granularity_that_fits() {
     let operator = Elsewhere(operator());
@@ -170,7 +171,7 @@ fn a_refusal_names_the_least_budget_and_the_granularity_that_fits() {
         assert_eq!(least.keep_factors, granularity == 64);
         assert_eq!(refused(needed - 1, method).0, needed);
     }
-    // If the widest block needs too much memory, narrower ones fit.
+    // If the widest block needs too much memory, narrower blocks fit.
     let (whole, _) = match plan(&operator, 3, &IrfParams { memory: 1, ..params(2, 64) }) {
         Err(SolverError::Budget { needed, granularity, .. }) => (needed, granularity),
         other => panic!("{other:?}"),
@@ -189,7 +190,7 @@ fn a_refusal_names_the_least_budget_and_the_granularity_that_fits() {
         }
     }
     assert!(!told.is_empty());
-    // Methods with fixed blocks get no advice.
+    // For methods with fixed blocks the error advises no granularity.
     let sirf = IrfParams { memory: 1, method: Method::Sirf { start_degree: 2 }, ..params(1, 64) };
     assert!(matches!(plan(&operator, 3, &sirf), Err(SolverError::Budget { granularity: None, .. })));
 }
@@ -202,7 +203,7 @@ fn what_is_left_of_the_budget_goes_to_the_basis() {
     let columns = [16, 20, 13, 15];
     let generous = plan(&operator, 3, &params(1, 20)).unwrap();
     assert!(generous.read_ahead && generous.whole == [true; 4]);
-    // The two largest neighbours, including the pair of the first and the last.
+    // The two largest neighbouring blocks, including the pair of the first block and the last.
     assert_eq!(generous.basis, WHOLE * (16 + 20));
     let fixed = generous.total - generous.basis;
     let with = |basis: usize| plan(&operator, 3, &IrfParams { memory: fixed + basis, ..params(1, 20) });
@@ -211,7 +212,7 @@ fn what_is_left_of_the_budget_goes_to_the_basis() {
     assert!(!alone.read_ahead && alone.whole == [true; 4]);
     assert_eq!(alone.basis, WHOLE * 20);
     assert_eq!(with(WHOLE * 20).unwrap().whole, [true; 4]);
-    // For each of these blocks, being entirely in memory needs the least.
+    // Each of these blocks needs the least memory if it is entirely in memory.
     let Err(SolverError::Budget { needed, .. }) = with(WHOLE * 20 - 1) else { panic!("it fits") };
     assert_eq!(needed, fixed + WHOLE * 20);
     // For blocks of more than 30 columns, chunks need less memory.
@@ -260,7 +261,7 @@ fn progress_adds_up_and_passes_are_numbered() {
     let report = &fit.report;
     assert_eq!((report.method, report.passes, report.accelerated), ("irf", 3, false));
     assert_eq!((report.max_degree, report.rows, report.channels, report.threads), (L, N, 2, 1));
-    // Refinements aren't foreseen, and aren't counted.
+    // Refinements are neither in the announced number of steps nor counted as steps.
     assert_eq!((told.total.into_inner(), told.steps.into_inner()), (3 * 64, 3 * 64));
     let history: Vec<_> = report.history.iter().map(|pass| (pass.pass, pass.refinement, pass.bytes_read)).collect();
     assert_eq!(history, [(1, false, 0), (2, false, 0), (3, false, 0), (3, true, 0)]);
@@ -323,7 +324,7 @@ fn degrees_above_the_basis_or_its_gram_matrix_are_refused() {
     assert!(matches!(found, Some(SolverError::Degree { found: L, max_degree: 6 })), "{found:?}");
     let below = IrfParams { max_degree: L - 1, ..params(1, 20) };
     assert!(IrfSolver::with_gram(&operator, 1, below, &gram).is_ok());
-    // Moments are of up to twice the degree.
+    // Moments need transforms of twice the degree.
     assert!(moment_gram_bytes(N, 1000).is_ok());
     assert!(matches!(moment_gram_bytes(N, 1001), Err(SolverError::Harmonics(_))));
     assert!(moment_gram_bytes(2 * N, L).unwrap() >= moment_gram_bytes(N, L).unwrap() + 8 * N);

@@ -32,7 +32,7 @@ fn inner(a: ArrayView2<'_, f64>, b: ArrayView2<'_, f64>) -> f64 {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
-    /// `<A x, r> = <x, A^T r>`, and `A x` is the direct sum.
+    /// `<A x, r> = <x, A^T r>`, and `A x` equals the direct sum.
     #[test]
     fn synthesis_and_adjoint_are_transposes(
         n in 1usize..300, max_degree in 0usize..12, channels in 1usize..12, chunk in 1usize..9, seed in 0u64..1000
@@ -66,7 +66,7 @@ proptest! {
         let groups: Vec<_> = (0..channels).map(|c| c..c + 1).collect();
         let found = irf::solve(&operator, noise.view(), &groups, &params, &Silent).unwrap();
         let mut residual = &noise - &operator.apply(found.coefficients.values().view()).unwrap();
-        // The reported residual is the actual one.
+        // The reported residual equals the recomputed one.
         let mean = residual.column(0).iter().map(|r| r * r).sum::<f64>() / n as f64;
         let reported = found.report.history.last().unwrap().residuals[0].mean_square;
         prop_assert!((mean - reported).abs() <= 1e-10 * (mean + 1e-20), "{} {}", mean, reported);
@@ -83,7 +83,8 @@ proptest! {
     }
 }
 
-/// The fast operator equals the direct one, for coefficients of any degree up to its own, with and without weights.
+/// The fast operator equals the direct operator, for coefficients of any degree up to its own, with and without
+/// weights.
 #[test]
 fn the_fast_operator_is_the_direct_one() {
     let directions = scattered(200, 4);
@@ -107,8 +108,8 @@ fn the_fast_operator_is_the_direct_one() {
     }
 }
 
-/// With every vertex twice on half of the sphere, blocks are far from orthogonal, but IRF still converges to the least
-/// squares.
+/// If 900 of 1,200 vertices are on the northern part of the sphere, blocks are far from orthogonal, but IRF still
+/// converges to the least squares.
 #[test]
 fn passes_converge_to_the_full_least_squares_on_uneven_samplings() {
     let north: Vec<[f64; 2]> = (0..900).map(|i| [1.4 * ((i as f64 + 0.5) / 900.0).sqrt(), 2.4 * i as f64]).collect();
@@ -146,7 +147,7 @@ fn repeated_directions_leave_a_rank_that_is_told() {
     assert_eq!((block.rank, block.columns, block.solver), (9, 16, "rank-revealing"));
     let residual = &targets - &operator.apply(found.coefficients.values().view()).unwrap();
     assert!(residual.iter().all(|r| r.abs() < 1e-11), "nine directions can be met exactly");
-    // Nine functions alone also fit them; of all solutions, the one found has the smallest norm.
+    // Nine functions alone also fit the targets; of all solutions, the one found has the smallest norm.
     let alone = IrfParams { max_degree: 2, ..params };
     let other = irf::solve(&operator, targets.view(), std::slice::from_ref(&(0..2)), &alone, &Silent).unwrap();
     let norm = |x: &Array2<f64>| inner(x.view(), x.view());

@@ -1,6 +1,4 @@
-//! Computes the diagonal of G^-1, for standard errors: (G^-1)_kk =
-//! C^-1 e_k
-//! ^2.
+//! Computes the diagonal of G^-1, for standard errors: (G^-1)_kk = ||C^-1 e_k||^2.
 //!
 //! The forward solve is applied to unit vectors, a few tile columns at a time; the leading zeros of a vector are
 //! skipped. This takes K^3 / 3 flops, as many as the factorisation, and 8 K bytes of workspace per vector.

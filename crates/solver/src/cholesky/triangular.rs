@@ -4,9 +4,9 @@
 //! are bound by the bandwidth of memory, with many by the speed of faer's matrix products.
 //!
 //! In the forward solve, a thread owns tile rows and processes the tile columns in file order, subtracting `C_ij y_j`
-//! from its own rows as soon as y_j is available. The owner of row j + 1 processes that row first and publishes y_(j +
-//! 1) before it continues. The other threads then needn't wait for the rest of the owner's column. In the backward
-//! solve, a thread owns tile columns and processes each from the last row upwards:
+//! from its own rows as soon as y_j is available. The owner of row j + 1 processes that row first and publishes
+//! `y_(j + 1)` before it continues. The other threads then needn't wait for the rest of the owner's column. In the
+//! backward solve, a thread owns tile columns and processes each from the last row upwards:
 //! `x_j = C_jj^-T (y_j - sum_i C_ij^T x_i)`. The thread of the next column is half a column behind. It needs x_j only
 //! for the last term of its sum, when x_j is available. Threads wait nowhere else, and there are no barriers.
 //!

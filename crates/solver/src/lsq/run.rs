@@ -209,8 +209,9 @@ impl LsqSolver<'_> {
     }
 }
 
-/// Returns whether a column of x has a larger squared residual, penalty included, than x = 0 would have: `|W^(1/2) (f -
-/// A x)|^2 + x^T P x - |W^(1/2) f|^2 = -x^T (b + r)`, with b the right-hand side and r = b - N x the gradient.
+/// Returns whether a column of x has a larger squared residual, penalty included, than x = 0 would have:
+/// `|W^(1/2) (f - A x)|^2 + x^T P x - |W^(1/2) f|^2 = -x^T (b + r)`, with b the right-hand side and r = b - N x the
+/// gradient.
 fn further_than_zero(cg: &Cg, problem: &dyn Problem) -> Result<bool, SolverError> {
     let sum = problem.right_sides()? + &cg.gradient;
     Ok(dots(&cg.x, &sum).iter().any(|gain| *gain < 0.0))

@@ -10,9 +10,9 @@ use crate::SolverError;
 /// The part of an open block that is held in memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Residency {
-    /// All of it, so that the block is read only once.
+    /// The entire block, which is then read only once.
     Whole,
-    /// Only the chunks in use: the block is read anew for each use.
+    /// Only the chunks in use; the block is then read again for each use.
     Chunks,
 }
 
@@ -27,7 +27,7 @@ pub trait BlockOperator: Operator {
     /// Returns the number of rows of every chunk except the last.
     fn chunk_rows(&self) -> usize;
 
-    /// Returns the bytes of an open block, in addition to the scratch space.
+    /// Returns the memory of an open block in bytes, in addition to the scratch space.
     fn resident_bytes(&self, degrees: &RangeInclusive<usize>, residency: Residency, threads: usize) -> usize;
 
     /// Opens the block of a run of degrees.
@@ -72,7 +72,8 @@ pub trait Block: Sync {
     /// Returns the bytes read from the store since the block was opened.
     fn bytes_read(&self) -> u64;
 
-    /// Confirms that the data read were sound. Results computed from the block are only valid after this.
+    /// Checks that the basis didn't change while it was read. Results computed from the block are only valid if it
+    /// didn't.
     ///
     /// # Errors
     ///

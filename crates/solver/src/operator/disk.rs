@@ -12,7 +12,7 @@ use super::products::{apply_adjoint_by_blocks, apply_by_blocks};
 use super::{Block, BlockOperator, Operator, Residency, Scratch};
 use crate::SolverError;
 
-/// A basis in a store, streamed.
+/// A basis in a store, which is streamed from disk.
 #[derive(Debug)]
 pub struct DiskOperator {
     scheme: Scheme,
@@ -24,7 +24,7 @@ impl DiskOperator {
         Self { scheme }
     }
 
-    /// Returns whether the entire basis is used in place, without decoding.
+    /// Returns whether the entire basis can be used in place in the memory maps, without decoding.
     pub fn is_direct(&self) -> bool {
         self.scheme.files().iter().all(DegreeFile::is_direct)
     }
@@ -68,7 +68,7 @@ impl BlockOperator for DiskOperator {
                 Residency::Whole => self.rows(),
                 Residency::Chunks => threads * self.chunk_rows(),
             };
-            // Decoding needs a buffer of the raw bytes and one before unshuffling.
+            // Decoding needs a buffer for the raw bytes and another for the bytes before unshuffling.
             let decoded = if file.is_direct() { 0 } else { rows * file.header().columns() * 8 };
             let passing = if file.is_direct() { 0 } else { threads * self.chunk_rows() * file.header().columns() * 16 };
             mapped + decoded + passing
@@ -103,7 +103,7 @@ impl BlockOperator for DiskOperator {
 
 struct DiskBlock<'a> {
     files: &'a [DegreeFile],
-    /// Windows on entire files; none if chunks are mapped when they are used.
+    /// Windows on entire files; empty if chunks are mapped when they are used.
     windows: Vec<ChunkWindow<'a>>,
     /// Chunks that had to be decoded, by degree and chunk, kept while the block is open.
     decoded: Vec<Vec<OnceLock<Vec<f64>>>>,

@@ -1,4 +1,4 @@
-//! The basis as fast transforms, without a matrix.
+//! The basis by fast transforms, without storing its matrix.
 
 use std::sync::OnceLock;
 
@@ -29,7 +29,8 @@ impl MatrixFreeOperator {
         Ok(Self { transform: Transform::new(directions, params)?, twice: None, accuracy: params.accuracy })
     }
 
-    /// Plans transforms for `directions` that share their sorting with those of [`moments`](Self::moments).
+    /// Plans transforms for `directions` that share the sorting of directions with the transforms of
+    /// [`moments`](Self::moments).
     ///
     /// # Errors
     ///
@@ -55,14 +56,14 @@ impl MatrixFreeOperator {
     ) -> Result<usize, SolverError> {
         let TransformParams { max_degree, accuracy, channels: group } = *params;
         let twice = TransformParams { max_degree: 2 * max_degree, accuracy, channels: group };
-        // Grids of twice the size for the channels of a group, and that of the weights.
+        // Grids of twice the size for the channels of a group, and a grid for the weights.
         let grids = Transform::bytes(&twice, directions, channels.min(group) + 1)?;
         Ok(grids + MomentNormal::bytes(max_degree, channels, threads))
     }
 
-    /// Computes the normal matrix from moments at `directions`, which must be those of this operator, with weights (n),
-    /// all one by default, to at least the given relative accuracy. If the operator has shared transforms, it also
-    /// computes the right-hand sides of targets, (n, c), at the cost of their products.
+    /// Computes the normal matrix from moments at `directions`, which must be the operator's directions, with weights
+    /// (n), all 1 by default, to at least the given relative accuracy. If the operator has shared transforms, it also
+    /// computes the right-hand sides of targets, (n, c), in the same pass over the samples.
     ///
     /// # Errors
     ///
@@ -104,7 +105,7 @@ impl Operator for MatrixFreeOperator {
     fn apply(&self, x: ArrayView2<'_, f64>) -> Result<Array2<f64>, SolverError> {
         let columns = basis_size(self.max_degree());
         if x.nrows() < columns {
-            // If x is of lower degree, the degrees above are zero.
+            // If x is of lower degree, coefficients of higher degrees are zero.
             let mut padded = Array2::zeros((columns, x.ncols()));
             padded.slice_mut(ndarray::s![..x.nrows(), ..]).assign(&x);
             return Ok(self.transform.synthesis(padded.view())?);
@@ -132,7 +133,7 @@ pub struct DeferredOperator<'a> {
 }
 
 impl<'a> DeferredOperator<'a> {
-    /// Creates the operator without planning: invalid parameters cause an error of the first product.
+    /// Creates the operator without planning: invalid parameters cause an error in the first product.
     pub fn new(directions: &'a Directions, params: &TransformParams) -> Self {
         Self { directions, params: *params, planned: OnceLock::new() }
     }
@@ -141,7 +142,8 @@ impl<'a> DeferredOperator<'a> {
         if let Some(planned) = self.planned.get() {
             return Ok(planned);
         }
-        // Not planned within the cell's initialisation, for which a thread that has taken up other work could wait.
+        // Planned outside the cell's initialisation: within it, this thread may take up other work that itself waits
+        // for the cell.
         let planned = MatrixFreeOperator::new(self.directions, &self.params)?;
         Ok(self.planned.get_or_init(|| planned))
     }

@@ -1,4 +1,4 @@
-//! The basis held in memory, for small problems, and as the reference for the streamed one.
+//! The basis held in memory, for small problems, and as the reference for the streamed basis.
 
 use std::ops::RangeInclusive;
 

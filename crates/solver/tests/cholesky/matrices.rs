@@ -69,7 +69,7 @@ pub(crate) fn in_memory(source: &dyn GramMatrix, params: &FactorParams) -> Memor
     factorise(source, params, &Silent).unwrap()
 }
 
-/// Builds with the smallest memory that suffices out of core, with panels of one tile column.
+/// Builds a factor out of core with the smallest sufficient memory, in panels of one tile column.
 pub(crate) fn out_of_core(
     store: &Path,
     source: &dyn GramMatrix,
@@ -92,7 +92,7 @@ pub(crate) fn stored(file: &FactorFile, memory: usize, threads: usize) -> Stored
     StoredFactor::new(file.clone(), memory, threads)
 }
 
-/// Returns C of a file, (K, K).
+/// Returns the factor C of a file, (K, K).
 pub(crate) fn lower(file: &FactorFile) -> Array2<f64> {
     use spharm_store::factor::TileValues;
     let grid = file.header().grid;

@@ -1,4 +1,4 @@
-//! Factors in memory and out of core: they are those of the matrix, and singular matrices are reported.
+//! Factors in memory and out of core: C C^T equals the matrix, and singular matrices are reported.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -13,8 +13,8 @@ use spharm_store::Scalar;
 
 use crate::matrices::{Dense, filled, gram, in_memory, largest, lower, out_of_core, scattered, spec, stored, to_faer};
 
-/// For tiles that divide K = 121 and tiles that don't, in memory and out of core, with windows that are kept and
-/// dropped.
+/// Covers tiles that divide K = 121 and tiles that don't, factors in memory and out of core, and windows that are kept
+/// and windows that are dropped.
 #[test]
 fn factor_times_its_transpose_is_the_matrix_and_solves_are_those_of_a_dense_solver() {
     let source = gram(&scattered(400), 10);
@@ -129,7 +129,8 @@ fn the_condition_estimate_is_within_a_few_of_the_truth() {
     }
 }
 
-/// More functions than directions: the error states the column, in memory and out of core, for any tiles.
+/// If there are more functions than directions, the error states the column at which the factorisation breaks down, in
+/// memory and out of core, for any tiles.
 #[test]
 fn a_singular_matrix_is_said_to_break_and_where() {
     let source = gram(&scattered(90), 10);
@@ -145,13 +146,13 @@ fn a_singular_matrix_is_said_to_break_and_where() {
         let penalised = Penalised::new(&source, smoothness_penalty(10, 1e-3));
         assert!(factorise(&penalised, &params, &Silent).is_ok(), "a penalty mends it");
     }
-    // Only the lock is left.
+    // The folder contains only the lock file.
     let names: Vec<_> = std::fs::read_dir(folder.path().join(spec(10, 90).key.to_string()))
         .unwrap()
         .map(|item| item.unwrap().file_name())
         .collect();
     assert_eq!(names, [".lock"]);
-    // With exact zeros, the column reported is exactly theirs.
+    // If column 40 is exactly zero, exactly that column is reported.
     let mut matrix = Array2::eye(100);
     matrix[[40, 40]] = 0.0;
     let error = factorise(&Dense(matrix), &FactorParams { tile: 16, ..FactorParams::default() }, &Silent);

@@ -1,4 +1,4 @@
-//! Factors in a store: refused if they are damaged or don't match, removed if interrupted.
+//! Factors in a store: refused if they are damaged or don't match, removed if their computation is interrupted.
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -38,7 +38,7 @@ fn a_factor_of_something_else_is_refused_by_name() {
         }
         let error = open_factor(folder.path(), &other, None).unwrap_err();
         assert!(matches!(error, StoreError::FactorMissing { .. }), "{error}");
-        // A factor of another specification in its place.
+        // Store the factor under the name of another specification.
         let place = folder.path().join(other.key.to_string());
         std::fs::create_dir_all(&place).unwrap();
         let place = place.join(other.file_name(Scalar::F64));
@@ -82,7 +82,7 @@ impl Monitor for StopAfter {
     }
 }
 
-/// If interrupted at any moment, nothing is left, and the next run succeeds.
+/// A build that is interrupted at any moment leaves no files, and the next build succeeds.
 #[test]
 fn an_interrupted_build_leaves_nothing() {
     let source = gram(&scattered(400), 12);
@@ -168,7 +168,7 @@ fn too_little_memory_or_disk_is_said_before_any_work() {
     };
     let params = FactorParams { memory: 64 << 20, ..FactorParams::default() };
     assert!(build(&params).contains("the smallest that works is"));
-    // 522 GB.
+    // The factor has 522 GB.
     let line = build(&FactorParams { memory: 4 << 30, ..params });
     assert!(line.contains("the factor needs") && line.contains(&store.display().to_string()), "{line}");
     assert!(!store.exists());

@@ -55,7 +55,7 @@ fn a_penalty_by_degree_gives_the_dense_solution_by_every_strategy() {
     }
 }
 
-/// `tr (N^-1)_ll`, and the noise in the residual of least squares: n - K.
+/// The noise power of degree l is `tr (N^-1)_ll`; in the residual of the least squares it is n - K.
 #[test]
 fn noise_power_is_that_of_the_dense_matrix() {
     for sampling in [irregular(400, 3), clustered(400)] {
@@ -68,7 +68,7 @@ fn noise_power_is_that_of_the_dense_matrix() {
         let params = LsqParams { weights: Some(weights.clone()), ..params(Strategy::Auto) };
         let fit = solve(&sampling, DEGREE, &noise, params);
         let mut power = NoisePower::new(DEGREE);
-        // In pieces of any size.
+        // Columns may be added in pieces of any size.
         for columns in [0..5, 5..NOISE_COLUMNS] {
             let residual = residual_square(fit.residual.slice(s![.., columns.clone()]), Some(&weights));
             power.add(fit.coefficients.values().slice(s![.., columns]), residual);
@@ -79,8 +79,8 @@ fn noise_power_is_that_of_the_dense_matrix() {
         assert_eq!(of_moments.residual(), left);
         for (l, (found, by_moments)) in power.by_degree().into_iter().zip(of_moments.by_degree()).enumerate() {
             let exact = trace.slice(s![l * l..(l + 1) * (l + 1)]).sum();
-            // The mean of 12 (2l + 1) values, which are correlated on such samplings: more than three standard
-            // deviations.
+            // The power is the mean of 12 (2l + 1) values, which are correlated on such samplings: allow more than
+            // three standard deviations.
             let allowed = 6.0 / ((NOISE_COLUMNS * (2 * l + 1)) as f64).sqrt();
             for found in [found, by_moments] {
                 assert!((found / exact - 1.0).abs() < allowed, "{} {l}: {found:e}, {exact:e}", sampling.name);
@@ -89,7 +89,7 @@ fn noise_power_is_that_of_the_dense_matrix() {
     }
 }
 
-/// Returns a function whose power decreases with the degree, without and with noise: (clean, noisy).
+/// Returns samples of a function whose power decreases with the degree, without and with noise: (clean, noisy).
 fn noisy(sampling: &Sampling, sigma: f64) -> (Array2<f64>, Array2<f64>) {
     let mut random = Random(7);
     let known = Array2::from_shape_fn((basis_size(DEGREE), 3), |(k, _)| random.normal() / (1.0 + k as f64).powf(1.2));
@@ -104,7 +104,7 @@ fn on_an_even_sampling_it_multiplies_by_the_gains() {
     let (_, targets) = noisy(&sampling, 0.5);
     let plain = solve(&sampling, DEGREE, &targets, params(Strategy::Auto));
     let mut power = NoisePower::new(DEGREE);
-    // The noise of an exactly even sampling: 4 pi / n in each coefficient.
+    // On an exactly even sampling, noise has the power 4 pi / n in each coefficient.
     let even_noise = Array2::from_elem((basis_size(DEGREE), 1), (4.0 * std::f64::consts::PI / 4000.0).sqrt());
     power.add(even_noise.view(), (4000 - basis_size(DEGREE)) as f64);
     let found = power.denoise(plain.coefficients.values().view(), residual_square(plain.residual.view(), None));

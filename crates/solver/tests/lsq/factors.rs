@@ -1,4 +1,4 @@
-//! Factors that are kept, stored, or in single precision.
+//! Factors that are kept between batches, stored, or in single precision.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -80,7 +80,7 @@ fn a_stored_factor_gives_what_a_made_one_gives_and_single_precision_is_refined()
         let made = solve(&sampling, max_degree, &targets, base.clone());
         for scalar in [Scalar::F64, Scalar::F32] {
             let factor = stored(folder.path(), &sampling, max_degree, Some(&weights), smoothness, scalar);
-            // There is no Gram matrix to compute another factor from.
+            // Without a Gram matrix, no other factor can be computed.
             let mut solver = LsqSolver::new(&operator, None, base.clone()).unwrap().with_factor(&factor);
             let fit = solver.fit(&targets, std::slice::from_ref(&(0..4)), &Silent).unwrap();
             let what = format!("{} {scalar:?} {smoothness} {:?}", sampling.name, fit.report);
@@ -90,8 +90,8 @@ fn a_stored_factor_gives_what_a_made_one_gives_and_single_precision_is_refined()
             if scalar == Scalar::F64 {
                 assert_eq!(fit.coefficients.values(), made.coefficients.values(), "{what}: the same bits");
             }
-            // The condition number in the sum norm; it differs from that in the Euclidean norm by at most the size of
-            // the matrix, and by less on even samplings.
+            // The report has the condition number in the sum norm. It differs from the condition number in the
+            // Euclidean norm by a factor of at most the size of the matrix, and by less on even samplings.
             let ratio = fit.report.condition / expected.condition();
             let most = if sampling.name == "even" { 3.0 } else { (basis_size(max_degree) as f64).sqrt() };
             assert!(ratio > 1.0 / most && ratio < most, "{what}: {ratio}");
@@ -115,8 +115,8 @@ fn a_single_precision_factor_of_ill_conditioned_equations_ends_with_the_best_tha
     expected.meets(&fit, fit.report.optimality, "single");
 }
 
-/// Even with a factor of a matrix of moderate condition, many columns are iterated by moments as long as few iterations
-/// seem to remain; otherwise the factor is used.
+/// Even if there is a factor of a well-conditioned matrix, many columns are iterated by moments as long as few
+/// iterations seem to remain; otherwise the factor is used.
 #[test]
 fn iterations_by_moments_go_before_a_stored_factor_while_they_are_faster() {
     const DEGREE: usize = 12;
@@ -125,7 +125,7 @@ fn iterations_by_moments_go_before_a_stored_factor_while_they_are_faster() {
     let targets = Random(3).normals(6000, 48);
     let a = matrix(&sampling.directions, DEGREE);
     let operator = transforms(&sampling.directions, DEGREE);
-    // With a penalty the density doesn't precondition, and a small one hardly changes the iterations.
+    // With a penalty the density doesn't precondition. A small penalty hardly changes the iterations.
     for (steepness, smoothness, expected) in [(0.4, 0.0, "none"), (1.8, 0.0, "density"), (1.8, 1e-9, "stored-factor")] {
         let iterated = expected != "stored-factor";
         let weights = sampling.directions.as_slice().iter().map(|[_, _, z]| (steepness * z).exp());
@@ -142,7 +142,7 @@ fn iterations_by_moments_go_before_a_stored_factor_while_they_are_faster() {
         dense(&a, &targets, weights, smoothness).meets(&fit, fit.report.optimality, "beside a factor");
         assert_eq!(fit.report.stop, Stop::Converged, "{:?}", fit.report);
         assert_eq!((fit.report.preconditioner, fit.report.products), (expected, "moments"), "{:?}", fit.report);
-        // Three iterations show how many would be needed.
+        // The first three iterations show how many would be needed.
         assert!(fit.report.condition < 100.0, "{:?}", fit.report);
         assert!(if iterated { fit.report.iterations > 3 } else { fit.report.iterations == 3 }, "{:?}", fit.report);
         assert_eq!(fit.report.refinements > 0, !iterated, "{:?}", fit.report);

@@ -1,4 +1,4 @@
-//! The smoothness by generalised cross-validation.
+//! Tests of the choice of the smoothness by generalised cross-validation.
 
 use ndarray::{Array2, s};
 use spharm_harmonics::basis_size;
@@ -41,8 +41,8 @@ fn cross_validation_finds_a_smoothness_that_is_near_the_best() {
         let highest = ((DEGREE * (DEGREE + 1)) as f64).powi(2);
         assert!((least / (1e-6 * even / highest) - 1.0).abs() < 1e-9, "{least}");
         assert!((most / (even / 36.0) - 1.0).abs() < 1e-9, "{most}");
-        // The trace of the hat matrix, compared with the dense one: the probes' noise is some percent of K minus the
-        // trace.
+        // The trace of the hat matrix is close to that of the dense hat matrix: the probes' noise is some percent of K
+        // minus the trace.
         for [lambda, _, trace] in found.tried {
             let weight = weights.as_ref().map_or(1.0, |w| w[0]);
             let penalised = a.t().dot(&a) * weight + diagonal(smoothness_penalty(DEGREE, lambda));

@@ -134,19 +134,19 @@ fn the_optimality_of_each_group_is_that_of_its_solution() {
             let found = optimality_of(&problem, &right_sides, fit.coefficients.values().view());
             assert!(fit.report.optimality <= 1.5 * tolerance.max(2e-14), "{}", fit.report.optimality);
             assert!(found <= fit.report.optimality + 1e-15, "{found:.1e} {:.1e}", fit.report.optimality);
-            // The reported optimality includes the estimated error if the gradient wasn't recomputed; near the last
-            // digits it is.
+            // The reported optimality includes the estimated error of the gradient, unless the gradient was recomputed,
+            // as it is near the last digits.
             let carried = fit.report.optimality - found > 0.5e-13;
             assert_eq!(carried, tolerance > 1e-12, "{found:.1e} {:.1e}", fit.report.optimality);
         }
     }
 }
 
-/// Products process three columns at a time, and so do iterations.
+/// Products and iterations process three columns at a time: further columns don't change a group's bits.
 #[test]
 fn columns_of_many_have_the_bits_that_they_have_with_their_own_few() {
     let (sampling, mut targets) = (irregular(900, 5), Random(11).normals(900, 8));
-    // A group that needs fewer iterations than the others.
+    // This group needs fewer iterations than the others.
     targets.slice_mut(s![.., 3..6]).fill(0.0);
     let sums = sums(&sampling, None, &targets, 11);
     let problem = MomentProblem::new(&sums, 11).unwrap();
@@ -256,7 +256,7 @@ fn iterations_take_moments_of_many_samples_once_and_give_the_dense_solution() {
     }
 }
 
-/// Transforms, and a count of calls of the adjoint.
+/// Transforms that count the calls of the adjoint.
 #[derive(Debug)]
 struct Counted(MatrixFreeOperator, AtomicUsize);
 
@@ -288,7 +288,7 @@ fn where_moments_are_exact_enough_the_residual_tells_that_the_tolerance_is_met()
     for (sampling, weights, adjoints) in [
         (irregular(6000, 16), None, 1),
         (irregular(6000, 17), Some(uneven_weights(6000)), 1),
-        // The density is too large at one pole, so the gradient is also computed from the samples.
+        // The density is too large at one pole for moments to suffice: the gradient is also computed from the samples.
         (clustered(6000), None, 2),
     ] {
         let operator = Counted(transforms(&sampling.directions, 8), AtomicUsize::new(0));
@@ -303,7 +303,7 @@ fn where_moments_are_exact_enough_the_residual_tells_that_the_tolerance_is_met()
         assert_eq!(operator.1.load(Ordering::Relaxed), adjoints, "{}", sampling.name);
         let synthesis = operator.apply(fit.coefficients.values().view()).unwrap();
         assert_eq!(fit.residual, &targets - &synthesis);
-        // The reported optimality is valid for the gradient from the samples.
+        // The reported optimality is at least that of the gradient recomputed from the samples.
         let adjoint_of = |samples: &Array2<f64>| {
             let mut weighted = samples.clone();
             let weights = weights.iter().flatten();
@@ -332,7 +332,7 @@ fn right_sides_that_come_with_moments_are_those_of_the_samples() {
     };
     let params = LsqParams { weights: Some(weights.clone()), ..params(Strategy::Cg) };
     let mut solver = LsqSolver::new(&operator, None, params).unwrap().with_moments(&make);
-    // For the second batch they are computed by the adjoint.
+    // Right-hand sides are computed with the moments for the first batch, and by the adjoint for the second.
     for adjoints in [0, 1] {
         let fit = solver.fit(&targets, std::slice::from_ref(&(0..2)), &Silent).unwrap();
         expected.meets(&fit, fit.report.optimality, sampling.name);
@@ -345,7 +345,7 @@ fn moments_that_lose_digits_give_way_to_the_samples() {
     let sampling = irregular(6000, 12);
     let targets = Random(13).normals(6000, 1);
     let expected = dense(&matrix(&sampling.directions, 8), &targets, None, 0.0);
-    // With other weights, these moments don't give a solution.
+    // Moments for other weights don't give the solution.
     let others: Vec<f64> = (0..6000).map(|i| if i % 3 == 0 { 0.1 } else { 0.3 }).collect();
     let (fits, made) = fit_with_moments(&sampling, &targets, Some(&others), params(Strategy::Auto));
     for (fit, warnings) in fits.iter().zip([1, 0]) {

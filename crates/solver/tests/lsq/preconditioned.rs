@@ -1,4 +1,4 @@
-//! Preconditioned iterations: their gain with moments, and that they keep their preconditioner to the end.
+//! Preconditioned iterations: their gain with moments, and the use of the preconditioner to the end.
 
 use std::sync::Mutex;
 
@@ -12,8 +12,8 @@ use spharm_transform::{FINEST, SampleSums};
 
 use crate::problems::{Random, Sampling, clustered, dense, even, irregular, matrix, norms, transforms};
 
-/// Products with the normal matrix that have a relative error of 1e-3, so that an iteration seems to converge too
-/// early; with a record of the calls.
+/// An operator whose products with the normal matrix have a relative error of 1e-3, so that an iteration seems to
+/// converge too early. It records its calls.
 struct Inexact {
     exact: MatrixFreeOperator,
     asked: Mutex<Vec<Asked>>,
@@ -21,11 +21,11 @@ struct Inexact {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Asked {
-    /// A residual.
+    /// A residual was computed.
     Samples,
-    /// A product with the normal matrix.
+    /// A product with the normal matrix was computed.
     Normal,
-    /// The preconditioner.
+    /// The preconditioner was applied.
     Preconditioned,
 }
 
@@ -103,7 +103,8 @@ fn by(problem: &MomentProblem, strategy: Strategy) -> MomentFit {
 
 #[test]
 fn uneven_samplings_take_fewer_iterations_by_moments() {
-    // Six random samples per coefficient; six times as many, a hundred times denser at one pole.
+    // The first sampling has six random samples per coefficient. The second has six times as many samples, and is a
+    // hundred times denser at one pole.
     for (sampling, gain) in [(irregular(1000, 4), 1.6), (clustered(6000), 2.0)] {
         let targets = Random(5).normals(sampling.directions.len(), 5);
         let problem = problem(&sampling, &targets);
@@ -120,14 +121,14 @@ fn uneven_samplings_take_fewer_iterations_by_moments() {
             assert!(iterations[1] * gain < iterations[0], "{}: {iterations:?}", sampling.name);
             let off = norms(&(fit.coefficients.values() - &expected));
             assert!(off.iter().zip(norms(&expected)).all(|(off, norm)| *off < 1e-8 * norm), "{off:?}");
-            // Three columns have the same bits as without the others.
+            // Three columns have the same bits as when they are solved alone.
             let alone = by(&problem.of_columns(0..3), strategy);
             assert_eq!(alone.coefficients.values(), fit.coefficients.values().slice(s![.., ..3]));
         }
     }
 }
 
-/// Groups share the inverse; each runs on a thread of its own.
+/// Groups share the inverse of the density; each group runs on a thread of its own.
 #[test]
 fn groups_of_an_uneven_sampling_are_each_as_if_alone() {
     let targets = Random(5).normals(1000, 12);
@@ -136,7 +137,7 @@ fn groups_of_an_uneven_sampling_are_each_as_if_alone() {
     let groups: Vec<_> = (0..12).map(|c| c..c + 1).collect();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(6).build().unwrap();
     for _ in 0..20 {
-        // The problem has no inverse yet.
+        // The inverse of the density isn't computed yet.
         let all = problem(&sampling, &targets);
         let fits = pool.install(|| solve_moments_of_groups(&all, &groups, &LsqParams::default(), &Silent)).unwrap();
         for (group, fit) in groups.iter().zip(fits) {

@@ -14,13 +14,14 @@ use spharm_solver::{
 };
 use spharm_transform::TransformParams;
 
-/// A sampling.
+/// A named sampling of the sphere.
 pub(crate) struct Sampling {
     pub(crate) name: &'static str,
     pub(crate) directions: Directions,
 }
 
-/// Returns n directions on a spiral, whose depth below the pole is given by `depth`.
+/// Returns n directions on a spiral. `depth` maps their index, scaled to 0 to 1, to the depth below the pole, from 0 to
+/// 1.
 pub(crate) fn spiral(name: &'static str, n: usize, depth: impl Fn(f64) -> f64) -> Sampling {
     let golden = PI * (3.0 - 5f64.sqrt());
     let at = |i: usize| 1.0 - 2.0 * depth(i as f64 / n as f64);
@@ -45,7 +46,7 @@ pub(crate) fn irregular(n: usize, seed: u64) -> Sampling {
     Sampling { name: "irregular", directions: Directions::from_angles(&angles).unwrap() }
 }
 
-/// Returns a sampling of a cap of the sphere.
+/// Returns a sampling of the cap within `angle` of the pole.
 pub(crate) fn cap(n: usize, angle: f64) -> Sampling {
     spiral("cap", n, |u| 0.5 * (1.0 - angle.cos()) * u)
 }
@@ -148,8 +149,8 @@ impl Dense {
         self.singular[0] / self.singular[self.singular.len() - 1]
     }
 
-    /// Checks that the error of the coefficients is within that caused by a gradient of relative norm `optimality`,
-    /// plus that of computing the gradient with the accuracy of the transforms.
+    /// Checks that the error of the coefficients is at most the error caused by a gradient of relative norm
+    /// `optimality`, plus the error of computing the gradient with the accuracy of the transforms.
     pub(crate) fn meets(&self, fit: &LsqFit, optimality: f64, what: &str) {
         let (most, least) = (self.singular[0], self.singular[self.singular.len() - 1]);
         let off = norms(&(fit.coefficients.values() - &self.x));
@@ -166,7 +167,7 @@ pub(crate) fn transforms(directions: &Directions, max_degree: usize) -> MatrixFr
     MatrixFreeOperator::new(directions, &params).unwrap()
 }
 
-/// Solves for targets that form one group.
+/// Solves for targets whose columns form one group.
 pub(crate) fn solve(sampling: &Sampling, max_degree: usize, targets: &Array2<f64>, params: LsqParams) -> LsqFit {
     try_solve(sampling, max_degree, targets, params, &Silent).unwrap()
 }

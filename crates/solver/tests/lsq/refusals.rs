@@ -1,4 +1,4 @@
-//! Bad input and interruptions.
+//! Bad input is refused, and interruptions end a fit.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
@@ -39,7 +39,7 @@ fn bad_input_gets_typed_errors() {
         let found = error(&good, &|params| params.smoothness = smoothness);
         assert!(matches!(found, SolverError::Smoothness { .. }), "{found}");
     }
-    // A strategy that needs a missing Gram matrix.
+    // This strategy needs a Gram matrix, and there is none.
     let operator = transforms(&sampling.directions, 4);
     let mut solver = LsqSolver::new(&operator, None, params(Strategy::Cholesky)).unwrap();
     let found = solver.fit(&good, std::slice::from_ref(&(0..2)), &Silent).unwrap_err();
@@ -58,7 +58,7 @@ fn a_fit_that_is_told_to_stop_stops() {
     }
     let found = choose_smoothness(&transforms(&sampling.directions, 12), None, &targets, &AtomicBool::new(true));
     assert!(matches!(found, Err(SolverError::Interrupted(_))));
-    // Interrupted in the middle of a fit.
+    // Interrupt a fit in the middle.
     let operator = transforms(&sampling.directions, 12);
     struct StopAtThird(AtomicU64);
     impl Monitor for StopAtThird {

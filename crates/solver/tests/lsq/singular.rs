@@ -1,4 +1,4 @@
-//! Undetermined components stay small.
+//! Components that the samples don't determine stay small.
 
 use ndarray::{Array2, s};
 use spharm_harmonics::{Directions, basis_size};
@@ -7,8 +7,8 @@ use spharm_solver::{IrfParams, MemoryOperator, Method, Strategy, irf};
 
 use crate::problems::{Random, Sampling, cap, dense, irregular, matrix, norms, params, solve, svd};
 
-/// Returns the mean squared residual of the least squares in the singular vectors with values above `cut` times the
-/// largest.
+/// Returns the mean squared residual of the least squares restricted to the singular vectors with values above `cut`
+/// times the largest.
 fn truncated(a: &Array2<f64>, targets: &Array2<f64>, cut: f64) -> f64 {
     let (u, singular, _) = svd(a);
     let count = singular.iter().filter(|value| **value > cut * singular[0]).count();
@@ -18,7 +18,7 @@ fn truncated(a: &Array2<f64>, targets: &Array2<f64>, cut: f64) -> f64 {
 
 #[test]
 fn what_the_sampling_does_not_determine_stays_small_and_is_told() {
-    // A cap, with few more rows than columns, and with every row twice.
+    // Every direction of this sampling occurs twice; the other samplings are caps.
     let twice = {
         let few = irregular(90, 6).directions;
         let directions = Directions::from_vertices(&few.as_slice().repeat(2)).unwrap();
@@ -48,7 +48,8 @@ fn what_the_sampling_does_not_determine_stays_small_and_is_told() {
             assert!(report.shift > 0.0 && report.shift < 1e-9 && report.condition.is_infinite(), "{what}");
             let [column, degree] = report.breaks_at.expect(&what);
             assert!(column < basis_size(max_degree) && degree == column.isqrt() && degree > 0, "{what}");
-            // Between the smallest possible residual and that of components that the shift can distinguish from zero.
+            // The residual is between the smallest possible residual and that of the components that the shift can
+            // distinguish from zero.
             let mean = report.residuals[0].mean_square;
             let cut = truncated(&a, &targets, 10.0 * report.shift.sqrt());
             assert!(mean >= least * (1.0 - 1e-6) && mean <= 1.01 * cut + 1e-15, "{what} cut {cut:e}");

@@ -10,7 +10,7 @@ use crate::problems::{
     Random, Sampling, cap, clustered, diagonal, even, inverse, irregular, matrix, params, transforms, uneven_weights,
 };
 
-/// Standard errors are sigma^2 (A^T W A + P)^-1, and agree with the scatter of coefficients.
+/// Standard errors squared are the diagonal of sigma^2 (A^T W A + P)^-1, and agree with the scatter of coefficients.
 #[test]
 fn standard_errors_are_those_of_the_dense_inverse() {
     for (sampling, max_degree, smoothness) in
@@ -36,7 +36,7 @@ fn standard_errors_are_those_of_the_dense_inverse() {
             let fit = solver.fit(&targets, std::slice::from_ref(&(0..2)), &Silent).unwrap();
             let errors = solver.standard_errors(&fit.residual, &Silent).unwrap();
             assert_eq!(errors.dim(), (k, 2));
-            // Degrees of freedom of the residual: rows with weight minus the trace of the hat matrix.
+            // Degrees of freedom of the residual: number of rows with nonzero weight minus the trace of the hat matrix.
             let free = (n - 1) as f64 - inverse.dot(&a.t().dot(&weighted)).diag().sum();
             for c in 0..2 {
                 let square: f64 = fit.residual.column(c).iter().zip(&weights).map(|(r, w)| w * r * r).sum();

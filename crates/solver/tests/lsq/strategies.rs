@@ -35,7 +35,7 @@ fn every_way_gives_the_dense_least_squares_weighted_and_penalised_or_not() {
                 assert_eq!(fit.report.stop, Stop::Converged, "{what}");
                 assert!(fit.report.optimality <= 2e-10, "{what}: {}", fit.report.optimality);
                 expected.meets(&fit, fit.report.optimality, &what);
-                // The reported values, recomputed by direct sums.
+                // Recompute the reported values by direct sums.
                 let residual = &targets - &a.dot(fit.coefficients.values());
                 assert!((&residual - &fit.residual).iter().all(|d| d.abs() < 1e-11), "{what}");
                 let mut weighted = residual.clone();
@@ -47,8 +47,8 @@ fn every_way_gives_the_dense_least_squares_weighted_and_penalised_or_not() {
                     gradient.row_mut(k).scaled_add(-p, &fit.coefficients.values().row(k));
                 }
                 let optimality = largest(norms(&gradient).iter().zip(&expected.scale).map(|(g, scale)| g / scale));
-                // If a target is nearly orthogonal to the basis, errors are larger relative to its component in the
-                // basis.
+                // If a target is nearly orthogonal to the basis, errors are larger relative to the target's component
+                // in the basis.
                 let small = largest(expected.size.iter().zip(&expected.scale).map(|(size, scale)| size / scale));
                 let allowed = 2.0 * ACCURACY * expected.singular[0] * small;
                 assert!((optimality - fit.report.optimality).abs() < allowed, "{what}: {optimality:.3e} {allowed:.1e}");
