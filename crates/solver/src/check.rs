@@ -1,4 +1,4 @@
-//! Checks of callers' arguments.
+//! Checks callers' arguments.
 
 use ndarray::{Array2, ArrayView2, Axis};
 use rayon::prelude::*;

@@ -40,17 +40,17 @@ pub enum SolverError {
     /// A parameter below its minimum, such as a granularity or a number of passes of zero.
     #[error("{what} must be at least {least}, found {found}")]
     TooSmall {
-        /// The parameter.
+        /// Name of the parameter.
         what: &'static str,
-        /// Its minimum.
+        /// Minimum of the parameter.
         least: usize,
-        /// The value given.
+        /// Given value of the parameter.
         found: usize,
     },
     /// A first block that ends above the highest degree.
     #[error("the first block ends at degree {found}, above the highest degree {max_degree}")]
     StartDegree {
-        /// Degree given.
+        /// Requested last degree of the first block.
         found: usize,
         /// Highest degree of the fit.
         max_degree: usize,
@@ -58,7 +58,7 @@ pub enum SolverError {
     /// A degree above the operator's highest degree.
     #[error("degree {found} is above {max_degree}, the highest degree of the basis")]
     Degree {
-        /// Degree given.
+        /// Requested degree.
         found: usize,
         /// Highest degree of the basis.
         max_degree: usize,
@@ -110,7 +110,7 @@ pub enum SolverError {
     /// A smoothness that is negative or not finite.
     #[error("the smoothness must be finite and not negative, found {found}")]
     Smoothness {
-        /// The value given.
+        /// Given smoothness.
         found: f64,
     },
     /// A penalty of a degree that is negative or not finite.
@@ -118,7 +118,7 @@ pub enum SolverError {
     Penalty {
         /// The degree.
         degree: usize,
-        /// The value given.
+        /// Given penalty.
         found: f64,
     },
     /// Too few samples to estimate the noise in addition to the coefficients.
@@ -131,7 +131,7 @@ pub enum SolverError {
         /// Number of coefficients of a column, K.
         columns: usize,
     },
-    /// A factor is needed, but there is no Gram matrix to compute it from.
+    /// A factor is needed, but neither a factor nor a Gram matrix to compute one is available.
     #[error("this strategy needs the Gram matrix or a factor, but has neither")]
     NoGram,
     /// Sums over no samples, or only over samples of weight 0.

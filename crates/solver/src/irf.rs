@@ -83,7 +83,7 @@ impl IrfSolver<'_> {
         Ok(())
     }
 
-    /// One pass over the blocks.
+    /// Runs one pass over the blocks.
     fn pass(
         &mut self,
         order: Order,

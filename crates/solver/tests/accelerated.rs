@@ -69,7 +69,7 @@ fn accelerated_fits_reach_the_least_squares() {
     }
 }
 
-/// On an irregular sampling: 1,050 directions are within 0.9 of the pole, and only 150 elsewhere.
+/// On a very irregular sampling: 1,050 directions are within 0.9 of the pole, and only 150 elsewhere.
 #[test]
 fn acceleration_takes_fewer_passes_than_plain_fitting() {
     let crowd = (0..1050).map(|i| [0.9 * ((i as f64 + 0.5) / 1050.0).sqrt(), 2.4 * i as f64]);

@@ -167,7 +167,7 @@ fn a_refusal_names_the_least_budget_and_the_granularity_that_fits() {
         assert_eq!(none, None);
         let least = plan(&operator, 3, &IrfParams { memory: needed, ..params(2, granularity) }).unwrap();
         adds_up(&least);
-        // A single block's factor is kept in place.
+        // A single block's factor is computed in place, so keeping it needs no further memory.
         assert_eq!(least.keep_factors, granularity == 64);
         assert_eq!(refused(needed - 1, method).0, needed);
     }

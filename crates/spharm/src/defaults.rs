@@ -23,12 +23,12 @@ pub(crate) const TRANSFORM_ACCURACY: f64 = 1e-12;
 /// further.
 pub(crate) const MOST_COLUMNS: usize = 96;
 
-/// Largest number of surfaces in one sweep over a store; with more, the products take much longer than reading the
-/// basis.
+/// Largest number of surfaces in one sweep over a store. With a larger number, the products take much longer than
+/// reading the basis.
 pub(crate) const MOST_TOGETHER: usize = 128;
 
-/// Maximum number of additional sweeps after the single pass of [`Method::Nlsf`](crate::Method::Nlsf). Each multiplies
-/// the remaining rounding error by eps times the condition number.
+/// Maximum number of additional sweeps after the single pass of [`Method::Nlsf`](crate::Method::Nlsf). Each sweep
+/// multiplies the remaining rounding error by eps times the condition number.
 pub(crate) const REFINEMENTS: usize = 5;
 
 /// Default smoothness penalty over a sphere made by parametrisation: its size at the highest degree, relative to the

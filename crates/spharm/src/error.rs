@@ -53,32 +53,32 @@ pub enum Error {
     /// An error of one surface of a group.
     #[error("surface {index}: {source}")]
     Member {
-        /// The surface, counted from 0.
+        /// Index of the surface, counted from 0.
         index: usize,
-        /// Its error.
+        /// Error of the surface.
         source: Box<Error>,
     },
     /// A file of a group's folder with unexpected contents.
     #[error("{}: expected {expected}, found {found}", .path.display())]
     GroupFile {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Expected contents.
         expected: String,
         /// Actual contents.
         found: String,
     },
-    /// A setting with an invalid value, or one that is incompatible with another setting.
+    /// A setting with an invalid value, or a setting that is incompatible with another setting.
     #[error("{what} needs {expected}, found {found}")]
     Setting {
-        /// The setting.
+        /// Name of the setting.
         what: &'static str,
-        /// Its valid values.
+        /// Valid values of the setting.
         expected: &'static str,
-        /// Its actual value.
+        /// Actual value of the setting.
         found: String,
     },
-    /// A degree above the highest supported one.
+    /// A degree above the highest supported degree.
     #[error("degree {found} is above {most}, the highest supported degree")]
     Degree {
         /// The requested degree.
@@ -97,13 +97,13 @@ pub enum Error {
     NeedsTriangles {
         /// Computation that needs triangles: `quadrature`, `density`, `area`.
         what: &'static str,
-        /// The sphere.
+        /// Path of the sphere.
         sphere: PathBuf,
     },
     /// A number of weights other than the number of vertices.
     #[error("{name}: expected one weight for each of {expected} vertices, found {found}")]
     WeightCount {
-        /// The weights' name.
+        /// Name of the weights.
         name: String,
         /// Number of vertices.
         expected: usize,
@@ -113,7 +113,7 @@ pub enum Error {
     /// A weight that is negative or not finite, or weights that are all zero.
     #[error("{name}: weights must be finite, not negative and not all zero; vertex {vertex} has {found}")]
     Weight {
-        /// The weights' name.
+        /// Name of the weights.
         name: String,
         /// Vertex, counted from 0.
         vertex: usize,
@@ -123,13 +123,13 @@ pub enum Error {
     /// Weights that leave out every triangle of a surface.
     #[error("{name}: no triangle has positive weights at all three corners")]
     NoTriangle {
-        /// The weights' name.
+        /// Name of the weights.
         name: String,
     },
     /// A hold-out fraction so small that it selects no vertex.
     #[error("a hold-out fraction of {fraction} selects none of {vertices} vertices; choose a larger fraction")]
     HoldOut {
-        /// The fraction.
+        /// Requested fraction.
         fraction: f64,
         /// Number of vertices.
         vertices: usize,

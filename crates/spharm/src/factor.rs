@@ -1,4 +1,5 @@
-//! The Cholesky factor of the normal equations over a sphere, computed once and stored for all fits over that sphere.
+//! Computes the Cholesky factor of the normal equations over a sphere once, and stores it for all fits over that
+//! sphere.
 
 use std::path::Path;
 
@@ -84,7 +85,7 @@ impl<'a> PlannedFactor<'a> {
         self.plan
     }
 
-    /// Computes the factor and publishes it in the store, unless it is already there.
+    /// Computes the factor and publishes it in the store, unless the store already has it.
     ///
     /// # Errors
     ///

@@ -48,11 +48,11 @@ impl Preparation {
 /// A surface mapped to a sphere of its own, and the changes made to it beforehand.
 #[derive(Debug, Clone)]
 pub struct MappedSurface {
-    /// The map.
+    /// The map to the sphere.
     pub parametrized: Parametrized,
-    /// Repair of a volume's label.
+    /// Repair of a volume's label, if the surface is a label's.
     pub repair: Option<Repair>,
-    /// Repair of a mesh.
+    /// Repair of a mesh, if it was repaired.
     pub mesh_repair: Option<MeshRepair>,
     /// Handles that were cut.
     pub handles: Option<HandlesReport>,
@@ -76,7 +76,7 @@ impl MappedSurface {
         Ok(Self::of(surface, parametrized, params))
     }
 
-    /// Returns a surface with an existing map.
+    /// Returns a mapped surface for an existing map.
     #[must_use]
     pub fn of(surface: &Input, parametrized: Parametrized, params: &FitParams) -> Self {
         Self {

@@ -215,7 +215,7 @@ pub struct FitParams {
     pub weights: Weights,
     /// Fraction of the vertices, between 0 and 1, that is held out of the fit and assessed separately.
     pub hold_out: Option<f64>,
-    /// Whether to measure the distance between model and surface both ways, if a surface is fitted.
+    /// Whether to measure the distances from model to surface and from surface to model, if a surface is fitted.
     pub surface_distance: bool,
     /// Whether to compute each coefficient's standard error; for [`Method::Lsq`].
     pub standard_errors: bool,

@@ -29,7 +29,7 @@ pub struct FitReport {
     pub off_vertex: Option<f64>,
     /// Distances at the vertices after each sweep; the last entry is for the final model.
     pub passes: Vec<Distances>,
-    /// Distances between the model and its surface, both ways, if a surface was fitted.
+    /// Distances from the model to its surface and from the surface to the model, if a surface was fitted.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub surface_distance: Option<SurfaceDistances>,
     /// Distances at the centres of some of the triangles, for a surface over a sphere with triangles.
@@ -73,7 +73,7 @@ pub struct Denoised {
 pub struct Settings {
     /// The method and its settings.
     pub method: crate::Method,
-    /// What was fitted: [`Surface`](crate::Objective::Surface) or [`Vertices`](crate::Objective::Vertices).
+    /// Objective of the fit: [`Surface`](crate::Objective::Surface) or [`Vertices`](crate::Objective::Vertices).
     pub objective: crate::Objective,
     /// Allowed area distortion of the map of a mesh without a sphere, if it was given.
     pub area: Option<f64>,
@@ -106,9 +106,9 @@ pub struct Settings {
 #[serde(untagged)]
 #[non_exhaustive]
 pub enum BatchReport {
-    /// From the methods over a store.
+    /// Report of a method over a store.
     Streamed(spharm_solver::IrfReport),
-    /// From the full least squares.
+    /// Report of the full least squares.
     LeastSquares {
         /// The solver's report.
         #[serde(flatten)]
@@ -117,11 +117,11 @@ pub enum BatchReport {
         #[serde(skip_serializing_if = "Option::is_none")]
         gcv: Option<Gcv>,
     },
-    /// From quadrature.
+    /// Report of quadrature.
     Quadrature {
         /// Highest degree, L.
         max_degree: usize,
-        /// Rings and azimuths of the grid.
+        /// Numbers of rings and azimuths of the grid.
         grid: [usize; 2],
         /// For each target: mean and maximum over the vertices of the squared norm of its residual, in the square of
         /// the target's unit.
@@ -150,13 +150,13 @@ impl BatchReport {
 /// Wall time of a call in seconds, by kind of work.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct Seconds {
-    /// Reading targets.
+    /// Wall time of reading targets.
     pub read: f64,
-    /// Planning memory and preparing transforms.
+    /// Wall time of planning memory and preparing transforms.
     pub plan: f64,
-    /// Solving.
+    /// Wall time of solving.
     pub solve: f64,
-    /// Assessing fits and passing them on.
+    /// Wall time of assessing fits and passing them on.
     pub write: f64,
 }
 

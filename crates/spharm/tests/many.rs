@@ -1,4 +1,4 @@
-//! Many targets over one sphere: bit-identical to single fits, in bounded memory, with errors passed through.
+//! Fits of many targets over one sphere: bit-identical to single fits, in bounded memory, with errors passed through.
 
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
@@ -131,7 +131,7 @@ fn targets_that_fail_are_handed_over_and_change_no_other() {
 #[test]
 fn a_fit_that_does_not_converge_is_named_alone() {
     let sphere = sphere();
-    // This target is zero; the others need some iterations.
+    // The third target is zero; the other targets need some iterations.
     let read = |number: usize| match number {
         2 => Target::from_signal(Signal::new(vec![0.0; 642 * 3], 642, 3), &sphere).map_err(Error::from),
         _ => Ok(target(number)),

@@ -41,11 +41,11 @@ pub(crate) trait Kernels: Real {
     fn subtract_transposed(tile: &[Self], rows: usize, x: &[f64], out: &mut [f64], channels: usize, ahead: isize);
     /// Computes `x = tile^-1 x`: tile (k, k) lower triangular, x (k, c).
     fn solve(tile: &[Self], x: &mut [f64], channels: usize);
-    /// Computes `x = tile^-T x`.
+    /// Computes `x = tile^-T x`: tile (k, k) lower triangular, x (k, c).
     fn solve_transposed(tile: &[Self], x: &mut [f64], channels: usize);
 }
 
-/// Calls a kernel for three columns at a time and for the remaining ones.
+/// Calls a kernel for three columns at a time, and for the one or two columns that remain.
 macro_rules! by_channels {
     ($channels:expr, $first:ident, $one:expr, $two:expr, $three:expr) => {{
         let mut $first = 0;

@@ -39,7 +39,7 @@ impl StoredFactor {
         Self { file, kept, windows, threads }
     }
 
-    /// Returns the file.
+    /// Returns the factor's file.
     pub fn file(&self) -> &FactorFile {
         &self.file
     }

@@ -28,7 +28,7 @@ pub(crate) trait Tiles: Sync {
         Ok(())
     }
 
-    /// Finishes a thread; called by each thread at its end. Results are only valid if this succeeds.
+    /// Finishes a thread; called by each thread at its end. The thread's results are only valid if this succeeds.
     fn finish(&self, _cursor: &mut Cursor) -> Result<(), SolverError> {
         Ok(())
     }

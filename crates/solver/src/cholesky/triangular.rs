@@ -58,9 +58,9 @@ pub(crate) fn solve(tiles: &dyn Tiles, mut x: ArrayViewMut2<'_, f64>, threads: u
 /// The solves to perform.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Direction {
-    /// `C^-1 b` only.
+    /// Computes `C^-1 b` only.
     Forward,
-    /// `C^-T C^-1 b`.
+    /// Computes `C^-T C^-1 b`.
     Both,
 }
 
@@ -122,12 +122,12 @@ struct Job<'a> {
     threads: usize,
     first: usize,
     direction: Direction,
-    /// Checked for interruption before each tile: with many columns a tile takes milliseconds.
+    /// Monitor that is checked for interruption before each tile: with many columns a tile takes milliseconds.
     monitor: &'a dyn Monitor,
     /// y and x by tile rows: each block is set when it has been computed.
     forward: Vec<OnceLock<Vec<f64>>>,
     backward: Vec<OnceLock<Vec<f64>>>,
-    /// Set if a thread fails, so that the others don't wait for its results.
+    /// Set if a thread fails, so that the other threads don't wait for its results.
     stopped: AtomicBool,
     error: Mutex<Option<SolverError>>,
 }

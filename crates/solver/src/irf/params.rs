@@ -25,7 +25,7 @@ pub struct IrfParams {
     /// Whether more fits will follow on the same [`IrfSolver`](super::IrfSolver), so that keeping factors pays off;
     /// default false.
     pub reuse: bool,
-    /// Whether to run conjugate gradients over pairs of passes, which converge in far fewer passes; default false.
+    /// Whether to run conjugate gradients over pairs of passes, which need far fewer passes; default false.
     pub accelerate: bool,
     /// Bytes held by the source of the blocks' Gram matrices, if the fit has such a source; used by
     /// [`plan`](super::plan()). [`IrfSolver::new`](super::IrfSolver::new) and

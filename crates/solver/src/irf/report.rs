@@ -10,7 +10,7 @@ use super::plan::IrfPlan;
 use crate::chunked_rows::ChunkedRows;
 use crate::residual::ResidualNorms;
 
-/// Report of a fit.
+/// Report on a fit by iterative residual fitting.
 #[derive(Debug, Clone, Serialize)]
 #[non_exhaustive]
 pub struct IrfReport {
@@ -28,9 +28,9 @@ pub struct IrfReport {
     pub channels: usize,
     /// Number of threads.
     pub threads: usize,
-    /// The blocks of a pass.
+    /// Reports on the blocks of a pass.
     pub blocks: Vec<BlockReport>,
-    /// The passes in order, including refinements.
+    /// Reports on the passes in order, including refinements.
     #[serde(rename = "sweeps")]
     pub history: Vec<PassReport>,
     /// Wall time by kind of work.
@@ -68,7 +68,7 @@ pub struct PassReport {
     pub seconds: f64,
     /// Bytes read from the store.
     pub bytes_read: u64,
-    /// The residual of each target after the pass.
+    /// Norms of each target's residual after the pass.
     pub residuals: Vec<ResidualNorms>,
 }
 

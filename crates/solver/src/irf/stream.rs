@@ -12,7 +12,7 @@ use crate::operator::{Block, BlockOperator};
 /// The order of the blocks in a pass.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Order {
-    /// From the first to the last.
+    /// From the first block to the last.
     Forward,
     /// From the last block but one to the first, after a forward pass. The last block is skipped: it has just been
     /// solved, and solving it again would give zero.
@@ -43,7 +43,7 @@ impl<'s, 'o> Stream<'s, 'o> {
         Self { operator, blocks, plan, rest: indices.into_iter(), ahead: None }
     }
 
-    /// Opens the next block; `None` after the last.
+    /// Opens the next block; `None` after the last block.
     pub(super) fn next(&mut self) -> Result<Option<OpenBlock<'o>>, SolverError> {
         let block = match self.ahead.take() {
             Some(block) => Some(block),

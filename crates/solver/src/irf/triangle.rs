@@ -34,7 +34,7 @@ impl Triangle {
         }
     }
 
-    /// Adds the rows of another factor.
+    /// Adds the rows of another triangular factor to R.
     pub(super) fn push_triangle(&mut self, other: Self) {
         let other = other.folded();
         if other.height > 0 {

@@ -30,7 +30,7 @@ pub(super) struct Workers<'r> {
 struct Worker<'r> {
     chunks: Range<usize>,
     residual: Vec<&'r mut [f64]>,
-    /// Square roots of the weights of its rows, by chunk, if there are weights.
+    /// Square roots of the weights of the thread's rows, by chunk, if there are weights.
     root_weights: Vec<&'r [f64]>,
     channels: usize,
     gram: Vec<f64>,

@@ -68,7 +68,7 @@ impl LsqSolver<'_> {
             Source::Samples(_) => &*self.moments.as_ref()?.normal,
             Source::Moments(problem) => problem.normal(),
         };
-        // The decision doesn't depend on the number of columns.
+        // The number of columns, 0 here, doesn't influence the decision.
         if density_may_precondition(&self.sizes(0), &self.request()) { normal.inverse() } else { None }
     }
 

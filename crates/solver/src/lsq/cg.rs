@@ -42,7 +42,7 @@ pub struct CgParams {
     pub tolerance: f64,
     /// Maximum number of iterations; default 3000.
     pub max_iterations: usize,
-    /// Number of iterations after which to give up if the optimality hasn't halved; default 250.
+    /// Number of iterations since the optimality last halved after which to give up; default 250.
     pub patience: usize,
 }
 
@@ -137,7 +137,7 @@ impl Cg {
         Self { x, gradient, scale, iterations: 0, best_at: 0, condition: 1.0, doubt: 0.0, seconds: 0.0 }
     }
 
-    /// Returns the largest relative gradient of all columns, plus its estimated error.
+    /// Returns the largest relative gradient of all columns, plus the estimated error of the gradient.
     pub(crate) fn optimality(&self) -> f64 {
         relative(&norms(&self.gradient), &self.scale) + self.doubt
     }

@@ -48,7 +48,7 @@ fn dots_of_rows(a: &[f64], b: &[f64], c: usize) -> Vec<f64> {
     sums
 }
 
-/// Returns the norms of the columns.
+/// Returns the Euclidean norms of the columns.
 pub(crate) fn norms(a: &Array2<f64>) -> Vec<f64> {
     dots(a, a).into_iter().map(f64::sqrt).collect()
 }

@@ -44,7 +44,7 @@ impl Cost {
         350.0 * n + 100.0 * l * l * (2.0 * l).log2() + 1.2 * l.powi(3)
     }
 
-    /// Returns the cost of a factor of the normal matrix.
+    /// Returns the cost of computing a factor of the normal matrix.
     pub(super) fn factor(&self) -> f64 {
         (basis_size(self.max_degree) as f64).powi(3) / 3.0 / 40.0
     }

@@ -44,10 +44,10 @@ pub(super) const ROWS_PER_COLUMN_FOR_DENSITY: usize = 2;
 /// product.
 pub(super) const PRODUCTS_PER_DENSITY_ITERATION: f64 = 1.5;
 
-/// Number of iterations after which to give up if the optimality hasn't halved.
+/// Number of iterations since the optimality last halved after which to give up.
 pub(super) const ITERATIONS_WITHOUT_GAIN: usize = 250;
-/// Number of iterations after which to give up if the optimality hasn't halved, for iterations preconditioned with the
-/// factor: each gains as much as many plain ones.
+/// Number of iterations since the optimality last halved after which to give up, for iterations that are preconditioned
+/// with the factor. Each of these gains as much as many plain iterations.
 pub(super) const ITERATIONS_WITHOUT_GAIN_WITH_FACTOR: usize = 30;
 /// Maximum number of refinements.
 pub(super) const MOST_REFINEMENTS: usize = 40;

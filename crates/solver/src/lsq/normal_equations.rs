@@ -1,4 +1,4 @@
-//! The normal equations `N x = A^T W f`, `N = A^T W A + P`, by products with the basis.
+//! Applies the normal equations `N x = A^T W f`, `N = A^T W A + P`, by products with the basis.
 
 use std::borrow::Cow;
 

@@ -51,7 +51,7 @@ pub(super) struct Request {
     pub(super) penalised: bool,
 }
 
-/// The steps of a fit. A step that meets the tolerance, stops improving, or uses up all iterations is the last.
+/// The steps of a fit. A step that meets the tolerance, stops improving, or uses up all iterations ends the fit.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Plan {
     pub(super) steps: Vec<Step>,
@@ -74,7 +74,7 @@ pub(super) enum Step {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Precondition {
     Diagonal,
-    /// The inverse of the density, if the samples are uneven.
+    /// Preconditions with the inverse of the density, if the samples are uneven.
     Density,
 }
 

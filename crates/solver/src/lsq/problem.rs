@@ -50,9 +50,9 @@ pub(crate) struct ProductError {
 
 /// A residual r, with its slopes.
 pub(crate) struct Residual {
-    /// `f - A x`, (n, c).
+    /// Residual `f - A x`, (n, c).
     pub(crate) values: Array2<f64>,
-    /// `(A x)^T W r` of each column.
+    /// Slope `(A x)^T W r` of each column.
     pub(crate) slopes: Vec<f64>,
 }
 
@@ -60,7 +60,7 @@ pub(crate) struct Residual {
 #[derive(Clone, Copy)]
 pub(crate) struct Sampled<'a> {
     pub(crate) equations: NormalEquations<'a>,
-    /// f, (n, c).
+    /// Targets f, (n, c).
     pub(crate) targets: &'a Array2<f64>,
     pub(crate) moments: Option<&'a Moments>,
 }

@@ -5,7 +5,7 @@ use serde::{Serialize, Serializer};
 use super::cg::Stop;
 use crate::residual::ResidualNorms;
 
-/// Report of a least-squares fit.
+/// Report on a least-squares fit.
 #[derive(Debug, Clone, Serialize)]
 #[non_exhaustive]
 pub struct LsqReport {
@@ -97,13 +97,13 @@ impl LsqReport {
 /// Wall time by kind of work, in seconds.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 pub struct LsqSeconds {
-    /// Gram matrix and its factorisation.
+    /// Time of computing the Gram matrix and factorising it.
     pub factor: f64,
-    /// Moments of the sampling, the operator from them and its approximate inverse.
+    /// Time of computing moments of the sampling, the operator from them and its approximate inverse.
     pub moments: f64,
-    /// Conjugate gradients.
+    /// Time of conjugate gradients.
     pub iterations: f64,
-    /// Total.
+    /// Total time of the fit.
     pub total: f64,
 }
 
@@ -114,13 +114,13 @@ pub enum LsqWarning {
     /// A factor would have helped, but there is no memory for one.
     #[error("no factor was made: {reason}")]
     NoFactor {
-        /// The reason.
+        /// Reason why no factor was computed.
         reason: String,
     },
     /// Iterations should have been preconditioned with the density of the samples, but weren't.
     #[error("iterations weren't preconditioned with the density of the samples: {reason}")]
     NoDensity {
-        /// The reason.
+        /// Reason why the density didn't precondition.
         reason: String,
     },
     /// Moments weren't accurate enough for the requested optimality.

@@ -102,7 +102,7 @@ pub struct LsqSolver<'a> {
 /// The solution of a batch.
 pub(super) struct Solution {
     pub(super) stop: Stop,
-    /// The preconditioner of the last steps.
+    /// Name of the last steps' preconditioner.
     pub(super) preconditioner: &'static str,
     /// Number of refinements with a factor; `None` without a factor.
     pub(super) refinements: Option<usize>,

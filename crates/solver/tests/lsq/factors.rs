@@ -42,7 +42,7 @@ fn a_solver_keeps_its_factor_from_batch_to_batch() {
     assert_eq!(made.into_inner(), 1);
 }
 
-/// Returns a factor in a store, as it would be opened for `sampling`.
+/// Computes a factor, stores it, and opens it as for a fit on `sampling`.
 fn stored(
     folder: &std::path::Path,
     sampling: &Sampling,

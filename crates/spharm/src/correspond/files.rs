@@ -52,7 +52,7 @@ struct Shared {
     seconds: Vec<(String, f64)>,
 }
 
-/// Contents of `members/NAME.json`: one member.
+/// Contents of `members/NAME.json`: data of one member.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 struct Member {
     version: u32,

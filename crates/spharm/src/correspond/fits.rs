@@ -121,7 +121,8 @@ impl Fitted {
 
     /// Returns a member's points at the directions to which a flow carries the sphere's directions, and whether each
     /// point is reached. A point is the model's value plus the model's residual, which is interpolated linearly within
-    /// triangles. Therefore points don't move where the flow is zero, and the residual's kinks appear nowhere else.
+    /// triangles. Therefore points don't move where the flow is zero. Elsewhere they have no kinks, which linear
+    /// interpolation of the points themselves would cause.
     fn carried(
         &self,
         index: usize,

@@ -22,7 +22,7 @@ const PARTS: usize = 5;
 pub struct GuideLandmarks {
     /// Landmarks of each member, in its own frame, (p).
     pub members: Vec<Vec<Vec3>>,
-    /// Landmarks of a given template, in its frame, (p).
+    /// Landmarks of the given template in its frame, (p); `None` without a given template.
     pub template: Option<Vec<Vec3>>,
 }
 

@@ -20,15 +20,15 @@ use crate::Error;
 /// A surface that was added to a group.
 #[derive(Debug, Clone)]
 pub struct NewMember {
-    /// Its model, in the group's frame and over the group's sphere.
+    /// Model of the surface, in the group's frame and over the group's sphere.
     pub model: Model,
-    /// Similarity from its own frame to the group's.
+    /// Similarity from the surface's own frame to the group's frame.
     pub similarity: Similarity,
-    /// Points on its surface that correspond to the sphere's directions, (n), in the group's frame.
+    /// Points on the surface that correspond to the sphere's directions, (n), in the group's frame.
     pub places: Vec<Vec3>,
-    /// Whether each direction has a counterpart on its surface, (n).
+    /// Whether each direction has a counterpart on the surface, (n).
     pub reached: Vec<bool>,
-    /// Report on its registration.
+    /// Report on the registration of the surface.
     pub report: MemberReport,
 }
 

@@ -62,7 +62,7 @@ pub use signals::Signals;
 pub struct Group {
     /// A model of each member, in the group's frame and over the group's sphere.
     pub models: Vec<Model>,
-    /// Similarity from each member's own frame to the group's.
+    /// Similarity from each member's own frame to the group's frame.
     pub similarities: Vec<Similarity>,
     /// Corresponding points of each member, (n) each: one for each of the sphere's directions, on the member's surface,
     /// in the group's frame.
@@ -80,7 +80,7 @@ pub struct Group {
 pub struct GroupTemplate {
     /// The sphere of all members' models, with triangles.
     pub sphere: Sphere,
-    /// The group's mean, in its frame.
+    /// The group's mean, in the group's frame.
     pub mean: Coefficients,
     /// Directions without a counterpart on members, such as the filled holes of the first template, (n).
     pub masked: Vec<bool>,

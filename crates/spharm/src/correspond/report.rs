@@ -21,7 +21,7 @@ pub struct CorrespondReport {
     pub changes: Vec<String>,
     /// Report on each member.
     pub members: Vec<MemberReport>,
-    /// Warnings to check.
+    /// Reasons to check members.
     pub warnings: Vec<CorrespondWarning>,
     /// Report on guiding landmarks; `None` without landmarks.
     pub guide: Option<GuideReport>,
@@ -34,16 +34,16 @@ pub struct CorrespondReport {
 /// Report on the registration of one member; lengths are in the group's unit.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct MemberReport {
-    /// Median of its surface's distances from the other surfaces, or its distance from a given template, after all are
-    /// posed.
+    /// Median distance of the member's surface from the other surfaces, or its distance from a given template, after
+    /// poses were computed.
     pub pose_distance: f64,
-    /// Root mean square distance of its surface from the registered template.
+    /// Root mean square distance of the member's surface from the registered template.
     pub cover_rms: f64,
-    /// 99th percentile over its surface of the distance from the registered template.
+    /// 99th percentile over the member's surface of the distance from the registered template.
     pub cover_most: f64,
-    /// Largest distance of its surface from the registered template that was found.
+    /// Largest distance found between the member's surface and the registered template.
     pub cover_farthest: f64,
-    /// Share of its area that the template doesn't reach.
+    /// Share of the member's area that the template doesn't reach.
     pub unreached: f64,
     /// Number of the template's points without a counterpart on the member. Points that are masked on the template
     /// itself aren't counted.
@@ -73,15 +73,15 @@ impl MemberReport {
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum CorrespondWarning {
-    /// Its pose is doubtful, or its surface differs much from the others.
+    /// The member's pose is doubtful, or its surface differs much from the other surfaces.
     Pose(GroupPoseWarning),
     /// The template reaches less than 98 % of the member's surface.
     Unreached {
         /// The member, counted from 0.
         member: usize,
-        /// Share of its area that isn't reached.
+        /// Share of the member's area that the template doesn't reach.
         share: f64,
-        /// Largest distance to the template.
+        /// Largest distance of the member's surface from the template.
         farthest: f64,
     },
     /// More than 5 % of the template's directions have no counterpart on the member.

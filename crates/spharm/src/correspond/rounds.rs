@@ -19,7 +19,7 @@ use super::together::{mesh_of, spread, together, weights};
 use super::{Group, GroupTemplate};
 use crate::Error;
 
-/// A warning is given if a larger share of the template's directions has no counterpart on a member.
+/// Share of the template's directions without a counterpart on a member above which a warning is given.
 const LACKING: f64 = 0.05;
 /// Largest relative difference in area and volume between copies of the same surface.
 const SAME: f64 = 1e-6;

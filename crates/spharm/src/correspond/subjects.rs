@@ -1,4 +1,4 @@
-//! The surfaces of a group, read on demand.
+//! Reads the surfaces of a group on demand, several at a time.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 

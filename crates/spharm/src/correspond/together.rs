@@ -1,4 +1,4 @@
-//! Rigid alignment of members at corresponding places, and their mean.
+//! Aligns members rigidly at corresponding points, and computes their mean.
 
 use std::borrow::Cow;
 
@@ -106,7 +106,7 @@ fn centre(places: &[Vec3], weights: &[f64]) -> Vec3 {
     places.iter().zip(weights).fold([0.0; 3], |sum, (place, weight)| add(sum, scale(*place, *weight)))
 }
 
-/// Returns the mean of the members at each place.
+/// Returns the mean of the members at each corresponding point.
 pub(super) fn mean(members: &[Vec<Vec3>]) -> Vec<Vec3> {
     let share = 1.0 / members.len() as f64;
     let at = |v: usize| members.iter().fold([0.0; 3], |sum, member| add(sum, scale(member[v], share)));
@@ -174,7 +174,7 @@ mod tests {
         assert!(apart(&motions[0], &motions[1]) < 0.001, "{}", apart(&motions[0], &motions[1]));
         let least_squares = rigid(&body(0.3), &body(0.0), &weights(&members, &ball.faces, &masked));
         assert!(apart(&Similarity::default(), &least_squares) > 0.05);
-        // A single member is also moved to the mean.
+        // Aligning a single member with the mean gives the same motion.
         let mut one = body(0.3);
         let areas = weights(std::slice::from_ref(&mean), &ball.faces, &masked);
         let motion = to_mean(&mean, &mut one, &areas);

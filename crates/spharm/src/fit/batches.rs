@@ -60,7 +60,7 @@ pub(crate) struct Batch {
 pub(crate) struct Solved {
     /// Canonical coefficients, (K, columns of the batch).
     pub(crate) coefficients: Array2<f64>,
-    /// For each sweep: whether it was a refinement, and the residual of each target.
+    /// For each sweep: whether it was a refinement, and the norms of each target's residual.
     pub(crate) sweeps: Vec<(bool, Vec<ResidualNorms>)>,
     /// Standard errors in the layout of the coefficients, if requested.
     pub(crate) standard_errors: Option<Array2<f64>>,
@@ -68,7 +68,7 @@ pub(crate) struct Solved {
     pub(crate) denoised: Vec<Vec<Denoised>>,
     /// Distances of each target's surface from its model, if they were measured.
     pub(crate) surface_distances: Vec<Option<SurfaceDistances>>,
-    /// Warnings of all targets.
+    /// Warnings that apply to all targets of the batch.
     pub(crate) warnings: Vec<FitWarning>,
     /// Results of each target if targets were solved one after another; empty if they were solved together.
     pub(crate) per_target: Vec<PerTarget>,
@@ -196,7 +196,7 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
         self.ready.front().map_or(1, |(_, target, _)| target.channels)
     }
 
-    /// Returns whether the next target is fitted as a surface; `None` when all are done.
+    /// Returns whether the next target is fitted as a surface; `None` if no target is left.
     pub(crate) fn next_is_surface(&mut self) -> Result<Option<bool>, E> {
         if self.ready.is_empty() {
             self.fill()?;

@@ -20,7 +20,7 @@ use crate::{Error, FitWarning, defaults};
 pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Result<(), E> {
     let mark = Instant::now();
     let (count, monitor) = (run.count, run.monitor);
-    // In most studies all targets have the number of channels of the first.
+    // In most studies all targets have as many channels as the first target.
     let channels = run.channels();
     let (Some(scheme), Some(method)) = (run.job.scheme.take(), run.job.params.method.blocks()) else {
         return Err(Error::NeedsStore { method: run.job.params.method.name() }.into());
@@ -39,7 +39,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     let columns = fitter.channels();
     run.each_batch(columns, |job, batch| {
         if batch.columns() > fitter.channels() {
-            // A single target with more channels than planned has a batch and a plan of its own.
+            // A single target with more channels than planned gets its own batch and its own plan.
             fitter = planner.fitter(job, moments, 1, batch.columns(), true)?;
         }
         let mut targets = ChunkedRows::zeros(operator.rows(), batch.columns(), operator.chunk_rows());
@@ -62,7 +62,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     })
 }
 
-/// Finds settings that fit the memory budget.
+/// Chooses settings of iterative residual fitting that fit the memory budget.
 struct Planner<'o> {
     operator: &'o DiskOperator,
     method: Blocks,

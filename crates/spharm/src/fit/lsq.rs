@@ -295,7 +295,7 @@ fn smoothness(job: &Job<'_>, monitor: &dyn Monitor) -> f64 {
     smoothness
 }
 
-/// Returns the scheme's factor in the store, if one matches this fit.
+/// Returns the factor in the store that matches this fit; `None` if there is none.
 fn stored_factor(
     job: &Job<'_>,
     smoothness: f64,
@@ -315,7 +315,7 @@ fn stored_factor(
             weights: WeightsHash::of(job.weights.as_deref()),
             smoothness,
         };
-        // Most schemes have a folder for only one of the types, or for none.
+        // Most schemes have a folder for only one scalar type of the basis, or for none.
         if !store.join(spec.key.to_string()).exists() || factors(store, spec.key)?.is_empty() {
             continue;
         }

@@ -31,7 +31,7 @@ pub(crate) struct Sizes {
     pub(crate) faces: usize,
     pub(crate) max_degree: usize,
     pub(crate) channels: usize,
-    /// Whether noise is removed.
+    /// Whether noise is removed from the targets.
     pub(crate) denoise: bool,
 }
 

@@ -40,7 +40,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
         channels,
         denoise: job.params.denoise,
     };
-    // Each surface is fitted alone if a smoothness is chosen for each.
+    // Surfaces are fitted one at a time if a smoothness is chosen for each surface.
     let most = if job.params.smoothness == Smoothness::Auto { channels } else { defaults::MOST_COLUMNS };
     let most = (most / channels).clamp(1, count.max(1));
     let plan = SurfacePlan::new(sizes, job.memory, most)?;

@@ -42,7 +42,7 @@ struct Nodal {
     sums: NodalSums,
     /// Total weight of the seams' vertices.
     of_seam: f64,
-    /// Bytes of stored patches.
+    /// Bytes of patches that are kept between batches.
     kept: usize,
 }
 

@@ -43,13 +43,14 @@ impl GroupFiles {
         Ok(Self { folder, shared, names })
     }
 
-    /// Returns the files of a member: its model, its places and its record, which is written last.
+    /// Returns the paths of a member's files: its model, its corresponding points and its record, which is written
+    /// last.
     #[must_use]
     pub fn of_member(folder: &Path, name: &str) -> [PathBuf; 3] {
         [model_path(folder, name), places_path(folder, name), member_path(folder, name)]
     }
 
-    /// Returns the files of a group: its mean, and its record, which is written last.
+    /// Returns the paths of a group's files: its mean and its record, which is written last.
     #[must_use]
     pub fn of_group(folder: &Path) -> [PathBuf; 2] {
         [model_path(folder, "mean"), folder.join("group.json")]
@@ -209,7 +210,7 @@ fn names_in(folder: &Path) -> Result<Vec<String>, Error> {
         let name = entry.map_err(|cause| io(folder, "read", cause))?.file_name();
         names.extend(name.to_str().and_then(|name| name.strip_suffix(".json")).map(str::to_owned));
     }
-    // A file that is being written is hidden until it is complete.
+    // The name of a file that is being written starts with a dot until the file is complete.
     names.retain(|name| !name.starts_with('.'));
     names.sort_unstable();
     Ok(names)

@@ -9,7 +9,7 @@ use spharm_surface::{Kind, Similarity, Sphere};
 use super::*;
 use crate::correspond::{CorrespondReport, Group, GroupTemplate, NewMember};
 
-/// Two members of degree 2 over twelve directions.
+/// Returns a group of two members of degree 2 over twelve directions.
 fn group() -> Group {
     let sphere = Sphere::icosphere(0);
     let coefficients = |seed: f64| {
