@@ -135,10 +135,10 @@ impl<'a> SurfaceSums<'a> {
         Ok(Nodal { sums: builder.finish()?, of_seam, kept: 0 })
     }
 
-    /// Returns the samples of some triangles, weighted by solid angles times the harmonic mean of the corners' weights,
-    /// in which each corner counts by its share in the sample. A sample is a mean of its corners' values, and no more
-    /// certain than the least certain corner: if one corner's weight is near 0, the sample's weight is small. If one
-    /// corner's weight is 0, the sample's weight is 0, and the corner's value has no influence.
+    /// Returns the samples of some triangles. A sample's weight is its solid angle times the harmonic mean of the
+    /// corners' weights, averaged with the corners' shares in the sample. A sample is a mean of its corners' values,
+    /// and no more certain than the least certain corner: if one corner's weight is near 0, the sample's weight is
+    /// small. If one corner's weight is 0, the sample's weight is 0, and the corner's value has no influence.
     fn weighted(&self, triangles: Range<usize>) -> Result<SphereSamples, Error> {
         let mut samples = self.sampling.at(&self.sphere.directions, triangles.clone())?;
         if self.params.denoise {
