@@ -63,8 +63,16 @@ pub fn leave_out_kernels() {
     if !(linux && x86_64 && env::var_os("CARGO_FEATURE_OPENBLAS_SYSTEM").is_some()) {
         return;
     }
+    let Some(path) = library() else {
+        // rustc's own message, minutes later, names neither the package nor the alternative.
+        println!(
+            "cargo::warning=libopenblas.a is in none of the folders listed in .cargo/config.toml; if linking fails, install OpenBLAS \
+             (Debian, Ubuntu: libopenblas-dev), or build without it: --no-default-features --features tables"
+        );
+        return;
+    };
     // Nothing is left out of a library without run-time choice, or with another list of processors.
-    let Some(library) = library().and_then(|path| fs::read(path).ok()) else { return };
+    let Ok(library) = fs::read(path) else { return };
     let has = |processor: &str| {
         let table = format!("\0gotoblas_{processor}\0");
         library.windows(table.len()).any(|bytes| bytes == table.as_bytes())
