@@ -1,6 +1,7 @@
-//! Groupwise refinement of coefficients in a `.npy` file of f64, (N, K, 3 + c).
+//! Refines the correspondence of a group whose coefficients are in a `.npy` file of f64, (N, K, 3 + c).
 //!
-//! Writes the images of the directions of an icosphere, (N, n, 3), and prints the outcome of each stage.
+//! Writes the images of an icosphere's directions under each member's map, (N, n, 3), and prints the outcome of each
+//! stage.
 
 use std::time::Instant;
 

@@ -1,4 +1,5 @@
-//! Rotation and alignment of arrays shared with another program; driven by `benches/shape.py`.
+//! Rotates and aligns coefficient arrays and measures the time. `benches/shape.py` runs it and compares it with other
+//! programs on the same arrays.
 //!
 //! Arrays are `.npy` files of f64: coefficients (K, 3) or, of many surfaces, (n, K, 3); a rotation (3, 3). Each command
 //! prints JSON with the CPU seconds and the seconds of its repetitions or pairs, and writes its results for
@@ -37,7 +38,7 @@ fn main() -> Result<()> {
             println!("{}", times.json(&json!({})));
         }
         ["align", moving, targets, bandwidth, starts, out] => {
-            // Zero is the default.
+            // A bandwidth or a number of starts of 0 selects the default.
             let (bandwidth, starts): (usize, usize) = (bandwidth.parse()?, starts.parse()?);
             let mut params = AlignParams { bandwidth: (bandwidth > 0).then_some(bandwidth), ..Default::default() };
             params.starts = if starts > 0 { starts } else { params.starts };
@@ -95,7 +96,8 @@ impl Times {
     }
 }
 
-/// Returns the CPU seconds of all threads, which other programs on the machine affect little.
+/// Returns the CPU time of all threads of this process, in seconds. Other programs on the machine affect it less than
+/// elapsed time.
 fn cpu_seconds() -> f64 {
     let now = clock_gettime(ClockId::ProcessCPUTime);
     now.tv_sec as f64 + now.tv_nsec as f64 * 1e-9

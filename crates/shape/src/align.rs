@@ -1,24 +1,27 @@
 //! Alignment of one surface to another.
 //!
 //! The moving surface f is rotated in its parameters and in space, translated, and scaled if requested, such that its
-//! root mean square distance over the sphere from the target g, [`rmsd`], is smallest. By default both rotations are
-//! searched together (P. Kostelec and D. Rockmore 2008 for the grid, W. Kabsch 1976 inside it):
+//! root mean square distance over the sphere from the target g, [`rmsd`], is smallest. By default the rotations of the
+//! parameters and of space are searched together (P. Kostelec and D. Rockmore 2008 for the grid, W. Kabsch 1976 inside
+//! it):
 //!
 //! ```text
 //! rmsd^2 = (|f|^2 + |g|^2 - 2 tr Q^T M(R)) / 4 pi,   M_ij(R) = <g_i, R f_j>, row 0 left out
 //! ```
 //!
-//! The best Q of each R has a closed form, so one grid of R covers both. Newton's method refines the best local maxima
-//! of the grid to 1e-13, and also the four rotations between the axes of the first-order ellipsoids. No initial
-//! alignment is needed and the result doesn't depend on the surfaces' poses. The grid uses degrees below its bandwidth,
-//! the refinement all degrees. With 8 and 6 starts the best optimum known was found for all of 30 random pairs of
-//! hippocampi at degree 12, where (5, 3) were enough.
+//! R is the rotation of the parameters, Q that of space. The best Q for a given R has a closed form, so that a search
+//! over a grid of R finds both rotations. Newton's method refines the best local maxima of the grid to 1e-13, and also
+//! the four rotations between the axes of the first-order ellipsoids. No initial alignment is needed and the result
+//! doesn't depend on the surfaces' poses. The grid uses degrees below its bandwidth, the refinement all degrees. With
+//! bandwidth 8 and 6 starts the best optimum known was found for all of 30 random pairs of hippocampi at degree 12; for
+//! these pairs bandwidth 5 and 3 starts were enough.
 //!
 //! A mirror image is never matched unless `mirror` asks for it.
 //!
-//! A pair takes 2 ms of CPU time at degree 12 and 10 ms at degree 60.
+//! Aligning a pair takes 2 ms of CPU time at degree 12 and 10 ms at degree 60.
 //!
-//! Memory: beside the coefficients, `12 (L+1)^2 + 32/3 B^4` bytes, and `240 (L+1)^2` for each start under way.
+//! Memory: beside the coefficients, `12 (L+1)^2 + 32/3 B^4` bytes for a grid of bandwidth B, and `240 (L+1)^2` bytes
+//! for each start that is being refined.
 //!
 //! ```
 //! use ndarray::Array2;
@@ -59,8 +62,9 @@ use crate::refine::{Fit, Space, Target, distance};
 use crate::rotation::Rotation;
 use crate::transform::{SQRT_4_PI, Similarity, Transform, rmsd};
 
-/// Surfaces may correspond if their distance at equal directions is less than this multiple of the distance between the
-/// surfaces. Then both rotations together, which need no points of surfaces, determine the pose to rounding.
+/// If the distance at equal directions is less than this multiple of the distance between the surfaces, equal
+/// directions may correspond. A joint search of both rotations is then tried: it uses the coefficients instead of
+/// sampled points, and determines the pose to rounding error.
 const NEAR: f64 = 2.0;
 
 /// Report of an alignment.
@@ -74,9 +78,10 @@ pub struct AlignReport {
     pub rmsd_before: f64,
     /// Root mean square distance after the alignment.
     pub rmsd_after: f64,
-    /// Distance reached by the refinement of each start, without scale: those of the grid, the best first, and four
-    /// between the axes of ellipsoids; above degree 40 only starts that differ at degree 20. A single value for other
-    /// methods.
+    /// Root mean square distance that the refinement of each start reached, without scaling: first the starts from the
+    /// grid, the start with the highest score first, then four rotations between the axes of the ellipsoids. Above
+    /// degree 40, starts that reach the same pose at degree 20 are listed once. Methods without a search have a single
+    /// value.
     pub ends: Vec<f64>,
     /// Whether the moving surface was mirrored in space.
     pub mirrored: bool,
@@ -96,7 +101,7 @@ pub struct Alignment {
     pub report: AlignReport,
 }
 
-/// Aligns a surface to another, see the [module](self). Both are (K, 3).
+/// Aligns a surface to another, see the [module](self). Both surfaces are (K, 3).
 ///
 /// # Errors
 ///
@@ -141,7 +146,7 @@ pub fn align(
         return Ok(Alignment { coefficients, report });
     }
     let (f, g) = (Unit::new(moving, degree), Unit::new(target, degree));
-    // A surface without area has no pose.
+    // [`Method::Surfaces`] gets here only if a surface has no area; such surfaces are aligned by the joint search.
     let plan = match params.method {
         Method::Joint | Method::Surfaces => Some(params.plan(degree)?),
         _ => None,
@@ -169,9 +174,9 @@ pub fn align(
         }
     };
     warnings.extend(undetermined(&fit, f.norm.min(g.norm), params));
-    // (|f| - |g|)^2 + |f| |g| |Qf/|f| - g/|g||^2: the distance that remains if the norms aren't changed.
+    // Without scaling 4 pi times the squared distance is (|f| - |g|)^2 + |f| |g| |Qf/|f| - g/|g||^2.
     let left = |end: f64| (f.norm - g.norm).hypot((f.norm * g.norm).sqrt() * end) / SQRT_4_PI;
-    // The best factor is |g|/|f| times the cosine of the angle between the two.
+    // The best scale is |g|/|f| times the cosine of the angle between f and g.
     let cosine = 1.0 - fit.distance * fit.distance / 2.0;
     let scale = if params.scale && f.norm > 0.0 && g.norm > 0.0 { g.norm / f.norm * cosine } else { 1.0 };
     let similarity = Similarity { orthogonal: fit.orthogonal, scale, translation: [0.0; 3] };
@@ -217,9 +222,9 @@ pub(crate) fn nothing_to_turn() -> Fit {
     Fit { rotation, orthogonal, distance: 0.0, stiffness: 0.0, singular_values: [0.0; 3] }
 }
 
-/// Returns a warning if the singular values and the second derivatives at the end leave a rotation undetermined.
+/// Returns a warning if the singular values and the second derivatives at the optimum leave a rotation undetermined.
 pub(crate) fn undetermined(fit: &Fit, norm: f64, params: &AlignParams) -> Option<AlignWarning> {
-    /// Relative to coefficients of norm 1.
+    /// Singular values and second derivatives below this count as zero, for coefficients of norm 1.
     const NONE: f64 = 1e-7;
     let [_, second, third] = fit.singular_values;
     let third = if params.mirror { third.abs() } else { third };
@@ -236,7 +241,8 @@ pub(crate) fn undetermined(fit: &Fit, norm: f64, params: &AlignParams) -> Option
     }
 }
 
-/// Returns the fit from the frames of both ellipsoids and the best half turns, and the smaller ratio of axes.
+/// Returns the fit that aligns the frames of both first-order ellipsoids with the best half turns, and the smaller of
+/// the two ellipsoids' ratios of neighbouring axes.
 fn by_ellipsoids(
     moving: &Coefficients,
     target: &Coefficients,

@@ -4,24 +4,25 @@
 //! (L_k f)(u) = <e_k x u, grad f(u)>,    L f = u x grad f,    grad f = -u x L f
 //! ```
 //!
-//! `L_k f` is the derivative of f under an infinitesimal rotation of the directions about axis k, so it stays within a
-//! degree. Hence the gradient of a sum of harmonics is found by synthesis alone, without angles, whose derivatives are
-//! singular at the poles. On the complex coefficients c of a degree (D. A. Varshalovich et al., Quantum Theory of
-//! Angular Momentum (1988), section 5.8; `L = i` times theirs), with `p = sqrt((l - m + 1)(l + m))`, `q = sqrt((l + m +
-//! 1)(l - m))`:
+//! `L_k f` is the derivative of f under an infinitesimal rotation of the directions about axis k, so it maps each
+//! degree to itself. Hence the gradient of a sum of harmonics is found by synthesis alone, without angles, whose
+//! derivatives are singular at the poles. On the complex coefficients c of a degree (D. A. Varshalovich et al., Quantum
+//! Theory of Angular Momentum (1988), section 5.8; our L is `i` times their operator), with `p = sqrt((l - m + 1)(l +
+//! m))`, `q = sqrt((l + m + 1)(l - m))`:
 //!
 //! ```text
 //! (L_x c)_m = i/2 (p c_{m-1} + q c_{m+1}),   (L_y c)_m = 1/2 (p c_{m-1} - q c_{m+1}),   (L_z c)_m = i m c_m
 //! ```
 //!
-//! Here they are written out for the real coefficients. The operators are antisymmetric, `[L_x, L_y] = -L_z` and so on
-//! cyclically, and `L_x^2 + L_y^2 + L_z^2` is the Laplacian, `-l (l + 1)`. Cost: about 20 flops per coefficient.
+//! The code applies these formulas to the real coefficients. The operators are antisymmetric, `[L_x, L_y] = -L_z` and
+//! so on cyclically, and `L_x^2 + L_y^2 + L_z^2` is the Laplacian, `-l (l + 1)`. Cost: about 20 flops per coefficient.
 
 use ndarray::{Array2, ArrayView2};
 use spharm_harmonics::HarmonicsError;
 use spharm_harmonics::index::{column, max_degree_of};
 
-/// Returns the canonical coefficients, (K, c) each, of `L_x f`, `L_y f` and `L_z f`, for those of f, (K, c).
+/// Returns the canonical coefficients, (K, c) each, of `L_x f`, `L_y f` and `L_z f`, given the coefficients of f, (K,
+/// c).
 ///
 /// # Errors
 ///
@@ -39,7 +40,8 @@ pub fn rotational_derivatives(coefficients: ArrayView2<'_, f64>) -> Result<[Arra
     Ok(out)
 }
 
-/// Returns `L_x f`, `L_y f` and `L_z f` of C functions side by side, from `(L + 1)^2` rows.
+/// Returns the coefficients of `L_x f`, `L_y f` and `L_z f` for C functions f. A row of `values`, one of `(L + 1)^2`,
+/// holds a coefficient of each function.
 pub(crate) fn generators<const C: usize>(values: &[[f64; C]]) -> [Vec<[f64; C]>; 3] {
     let mut out = [(); 3].map(|()| vec![[0.0; C]; values.len()]);
     let [x, y, z] = &mut out;
@@ -92,7 +94,7 @@ mod tests {
         synthesis(&Directions::from_vertices(at).unwrap(), a.view()).unwrap()
     }
 
-    /// `exp(t [axis])` by central differences of the rotated directions, also at the poles.
+    /// The derivatives equal central differences over directions rotated by `exp(t [axis])`, also at the poles.
     #[test]
     fn they_are_differences_of_turned_directions() {
         let a = sample(7);

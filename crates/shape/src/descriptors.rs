@@ -6,15 +6,16 @@
 //! power P_l = |A_l|^2 / (4 pi),    sigma_l,1 >= sigma_l,2 >= ...: singular values of A_l / sqrt(4 pi)
 //! ```
 //!
-//! A rotation of the directions multiplies A_l by an orthogonal matrix from the left, one of the surface from the
-//! right, so both leave these unchanged. So does a reflection, which the descriptors therefore can't detect (M.
-//! Kazhdan, T. Funkhouser and S. Rusinkiewicz, "Rotation invariant spherical harmonic representation of 3D shape
-//! descriptors", SGP 2003, on the power; the singular values also describe how a degree is distributed over the axes).
-//! They depend on the parameterisation. Degree 0, the position, is left out.
+//! A rotation of the directions multiplies A_l by an orthogonal matrix from the left, and a rotation of the surface
+//! multiplies it from the right. Neither changes the power or the singular values. A reflection doesn't change them
+//! either, so the descriptors can't detect it (M. Kazhdan, T. Funkhouser and S. Rusinkiewicz, "Rotation invariant
+//! spherical harmonic representation of 3D shape descriptors", SGP 2003, on the power; the singular values also
+//! describe how a degree is distributed over the axes). The descriptors depend on the parameterisation. Degree 0, the
+//! position, is left out.
 //!
 //! The distance of two surfaces' singular values never exceeds the root mean square distance of the surfaces, however
-//! they are rotated, mirrored and moved (L. Mirsky, Q. J. Math. 11 (1960): `sum (sigma_i(A) - sigma_i(B))^2 <= |A -
-//! B|^2`, for each degree). That makes retrieval by them exact, see [`retrieval`](crate::retrieval).
+//! the surfaces are rotated, mirrored and moved (L. Mirsky, Q. J. Math. 11 (1960): `sum (sigma_i(A) - sigma_i(B))^2 <=
+//! |A - B|^2`, for each degree). That makes retrieval by them exact, see [`retrieval`](crate::retrieval).
 //!
 //! Cost: about 100 flops per coefficient.
 
@@ -62,7 +63,7 @@ impl Descriptors {
         }
     }
 
-    /// Returns the descriptors of the model scaled to size 1; those of a model of size 0 stay 0.
+    /// Returns the descriptors of the model scaled to size 1; the descriptors of a model of size 0 stay 0.
     #[must_use]
     pub fn unit_size(&self) -> Self {
         let size = self.size();

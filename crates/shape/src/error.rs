@@ -36,7 +36,8 @@ pub enum ShapeError {
         /// Number of the group, from 1.
         group: usize,
     },
-    /// A column of a design that depends on others, so that its effect can't be separated from theirs.
+    /// A column of a design that is a linear combination of other columns, so that its effect can't be separated from
+    /// their effects.
     #[error("the design's column {column:?} is a combination of the columns before it: leave one of them out")]
     Rank {
         /// The column's name.
@@ -151,7 +152,7 @@ pub enum ShapeError {
         /// Value found.
         found: usize,
     },
-    /// A degree above that of some models.
+    /// A degree above the degree of some models.
     #[error(
         "the models go to degrees from {lowest} to {highest}: expected a degree of at most {lowest}, found {asked}"
     )]
@@ -169,7 +170,7 @@ pub enum ShapeError {
          another unit"
     )]
     Range {
-        /// The largest absolute value, without row 0 if that is only a position.
+        /// The largest absolute value of the coefficients; row 0 is excluded if it is only a position.
         largest: f64,
     },
     /// A column of a study that has the same value in all rows: its effect can't be estimated.

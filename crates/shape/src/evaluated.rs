@@ -1,4 +1,4 @@
-//! Evaluation of models as surfaces for pose estimation.
+//! Evaluates models as triangulated surfaces for pose estimation.
 
 use ndarray::{ArrayView2, s};
 use spharm_harmonics::{Directions, basis_size};
@@ -39,8 +39,8 @@ impl Evaluated {
     }
 }
 
-/// Returns the transform of a similarity that aligns a surface to another. Its sphere is mirrored too if otherwise the
-/// surfaces' orientations would be opposite.
+/// Returns the transform with a similarity that aligns a surface to another. The moving surface's sphere is mirrored
+/// too if the surfaces' orientations would be opposite otherwise.
 pub(crate) fn in_pose(similarity: Similarity, moving: &PoseSurface, fixed: &PoseSurface) -> Transform {
     let outside = moving.volume * fixed.volume > 0.0;
     Transform { antipodal: similarity.mirrors() == outside, similarity, ..Transform::default() }

@@ -1,4 +1,4 @@
-//! Directions at which a surface's vertices are spread evenly over its area.
+//! Relocates directions so that a surface's vertices are spread evenly over its area.
 //!
 //! An icosphere's vertices are evenly spread on the sphere; on the surface they are sparse where the area element `|N|`
 //! ([`geometry`](crate::geometry)) is large. J. Moser's flow ("On the volume elements on a manifold", Trans. Amer.
@@ -9,10 +9,10 @@
 //! laplacian(psi) = rho - 1,    rho_t = 1 + t (rho - 1),    u' = -grad psi(u) / rho_t(u),    t from 0 to 1
 //! ```
 //!
-//! since then `d rho_t / dt + div(rho_t u') = 0`. In harmonics, `psi_l = -rho_l / (l (l + 1))` and `-grad psi = u x L
+//! because then `d rho_t / dt + div(rho_t u') = 0`. In harmonics, `psi_l = -rho_l / (l (l + 1))` and `-grad psi = u x L
 //! psi`, so a step is a synthesis. The density is expanded to degree 2L and at least 16, but no further than the mesh
-//! can resolve, and smoothed by a heat kernel that leaves 5 % of its highest degree, so that truncation causes no
-//! ripples; it is kept above [`LEAST_DENSITY`]. Steps are of Runge-Kutta's fourth order.
+//! can resolve, and smoothed by a heat kernel that damps its highest degree to 5 %, so that truncation causes no
+//! ripples. The density is kept above [`LEAST_DENSITY`]. Steps are of Runge-Kutta's fourth order.
 //!
 //! Cost: four syntheses of four functions per step at n directions, and the analysis of |N| on a grid with four times
 //! as many rings as the density's degree.
@@ -35,7 +35,7 @@ use crate::measures::{Columns, Grid};
 
 /// Minimum density of the directions, relative to the mean.
 pub const LEAST_DENSITY: f64 = 0.02;
-/// Name in [`ShapeError::Setting`] of the triangles that a sphere lacks.
+/// Name of the setting in [`ShapeError::Setting`] if a sphere has no triangles.
 pub const NO_TRIANGLES: &str = "the number of triangles of the sphere";
 /// Factor by which the heat kernel damps the density's highest degree.
 const LEFT: f64 = 0.05;
@@ -47,7 +47,7 @@ pub struct EvenSphere {
     pub sphere: Sphere,
     /// Standard deviation over mean of the surface's triangle areas, before the relocation.
     pub before: f64,
-    /// The same, after the relocation.
+    /// Standard deviation over mean of the surface's triangle areas, after the relocation.
     pub after: f64,
     /// Number of triangles of the sphere that were inverted; the surface folds there. 0 unless the mesh is too coarse
     /// for the variation of the area element.
@@ -55,9 +55,9 @@ pub struct EvenSphere {
 }
 
 /// Returns a sphere's directions relocated so that the surface with the canonical coefficients `coefficients`, (K, 3),
-/// has triangles of about the same area over it.
+/// has triangles of about the same area over the returned sphere.
 ///
-/// `steps` is the number of steps of the flow; 16 is plenty.
+/// `steps` is the number of steps of the flow; 16 steps are more than enough.
 ///
 /// # Errors
 ///
@@ -196,7 +196,7 @@ mod tests {
         let plain = Mesh::new(sphere.directions.as_slice().to_vec(), sphere.faces.clone());
         let found = even_sphere(&banana(), &sphere, 16, &Silent).unwrap();
         assert_eq!(found.folded, 0);
-        // The icosphere's own triangles differ by this much, which the flow preserves.
+        // The areas of the icosphere's own triangles differ by `own`; the flow preserves this difference.
         let (before, after, own) = (found.before, found.after, area_spread(&plain));
         assert!(before > 0.3 && after < 1.2 * own, "{before} {after} {own}");
         assert_eq!(found.sphere.faces, sphere.faces);

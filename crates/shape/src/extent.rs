@@ -6,10 +6,9 @@ use spharm_harmonics::Coefficients;
 use crate::error::ShapeError;
 use crate::singular_values::singular_values;
 
-/// Singular values below this fraction of the largest are rounding.
+/// Singular values below this fraction of the largest are rounding errors.
 const NEGLIGIBLE: f64 = 1e-12;
-/// Coefficients between this and its inverse have areas, volumes and squares of these that neither overflow nor
-/// underflow.
+/// If coefficients are between this and its inverse, areas, volumes and their squares neither overflow nor underflow.
 const LEAST: f64 = 1e-50;
 
 /// Dimension of the space that a model spans.
@@ -60,7 +59,7 @@ pub(crate) fn surface(coefficients: &Coefficients) -> Result<(), ShapeError> {
 ///
 /// # Errors
 ///
-/// [`ShapeError::NotFinite`] with the first of them.
+/// [`ShapeError::NotFinite`] with the first such coefficient.
 pub fn finite(coefficients: &Coefficients) -> Result<(), ShapeError> {
     let mut values = coefficients.values().indexed_iter();
     match values.find(|(_, value)| !value.is_finite()) {

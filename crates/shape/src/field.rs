@@ -1,4 +1,5 @@
-//! Measurements of a group of models at the vertices of a common sampling, the input of tests.
+//! Measures a group of models at the vertices of a common sampling; the measurements are the input of statistical
+//! tests.
 
 use ndarray::{Array2, Axis, s};
 use spharm_harmonics::{Coefficients, Directions};
@@ -32,8 +33,8 @@ pub struct Field {
 }
 
 impl Field {
-    /// Returns the differences of paired models: the first half minus the second half, in order. The mean stays that of
-    /// all models.
+    /// Returns the differences of paired models: the first half minus the second half, in order. `mean` stays the mean
+    /// of all models.
     ///
     /// # Errors
     ///
@@ -64,13 +65,13 @@ impl Field {
     }
 }
 
-/// Evaluates models at directions, up to the first model's degree; the others must have at least that degree. Memory:
-/// `8 n V d` bytes and a transform's.
+/// Evaluates models at directions, up to the first model's degree; the other models must have at least that degree.
+/// Memory: `8 n V d` bytes and the memory of a transform.
 ///
 /// # Errors
 ///
 /// [`ShapeError::TooFewMembers`] for no models, [`ShapeError::Differ`] if a model's number of channels doesn't match
-/// the measurement or its degree is below the first one's, [`ShapeError::NotFinite`], [`ShapeError::Transform`],
+/// the measurement or its degree is below the first model's, [`ShapeError::NotFinite`], [`ShapeError::Transform`],
 /// [`ShapeError::Interrupted`].
 pub fn measure_group(
     group: &[Coefficients],
@@ -92,7 +93,8 @@ pub fn measure_group(
     let normals = match measurement {
         Measurement::Normal => {
             let points = local_geometry(&mean, directions, monitor)?;
-            // Outwards regardless of the parameterisation's orientation: the volume's sign needs no accurate area.
+            // Makes the normals point outwards, regardless of the parameterisation's orientation. Only the volume's
+            // sign is used, so that the area needn't be accurate.
             let params = MeasureParams { tolerance: 1.0, ..MeasureParams::default() };
             let sign = if measure(&mean, &params, monitor)?.inwards { -1.0 } else { 1.0 };
             Some(points.into_iter().map(|p| p.normal.map(|n| sign * n)).collect::<Vec<_>>())

@@ -1,10 +1,10 @@
-//! The frame of the first-order ellipsoid.
+//! Finds the frame of a surface's first-order ellipsoid.
 //!
 //! C. Brechbuehler, G. Gerig and O. Kuebler, "Parametrization of closed surfaces for 3-D shape description", Computer
 //! Vision and Image Understanding 61 (1995). The rows of degree 1 are a linear map from directions to space, `F = U S
 //! V^T`, whose image is an ellipsoid. In its frame, `R = V^T` and `Q = U^T`, the map is diagonal: the longest axis of
-//! the ellipsoid is x, the shortest z, in space and in the parameters. Both are rotations; a map that mirrors has a
-//! negative third diagonal element.
+//! the ellipsoid is x, the shortest z, in space and in the parameters. R and Q are rotations; if F mirrors, the third
+//! diagonal element is negative.
 //!
 //! The frame is determined up to half turns about the axes, the same ones in the parameters and in space. It is
 //! undetermined if two of the singular values are equal. Half turns are chosen by the sign of the surface's skewness
@@ -39,7 +39,7 @@ pub struct EllipsoidFrame {
 }
 
 impl EllipsoidFrame {
-    /// Finds the frame. For a surface without degree 1 it is the identity.
+    /// Finds the frame. For a surface without degree 1 the frame is the identity.
     ///
     /// # Errors
     ///
@@ -81,7 +81,7 @@ fn proper(coefficients: &Coefficients) -> (Matrix3, [f64; 3], Matrix3) {
     proper_of(|row, c| values[[row, c]])
 }
 
-/// Returns the same for rows 1 to 3, given by `values`.
+/// Returns U, the singular values and V, with proper rotations, of the rows 1 to 3 that `values` returns.
 fn proper_of(values: impl Fn(usize, usize) -> f64) -> (Matrix3, [f64; 3], Matrix3) {
     // Rows of x, y and z: orders 1, -1 and 0.
     let map: Matrix3 = std::array::from_fn(|c| [3, 1, 2].map(|row| values(row, c)));

@@ -1,4 +1,5 @@
-//! Differential geometry of a model: tangents, normal, fundamental forms, curvatures, exact from the coefficients.
+//! Computes the differential geometry of a model: tangents, normal, fundamental forms, curvatures, exact from the
+//! coefficients.
 //!
 //! With [`L_k`](crate::derivatives) and a tangent frame `e1 x e2 = u` of the sphere, held fixed,
 //!
@@ -13,9 +14,10 @@
 //! the surface per area of the sphere. H is the mean of the principal curvatures and positive on a sphere, whose normal
 //! points outwards. There is no singularity at the poles, because no angles are used.
 //!
-//! The principal curvatures are those of the second form in an orthonormal basis of the tangent plane, whose
-//! discriminant `((a - c) / 2)^2 + b^2` has no cancellation at umbilics, unlike `H^2 - K`. If |N| is below [`SINGULAR`]
-//! times `|X_1|^2 + |X_2|^2`, the surface has no tangent plane; normal, forms and curvatures are then 0.
+//! The principal curvatures are computed from the second form, with entries a, b, c, in an orthonormal basis of the
+//! tangent plane. Its discriminant `((a - c) / 2)^2 + b^2` has no cancellation at umbilics, unlike `H^2 - K`. If |N| is
+//! below [`SINGULAR`] times `|X_1|^2 + |X_2|^2`, the surface has no tangent plane; normal, forms and curvatures are
+//! then 0.
 //!
 //! Cost: ten syntheses of three columns, with 240 bytes of workspace per direction, for at most 2^18 to 2^21 directions
 //! at a time; the result has 168 bytes per direction.
@@ -133,7 +135,7 @@ impl LocalGeometry {
 /// Returns a tangent frame (e1, e2) of the sphere at a unit vector u, orthonormal, `e1 x e2 = u`.
 ///
 /// T. Duff et al., "Building an orthonormal basis, revisited", JCGT 6 (2017): no case distinction, and full accuracy
-/// everywhere. It is discontinuous at the equator, which nothing here depends on.
+/// everywhere. The frame is discontinuous at the equator; no result here depends on its continuity.
 #[must_use]
 pub fn tangent_frame(u: Vec3) -> [Vec3; 2] {
     let [x, y, z] = u;

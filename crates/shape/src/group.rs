@@ -25,7 +25,7 @@ impl Pose {
 #[derive(Debug, Clone)]
 pub(crate) struct Member {
     pub(crate) pose: Pose,
-    /// (K, 3), row 0 zero.
+    /// Coefficients in the pose, (K, 3), with row 0 zero.
     pub(crate) rows: Vec<[f64; 3]>,
 }
 
@@ -50,9 +50,9 @@ impl Member {
 #[derive(Debug)]
 pub(crate) struct Round {
     pub(crate) members: Vec<Member>,
-    /// (K, 3).
+    /// Mean of the members' rows, (K, 3).
     pub(crate) mean: Vec<[f64; 3]>,
-    /// Root mean square distance from the mean.
+    /// Root mean square distance of the members from the mean.
     pub(crate) spread: f64,
 }
 
@@ -84,7 +84,8 @@ impl Round {
         self.norm() / SQRT_4_PI
     }
 
-    /// Returns the distance from the mean of a member of norm `size`, given the `distance` of the two scaled to norm 1.
+    /// Returns the root mean square distance between the mean and a member of norm `size`. `distance` is the distance
+    /// between them if both are scaled to norm 1.
     pub(crate) fn rmsd_of(&self, distance: f64, size: f64) -> f64 {
         let norm = self.norm();
         (norm - size).hypot((norm * size).sqrt() * distance) / SQRT_4_PI
@@ -95,7 +96,7 @@ impl Round {
         self.members.iter().map(|member| square(&member.rows, &self.mean).sqrt() / SQRT_4_PI).collect()
     }
 
-    /// Returns the largest distance that a member moved since another round, relative to the mean's size.
+    /// Returns the largest distance by which a member moved since the round `other`, relative to the mean's size.
     pub(crate) fn moved_from(&self, other: &Self) -> f64 {
         let moved = self.members.iter().zip(&other.members).map(|(a, b)| square(&a.rows, &b.rows).sqrt());
         moved.fold(0.0, f64::max) / self.norm().max(f64::MIN_POSITIVE)

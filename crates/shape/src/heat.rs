@@ -1,4 +1,4 @@
-//! Smoothing by the heat kernel.
+//! Smooths models by the heat kernel.
 //!
 //! Diffusion on the sphere over a time s multiplies the coefficients of degree l by
 //!
@@ -7,10 +7,11 @@
 //! ```
 //!
 //! (M. K. Chung et al., "Weighted Fourier series representation and its application to quantifying the amount of gray
-//! matter", IEEE Trans. Med. Imaging 26 (2007), for the kernel; the width is that of the Gaussian in the plane.) The
-//! kernel's full width at half maximum on the sphere is 1.0002 times the formula at s = 1e-3, 1.0017 times at 1e-2 and
-//! 1.017 times at 0.1. Degree 0, and with it the mean position, is unchanged. The width refers to the sphere of
-//! directions; in the surface's unit it varies with the area element, and is about `FWHM sqrt(area / (4 pi))`.
+//! matter", IEEE Trans. Med. Imaging 26 (2007), for the kernel; the formula of the width is exact for a Gaussian in the
+//! plane.) The kernel's full width at half maximum on the sphere is 1.0002 times the formula at s = 1e-3, 1.0017 times
+//! at 1e-2 and 1.017 times at 0.1. Degree 0, and with it the mean position, is unchanged. The width refers to the
+//! sphere of directions; in the surface's unit it varies with the area element, and is about `FWHM sqrt(area / (4
+//! pi))`.
 
 use ndarray::Array2;
 use spharm_harmonics::index::degree_order;

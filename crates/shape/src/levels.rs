@@ -1,11 +1,11 @@
-//! Coarser levels of a model: the error of truncation, by Parseval's identity.
+//! Computes the error of truncating a model to a lower degree, by Parseval's identity.
 //!
 //! ```text
 //! tail(d) = sqrt(sum over l > d of |A_l|^2 / (4 pi))
 //! ```
 //!
-//! is the root mean square distance over the sphere between the model and its degrees up to d: exact, without
-//! evaluating either. Distances to the nearest point are smaller.
+//! is the root mean square distance over the sphere between the model and its truncation to degree d. The formula is
+//! exact and needs no evaluation of surfaces. Distances to the nearest point of the surface are smaller.
 
 use ndarray::{Axis, Slice};
 use spharm_harmonics::Coefficients;
@@ -15,8 +15,8 @@ use std::f64::consts::PI;
 use crate::error::ShapeError;
 use crate::extent::finite;
 
-/// Returns the root mean square distance between coefficients, (K, c), and their degrees up to d, for d from 0 to L, in
-/// the model's unit: L + 1 values, of which the last is 0.
+/// Returns the root mean square distance between coefficients, (K, c), and their truncations to degree d, for d from 0
+/// to L, in the model's unit: L + 1 values, of which the last is 0.
 ///
 /// # Errors
 ///
@@ -26,7 +26,7 @@ pub fn tails(coefficients: &Coefficients) -> Result<Vec<f64>, ShapeError> {
     let max_degree = coefficients.max_degree();
     let mut tails = vec![0.0; max_degree + 1];
     let mut sum = 0.0;
-    // The highest degrees first, because they are the smallest.
+    // The highest degrees are summed first, because their terms are the smallest.
     for l in (1..=max_degree).rev() {
         let rows = Slice::from(first_column(l)..first_column(l) + order_count(l));
         let rows = coefficients.values().slice_axis(Axis(0), rows);
@@ -36,7 +36,8 @@ pub fn tails(coefficients: &Coefficients) -> Result<Vec<f64>, ShapeError> {
     Ok(tails)
 }
 
-/// Returns the smallest degree whose truncation error is at most `tolerance`, in the model's unit, and that error.
+/// Returns the smallest degree whose truncation error is at most `tolerance`, in the model's unit, and the error at
+/// that degree.
 ///
 /// # Errors
 ///

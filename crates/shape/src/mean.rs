@@ -1,4 +1,4 @@
-//! Groups of models brought to one common degree, and their mean.
+//! Truncates a group of models to one common degree, and computes their mean.
 
 use std::fmt;
 
@@ -18,7 +18,7 @@ pub struct CommonDegree {
     pub warning: Option<DegreesDiffer>,
 }
 
-/// Models have different degrees, of which the lowest is used.
+/// Warning that models have different degrees, of which the lowest is used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DegreesDiffer {
     /// Lowest degree of the models, which is used.
@@ -54,12 +54,12 @@ pub fn to_common_degree(group: &[Coefficients], asked: Option<usize>) -> Result<
     Ok(CommonDegree { members, degree, warning })
 }
 
-/// Returns the mean of models, (K, c), at the degree of the first.
+/// Returns the mean of models, (K, c), at the degree of the first model.
 ///
 /// # Errors
 ///
 /// [`ShapeError::TooFewMembers`] for an empty group; [`ShapeError::Differ`]: a model's number of channels differs from
-/// the first one's, or its degree is lower.
+/// the first model's, or its degree is lower.
 pub fn mean(group: &[Coefficients]) -> Result<Coefficients, ShapeError> {
     let Some(first) = group.first() else { return Err(ShapeError::TooFewMembers { found: 0, least: 1 }) };
     let degree = first.max_degree();

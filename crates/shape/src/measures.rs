@@ -1,4 +1,4 @@
-//! Area, volume and centroid of a model, by Gauss-Legendre quadrature over the sphere.
+//! Computes area, volume and centroid of a model by Gauss-Legendre quadrature over the sphere.
 //!
 //! With the area vector `N = X_1 x X_2` of [`geometry`](crate::geometry), and n rings of 2n azimuths (`w_j pi / n`
 //! each):
@@ -7,11 +7,12 @@
 //! area = sum w |N|,    volume = 1/3 sum w X . N,    centroid = 1/(4 volume) sum w X (X . N)
 //! ```
 //!
-//! The last two follow from the divergence theorem, `div x = 3` and `div (x x_i) = 4 x_i`. Their integrands are
-//! polynomials of degree 3L and 4L, and n rings are exact to degree 2n - 1: volume and centroid are exact, except for
-//! rounding, from `n = 2L + 1` on. |N| isn't a polynomial: the area is computed on L + 1 rings (at least 8), then on
-//! twice as many and so on until it changes by less than a tolerance. The change is reported. It estimates the error on
-//! the coarser of the two grids, and is far above the error on the finer one, whose area is returned.
+//! The formulas of volume and centroid follow from the divergence theorem, `div x = 3` and `div (x x_i) = 4 x_i`. Their
+//! integrands are polynomials of degree 3L and 4L, and n rings are exact to degree 2n - 1: volume and centroid are
+//! exact, except for rounding, from `n = 2L + 1` on. |N| isn't a polynomial: the area is computed on L + 1 rings (at
+//! least 8), then on twice as many and so on until it changes by less than a tolerance. The change is reported. It
+//! estimates the error on the coarser of the last two grids, and is far above the error on the finer grid, whose area
+//! is returned.
 //!
 //! Cost: four syntheses of three columns at 2 n^2 directions for each grid, 96 bytes per direction, for at most 2^18 to
 //! 2^21 directions at a time. Sums are added in the order of the rings: the result is bitwise the same on any number of

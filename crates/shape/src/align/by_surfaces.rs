@@ -1,4 +1,5 @@
-//! Alignment by the surfaces: first the pose in space, then the rotation of the parameters.
+//! Aligns two surfaces by their shapes: finds first the pose in space, then the rotation of the parameters in that
+//! pose.
 
 use spharm_harmonics::Coefficients;
 use spharm_monitor::{Monitor, OnlyCancel};
@@ -15,11 +16,12 @@ use crate::transform::{SQRT_4_PI, Transform, rmsd};
 /// Result of an alignment by the surfaces.
 pub(super) struct BySurfaces {
     pub(super) transform: Transform,
-    /// Distance at equal directions in the pose that each start reached, without row 0.
+    /// Root mean square distance at equal directions that the refinement of each start reached, without row 0.
     pub(super) ends: Vec<f64>,
     pub(super) distance: f64,
-    /// Distance between the surfaces in the pose, at least the rounding of its evaluation. A pose whose distance at
-    /// equal directions is smaller is no worse, as that distance bounds the distance between the surfaces.
+    /// Distance between the surfaces in the pose, but at least the rounding error of its evaluation. The distance at
+    /// equal directions is an upper bound of the distance between the surfaces. A pose whose distance at equal
+    /// directions is below `bound` is therefore at least as good.
     pub(super) bound: f64,
     /// Distance at equal directions in the pose.
     pub(super) rmsd: f64,
@@ -56,7 +58,7 @@ pub(super) fn by_surfaces(
     let apart = rmsd(&up_to(&transform.apply(moving, &OnlyCancel(monitor))?)?, &up_to(target)?)?;
     let left = |end: &f64| (f.norm - g.norm).hypot((f.norm * g.norm).sqrt() * end) / SQRT_4_PI;
     let mut warnings = Vec::new();
-    // Distances within the rounding of the evaluation are zero.
+    // Distances below this are rounding errors of the evaluated surfaces.
     let least = 1e-3 * b.size();
     if found.second < DOUBTFUL * found.distance.max(least) {
         warnings.push(AlignWarning::PoseInDoubt { distance: found.distance, second: found.second });

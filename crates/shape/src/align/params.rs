@@ -9,7 +9,7 @@ use crate::pair::Plan;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[non_exhaustive]
 pub enum Method {
-    /// Both rotations are searched together.
+    /// The rotations of space and of the parameters are searched together.
     #[default]
     Joint,
     /// Both surfaces are rotated into the frames of their first-order ellipsoids, and the best of the 16 pairs of half
@@ -17,10 +17,11 @@ pub enum Method {
     FirstOrderEllipsoid,
     /// The parameters are unchanged because they already correspond: only space is rotated.
     FixedParameters,
-    /// The pose is that of the [surfaces alone](mod@spharm_surface::pose), whatever their maps to the sphere; then the
-    /// parameters are searched in that pose. For surfaces that were mapped separately, whose distance at equal
-    /// directions may be smallest in a wrong pose. The distance at equal directions bounds the distance between the
-    /// surfaces: if a search of both rotations brings it below the latter, its rotations are taken, so that copies of
+    /// The pose in space is found from the [surfaces alone](mod@spharm_surface::pose), independently of their maps to
+    /// the sphere; then the rotation of the parameters is searched in that pose. Intended for surfaces that were mapped
+    /// to the sphere separately: their distance at equal directions may be smallest in a wrong pose. The distance at
+    /// equal directions is an upper bound of the distance between the surfaces. If a joint search of both rotations
+    /// brings it below the distance between the surfaces, the rotations of the joint search are used, so that copies of
     /// one surface coincide to rounding. Surfaces without area are aligned by [`Method::Joint`].
     Surfaces,
 }
@@ -85,11 +86,12 @@ pub enum AlignWarning {
     /// The rotation of space is undetermined about an axis, because one of the surfaces lies on a line or because the
     /// two are uncorrelated.
     ObjectUndetermined,
-    /// Both rotations can change together without effect, as for a surface of revolution.
+    /// The rotations of space and of the parameters can change together without changing the distance, as for a surface
+    /// of revolution.
     BothUndetermined,
     /// Both surfaces are planar: a mirror image can't be detected.
     MirrorUndetermined,
-    /// The parameters can be rotated in the given pose without effect.
+    /// In the given pose the parameters can be rotated without changing the distance.
     ParametersUndetermined,
     /// Another pose of the surfaces is nearly as good.
     PoseInDoubt {

@@ -9,7 +9,8 @@ fn aligned(moving: &Coefficients, target: &Coefficients, params: &AlignParams) -
     align(moving, target, params, &Silent).unwrap()
 }
 
-/// Distances by SPHARM-MAT's SHREC, and by the joint search of shape.md's prototype.
+/// Distances of four hippocampi from a fifth after alignment by SPHARM-MAT's SHREC, and by the joint search of
+/// shape.md's prototype.
 const SHREC: [f64; 4] = [3.8910, 3.6538, 2.0639, 4.0496];
 const KNOWN: [f64; 4] = [3.8725, 3.6126, 2.0627, 4.0112];
 
@@ -39,8 +40,8 @@ fn fewer_starts_and_more_find_the_same() {
     }
 }
 
-/// Nearly ellipsoids: the optima at the four half turns are within a percent of each other, and the grid alone, which
-/// has several maxima next to each of them, misses the best one.
+/// The surfaces are nearly ellipsoids: the optima at the four half turns are within a percent of each other, and the
+/// grid alone, which has several maxima next to each of them, misses the best one.
 #[test]
 fn optima_a_half_turn_apart_are_told_apart() {
     let many = AlignParams { bandwidth: Some(13), starts: 16, ..Default::default() };
@@ -88,7 +89,7 @@ fn the_best_scale_is_found() {
 fn a_mirror_image_is_matched_only_if_asked_for() {
     let surface = blob(8, 5);
     let mirror = AlignParams { mirror: true, ..Default::default() };
-    // Mirrored in space alone, and together with the sphere.
+    // The surface is mirrored in space alone, and together with its sphere.
     let both = Transform { antipodal: true, ..Transform::default() };
     for image in [reflected(&surface), posed(&reflected(&surface), &both)] {
         let image = posed(&image, &some_pose(2));
@@ -102,7 +103,7 @@ fn a_mirror_image_is_matched_only_if_asked_for() {
 #[test]
 fn a_hippocampus_isnt_its_reflection() {
     let Some(surfaces) = hippocampi("foe") else { return };
-    // Its sphere is mirrored with it.
+    // The image's sphere is mirrored too.
     let image = posed(&reflected(&surfaces[0]), &Transform { antipodal: true, ..some_pose(8) });
     let proper = aligned(&image, &surfaces[0], &AlignParams::default()).report.rmsd_after;
     assert!((proper - 2.2486).abs() < 1e-4, "{proper}");
@@ -120,8 +121,8 @@ fn fixed_parameters_leave_the_sphere_alone() {
     assert!(apart(&surface, &found.coefficients) < 1e-13);
 }
 
-/// The best of 4 x 4 half turns, with the distances of shape.md; the frame of a round surface is arbitrary, and warned
-/// of.
+/// The best of 4 x 4 half turns reaches the distances in shape.md. The frame of a round surface is arbitrary and causes
+/// a warning.
 #[test]
 fn ellipsoid_frames_are_no_better_than_known() {
     let params = AlignParams { method: Method::FirstOrderEllipsoid, ..Default::default() };

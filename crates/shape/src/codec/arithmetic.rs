@@ -2,13 +2,14 @@
 //!
 //! The interval is `low..=high`. A decision whose probability of being 1 is p / 65,536 splits it at `middle = low +
 //! ((high - low) p >> 16)`: 1 takes `low..=middle`, 0 the rest above. While the top bytes of `low` and `high` are
-//! equal, that byte is written, and both are shifted by 8 bits. The decoder follows with a window of 32 bits of the
-//! stream, of which it reads 4 bytes at the start and one for each shift; beyond the end it reads zeros.
+//! equal, that byte is written, and both are shifted by 8 bits. The decoder computes the same intervals, and compares
+//! `middle` with a window of 32 bits of the stream. It reads 4 bytes at the start and one byte for each shift; beyond
+//! the end of the stream it reads zeros.
 //!
 //! After Witten, Neal and Cleary, "Arithmetic coding for data compression", Communications of the ACM 30 (1987), in the
 //! byte-oriented form of M. Mahoney's PAQ.
 
-/// The unit of probabilities, which are from 1 to `ONE - 1`.
+/// Denominator of probabilities. Numerators are from 1 to `ONE - 1`.
 pub(super) const ONE: u32 = 1 << 16;
 
 /// Writer or reader of decisions: the interface of a probability model, so that one model serves both.
@@ -53,7 +54,7 @@ impl Encoder {
         self.bytes.len() + 4
     }
 
-    /// Returns the stream: the fewest bytes that determine all decisions, if followed by zeros.
+    /// Returns the stream: the fewest bytes that determine all decisions if zeros follow them.
     pub(super) fn finish(mut self) -> Vec<u8> {
         for count in 0..=4 {
             let unit = 1u64 << (32 - 8 * count);
@@ -121,8 +122,8 @@ impl Decisions for Decoder<'_> {
             self.high = self.high << 8 | 255;
             self.shift();
         }
-        // No decoder of an encoder's output reads more than 4 zeros. Without this check a short stream could yield any
-        // number of decisions.
+        // Decoding an encoder's output reads at most 4 zeros beyond its end. Without this check a short stream could
+        // yield any number of decisions.
         if self.read > self.bytes.len() + 4 { Err(Ended) } else { Ok(bit) }
     }
 }
@@ -144,7 +145,7 @@ mod tests {
             }
         }
 
-        /// Decoding up to some decision needs only the bytes up to there.
+        /// The bytes that `reach` reports after n decisions are enough to decode these n decisions.
         #[test]
         fn a_prefix_is_enough(given in prop::collection::vec((any::<bool>(), 1..ONE), 1..600), at in 0.0..1.0) {
             let at = (at * given.len() as f64) as usize;
@@ -163,7 +164,7 @@ mod tests {
         }
     }
 
-    /// The size is the entropy of the decisions plus a few bytes.
+    /// The stream's size is the entropy of the decisions plus a few bytes.
     #[test]
     fn it_takes_what_the_probabilities_say() {
         let mut encoder = Encoder::new();

@@ -19,16 +19,16 @@ use super::stream::Stream;
 /// Minimum size in bytes of a default level, so that its checksum is a negligible part of it.
 const LEAST_LEVEL: usize = 256;
 
-/// Criterion for the step. Relative lengths are for a surface whose bounding box is scaled to volume 1; for a signal
-/// they are fractions of each channel's standard deviation over the sphere.
+/// Criterion by which the quantisation step is chosen. Relative lengths refer to a surface whose bounding box is scaled
+/// to volume 1; for a signal they are fractions of each channel's standard deviation over the sphere.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum Target {
     /// Maximum root mean square distance between the model's surface and the compressed one's, measured both by nearest
-    /// points and along the normal: a relative length, 1e-8 to 1. The distance is hardly more than 2 % below it. For a
-    /// signal, the root mean square error.
+    /// points and along the normal: a relative length, 1e-8 to 1. The distance reached is at most about 2 % below this
+    /// maximum. For a signal, the maximum root mean square error.
     Tolerance(f64),
-    /// Maximum file size in bytes. The file is less than 0.5 % smaller if possible.
+    /// Maximum file size in bytes. If possible, the file is less than 0.5 % smaller than this.
     Bytes(usize),
     /// The step itself, a relative length, 1e-12 to 1.
     Step(f64),
@@ -37,10 +37,10 @@ pub enum Target {
 /// Settings of the compression.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CompressParams {
-    /// Criterion for the step.
+    /// Criterion by which the quantisation step is chosen.
     pub target: Target,
-    /// Degrees after which the file may be truncated, in addition to the last; those that the file doesn't reach are
-    /// ignored. By default 1, 3, 7, 15, 31 and so on, if there are at least 256 bytes between them.
+    /// Degrees after which the file may be truncated, in addition to the last degree; degrees that the file doesn't
+    /// reach are ignored. By default 1, 3, 7, 15, 31 and so on, if there are at least 256 bytes between them.
     pub levels: Option<Vec<usize>>,
     /// Whether the file contains the model's provenance and scheme key, about 500 bytes; default true.
     pub provenance: bool,
@@ -70,14 +70,15 @@ pub struct Compressed {
     pub head: usize,
     /// Points at which the file may be truncated; the last is the complete file.
     pub levels: Vec<Level>,
-    /// Highest degree of the compressed model: the model's, unless the file would be too small for it.
+    /// Highest degree of the compressed model. It is the original model's degree, unless the format doesn't allow a
+    /// file of this size to declare that many coefficients.
     pub max_degree: usize,
 }
 
 /// Compresses a model.
 ///
-/// Neither its sphere is kept, nor the number and order of the vertices that it was fitted to: the expanded model can
-/// be evaluated on any sphere. See the [module](super).
+/// The sphere of the model is lost, and so are the number and order of the vertices that the model was fitted to. The
+/// expanded model can be evaluated on any sphere. See the [module](super).
 ///
 /// # Errors
 ///
@@ -144,7 +145,7 @@ fn check(model: &Model, params: &CompressParams) -> Result<(), CodecError> {
     Ok(())
 }
 
-/// Search of the step for a target.
+/// Searches the step that meets a target.
 struct Trials<'a> {
     writer: &'a Writer<'a>,
     reference: &'a Reference<'a>,
@@ -183,7 +184,7 @@ impl Trials<'_> {
                     break;
                 }
             }
-            // Halved if the compressed surface is a point.
+            // If the compressed surface is a point, its distance is infinite, and the aim is halved.
             aim *= if distance.is_finite() && distance > 0.0 { 0.993 * tolerance / distance } else { 0.5 };
             start = step;
         }
@@ -209,8 +210,8 @@ impl Trials<'_> {
     }
 }
 
-/// Returns the metadata to be restored, as JSON. Settings and distances of the fit are left out, because they don't
-/// hold for the compressed model.
+/// Returns the metadata that an expansion restores, as JSON. Settings and distances of the fit are left out, because
+/// they don't hold for the compressed model.
 fn metadata(model: &Model) -> Result<String, CodecError> {
     let parameter = |error: serde_json::Error| CodecError::Parameter {
         what: "provenance of the model",
@@ -266,7 +267,7 @@ impl Writer<'_> {
             }
         }
         let bytes = encoder.finish();
-        // A degree that codes to almost nothing may add no byte.
+        // A degree may be coded without adding a byte to the stream; it then doesn't complete a level.
         ends.retain(|&(_, end)| end < bytes.len());
         if top > 0 {
             ends.push((top, bytes.len()));

@@ -1,4 +1,5 @@
-//! The file format around the stream: header, levels, checksums. `docs/sphz-format.md` is the authority on its bytes.
+//! Reads and writes the file format around the coded stream: header, levels, checksums. `docs/sphz-format.md` is the
+//! authority on its bytes.
 
 use std::io::{Read, Write};
 
@@ -27,9 +28,10 @@ const METADATA: u8 = 2;
 pub(super) const MOST_CHANNELS: usize = 1 << 16;
 /// Maximum size in bytes of the metadata before compression.
 const MOST_METADATA: usize = 1 << 24;
-/// Maximum number of coefficients: 2 GiB.
+/// Maximum number of coefficients; as f64 they occupy 2 GiB.
 pub(super) const MOST_VALUES: usize = 1 << 28;
-/// Number of zeros beyond the stream's degrees that any file may declare, and the additional number per byte.
+/// Number of zero coefficients above the stream's highest degree that any file may declare, and the number that it may
+/// declare in addition per byte of its size.
 const MOST_ZEROS: [usize; 2] = [1 << 20, 1 << 10];
 /// Maximum exponent of the guess for degree 1.
 pub(super) const MOST_GUESS: u32 = 20;
@@ -40,7 +42,7 @@ pub(super) struct Head {
     pub(super) surface: bool,
     pub(super) max_degree: usize,
     pub(super) channels: usize,
-    /// Highest degree of the stream; 0 if there is none.
+    /// Highest degree of the stream; 0 if the stream is empty.
     pub(super) top: usize,
     /// Approximate log2 of the mean magnitude at degree 1.
     pub(super) guess: u32,

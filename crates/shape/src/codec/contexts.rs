@@ -1,10 +1,11 @@
-//! Predicted size of a coefficient before it is coded: the contexts of its estimates.
+//! Predicts the magnitude of a coefficient before it is coded; the predictions are the contexts of its probability
+//! estimates.
 //!
 //! Coefficients of a smooth surface shrink with the degree, at about the same rate for all orders and channels. Around
-//! that trend they are correlated: where one is large, so are those of the same order one and two degrees below, of
-//! neighbouring orders, and of the other channels. Six expected magnitudes, in 256ths of a step, are computed from
-//! these. Each is a weighted mean of coefficients coded already, drawn towards the running mean of the degree.
-//! Magnitudes are clamped to 2^20.
+//! that trend they are correlated: if a coefficient is large, the coefficients of the same order one and two degrees
+//! below, of neighbouring orders, and of the other channels tend to be large as well. Six expected magnitudes, in
+//! 256ths of a step, are computed from these neighbours. Each is a weighted mean of coefficients coded already, drawn
+//! towards the running mean of the degree. Magnitudes are clamped to 2^20.
 
 use spharm_harmonics::index::column;
 
@@ -16,7 +17,7 @@ pub(super) const UNIT: u64 = 256;
 /// Number of classes of expected magnitudes: four per octave.
 pub(super) const CLASSES: usize = 48;
 
-/// Magnitudes are clamped to this.
+/// Maximum magnitude in the predictions; larger magnitudes are clamped to it.
 const LARGEST: u32 = 1 << 20;
 
 /// Returns the class of an expected magnitude.
@@ -50,7 +51,7 @@ impl Sum {
         Self { magnitudes: self.magnitudes + other.magnitudes, weights: self.weights + other.weights }
     }
 
-    /// Returns the mean, with a guess of the given weight.
+    /// Returns the mean of the magnitudes and a guess, whose weight is `weight`.
     fn mean(self, weight: u64, guess: u64) -> u64 {
         (UNIT * self.magnitudes + weight * guess) / (self.weights + weight)
     }
@@ -64,7 +65,7 @@ pub(super) struct Contexts {
     means: [u64; 2],
     /// Mean magnitudes of each channel at the previous degree.
     channel_means: Vec<u64>,
-    /// Sums of the magnitudes of this degree: of each channel, and of all.
+    /// Sums of the magnitudes of this degree in each channel; `sum` is the sum over all channels.
     channel_sums: Vec<u64>,
     sum: u64,
     /// Number of coefficients of this degree coded so far, over all channels.
@@ -72,7 +73,7 @@ pub(super) struct Contexts {
 }
 
 impl Contexts {
-    /// Starts before degree 1, whose mean magnitude is `guess`.
+    /// Starts before degree 1, whose mean magnitude is guessed as `guess`.
     pub(super) fn new(channels: usize, guess: u64) -> Self {
         let guess = UNIT * guess;
         Self {
@@ -90,7 +91,7 @@ impl Contexts {
     pub(super) fn next_degree(&mut self) {
         let orders = 2 * self.degree as u64 + 1;
         let mean = UNIT * self.sum / (orders * self.channels as u64);
-        // Before degree 1 there is only the guess, which is no evidence of a trend.
+        // The mean before degree 1 is only a guess and shows no trend, so degree 1 replaces it.
         self.means = [mean, if self.degree == 1 { mean } else { self.means[0] }];
         for (mean, sum) in self.channel_means.iter_mut().zip(&mut self.channel_sums) {
             *mean = UNIT * *sum / orders;
@@ -108,7 +109,7 @@ impl Contexts {
     }
 
     /// Returns the six expected magnitudes of the coefficient of order `m` in `channel`, in 256ths. `values` holds all
-    /// coefficients, (K, c), of which those before this one are coded.
+    /// coefficients, (K, c), of which only those before this coefficient have been coded.
     pub(super) fn expected(&self, values: &[i32], m: isize, channel: usize) -> [u64; ESTIMATES] {
         let (l, k) = (self.degree, m.unsigned_abs());
         let at = |degree: usize, order: isize, channel: usize| {
@@ -130,7 +131,7 @@ impl Contexts {
         if m < 0 {
             beside.add(7, at(l, k as isize, channel));
         }
-        // Order -1 precedes order 0, and belongs to pair 1.
+        // The order below 0 is -1, which belongs to the pair of orders 1 and -1.
         for (order, near) in [(k.abs_diff(1), false), (k, true), (k + 1, false)] {
             if order < l {
                 pair(&mut below, if near { 4 } else { 3 }, both(l - 1, order));

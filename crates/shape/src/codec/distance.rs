@@ -1,18 +1,19 @@
-//! The distance between a compressed model and the original.
+//! Measures the distance between a compressed model and the original.
 //!
-//! For surfaces it is the larger of two root mean squares, divided by the scale that makes the bounding box's volume 1:
+//! For surfaces the distance is the larger of two root mean squares, divided by the scale that makes the bounding box's
+//! volume 1:
 //!
-//! - that of the distances from points all over each surface to the nearest point of the other, both ways
+//! - the distance from points all over each surface to the nearest point of the other surface, in both directions
 //!   ([`surface_distance`]), regardless of which points correspond;
-//! - that, over the area, of the displacement along the normal, which equals the former to first order.
+//! - the displacement along the normal, averaged over the area, which equals the former to first order.
 //!
-//! Both are measured on one icosphere of at least 8 vertices per basis function. Its triangles smooth out some of the
-//! error at its vertices: the distances are up to 7 % below the displacements (at 4 vertices per function and degree
-//! 100, 8 %). If a surface folds, the displacements may be the smaller.
+//! Both are measured on one icosphere of at least 8 vertices per basis function. Its flat triangles smooth out some of
+//! the error at its vertices: the distances are up to 7 % below the displacements (8 % with 4 vertices per function at
+//! degree 100). If a surface folds, the displacements may be smaller than the distances.
 //!
-//! Distances take seconds at degree 100, displacements one synthesis: the step is searched by displacements, and
-//! verified by both. For signals it is the root mean square error over the sphere, exact by Parseval's identity, each
-//! channel divided by its standard deviation over the sphere.
+//! At degree 100 distances take seconds, and displacements only one synthesis. Therefore the step is searched by
+//! displacements and verified by both. For signals the distance is the root mean square error over the sphere, exact by
+//! Parseval's identity, each channel divided by its standard deviation over the sphere.
 
 use std::f64::consts::PI;
 
@@ -73,8 +74,8 @@ impl<'a> Reference<'a> {
         Ok(Self::Surface(Box::new(Surface { transform, mesh, normals, scale, points })))
     }
 
-    /// Returns the length in the model's unit of a relative step or distance of 1: one per channel, or one for a
-    /// surface.
+    /// Returns the length, in the model's unit, of a relative step or distance of 1: one value per channel of a signal,
+    /// or a single value for a surface.
     pub(super) fn scales(&self) -> Vec<f64> {
         match self {
             Self::Surface(surface) => vec![surface.scale],
@@ -105,7 +106,8 @@ impl<'a> Reference<'a> {
     }
 }
 
-/// Returns the standard deviation of a function over the sphere; the magnitude of a constant, and 1 for zero.
+/// Returns the standard deviation of a function over the sphere. For a constant function it returns the magnitude
+/// instead, and for the zero function 1.
 fn deviation(column: ArrayView1<'_, f64>) -> f64 {
     let norm = |skip: usize| {
         let values = || column.iter().skip(skip);

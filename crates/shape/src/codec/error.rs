@@ -48,7 +48,7 @@ pub enum CodecError {
         /// The largest number of steps.
         most: f64,
     },
-    /// A size below that of the coarsest file.
+    /// A requested size below the size of the smallest file.
     #[error("{wanted} bytes are too few: the smallest file has {least}, of which the head takes {of_which}")]
     TooFewBytes {
         /// Number of bytes requested.
@@ -93,7 +93,7 @@ pub enum CodecError {
         expected: usize,
         /// Number of bytes found.
         found: usize,
-        /// Highest degree of the coarser model that is complete, if any.
+        /// Highest degree of the coarser model that the bytes contain completely, if any.
         level: Option<usize>,
     },
     /// The model's surface can't be measured.

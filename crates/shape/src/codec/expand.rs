@@ -17,10 +17,10 @@ const TRANSFORM: &str = "transform";
 /// Settings of the expansion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ExpandParams {
-    /// Highest degree of the model; by default, or if above the file's, all degrees.
+    /// Highest degree of the expanded model. By default, or if the file's degree is lower, all degrees are expanded.
     pub max_degree: Option<usize>,
-    /// Whether the bytes may be a prefix of a file: its complete levels are expanded. Default false: a truncated file
-    /// is an error.
+    /// Whether the bytes may be a prefix of a file, whose complete levels are then expanded. Default false: a truncated
+    /// file is an error.
     pub prefix: bool,
 }
 
@@ -42,7 +42,7 @@ impl Level {
             Self { degree: segment.degree, bytes }
         });
         let levels: Vec<Self> = each.collect();
-        // The complete file contains all degrees: those beyond the stream are zero.
+        // The complete file contains all degrees: the coefficients above the stream's highest degree are zero.
         let whole = Self { degree: head.max_degree, bytes };
         levels.iter().rev().skip(1).rev().copied().chain([whole]).collect()
     }
@@ -52,9 +52,9 @@ impl Level {
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Expanded {
-    /// The model, without a sphere. Its provenance is that of the compressed model, if the file contains it, without
-    /// the settings and distances of the fit; `transform` lists `compressed`: the version of the format, bytes, and
-    /// steps in the model's unit.
+    /// The model, without a sphere. It has the provenance of the compressed model, if the file contains it, without the
+    /// settings and distances of the fit. The provenance's `transform` lists `compressed`: the version of the format,
+    /// bytes, and steps in the model's unit.
     pub model: Model,
     /// Points at which the file may be truncated.
     pub levels: Vec<Level>,

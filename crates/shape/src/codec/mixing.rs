@@ -1,12 +1,13 @@
 //! The probability of a decision, mixed from several adaptive estimates in integer arithmetic.
 //!
-//! Each estimate is a probability that moves towards the decisions seen in its context, by 1 / (n + 8) after n of them.
-//! Logistic mixing (Mahoney, "Adaptive weighing of context models for lossless data compression", 2005) sums the
-//! estimates' `ln(p / (1 - p))` with weights that follow the gradient of the coding cost.
+//! Each estimate is a probability that moves towards the decisions in its context: after n decisions, the next one
+//! moves it by 1 / (n + 8) of the difference. Logistic mixing (Mahoney, "Adaptive weighing of context models for
+//! lossless data compression", 2005) sums the estimates' `ln(p / (1 - p))` with weights that follow the gradient of the
+//! coding cost.
 //!
-//! Encoder and decoder must agree in every bit, on any machine and in any language. So floating point is avoided: an
-//! estimate has 22 bits, a probability 16, a logarithm is in 256ths, a weight in 65,536ths; `>>` rounds down.
-//! `docs/sphz-format.md` specifies all of it.
+//! Encoder and decoder must agree in every bit, on any machine and in any language. Therefore floating point is
+//! avoided: an estimate has 22 bits, a probability 16, a logarithm is in 256ths, a weight in 65,536ths; `>>` rounds
+//! down. `docs/sphz-format.md` specifies the arithmetic.
 
 /// Number of estimates per decision.
 pub(super) const ESTIMATES: usize = 6;
@@ -14,7 +15,7 @@ pub(super) const ESTIMATES: usize = 6;
 /// The value 1 of an estimate.
 const WHOLE: i64 = 1 << 22;
 
-/// Largest magnitude of a logarithm: 8 in 256ths, less one.
+/// Largest magnitude of a logarithm in 256ths, just below 8.
 const FARTHEST: i64 = 2047;
 
 /// 65,536 / (1 + exp(-k / 2)) for k from -16 to 16, rounded.
@@ -23,14 +24,16 @@ const LOGISTIC: [i64; 33] = [
     57724, 60565, 62428, 63615, 64357, 64816, 65097, 65269, 65374, 65438, 65476, 65500, 65514,
 ];
 
-/// Returns the probability, in 65,536ths, of a logarithm in 256ths, by linear interpolation between the 33 knots.
+/// Returns the probability p, in 65,536ths, whose logarithm `ln(p / (1 - p))` in 256ths is given, by linear
+/// interpolation between the 33 knots.
 fn squash(logarithm: i64) -> i64 {
     let at = logarithm.clamp(-FARTHEST, FARTHEST) + 2048;
     let (knot, part) = ((at >> 7) as usize, at & 127);
     (LOGISTIC[knot] * (128 - part) + LOGISTIC[knot + 1] * part) >> 7
 }
 
-/// Returns, for the upper 12 bits of a probability, the smallest logarithm whose probability isn't below the midpoint.
+/// Returns, for each value of a probability's upper 12 bits, the smallest logarithm whose probability is at least the
+/// midpoint of the interval with these upper bits.
 fn stretches() -> Vec<i16> {
     let mut logarithm = -FARTHEST;
     let entry = |i: i64| {

@@ -1,15 +1,16 @@
-//! Compressed models: `NAME.sphz`.
+//! Compresses models into files `NAME.sphz` and expands them.
 //!
 //! Coefficients are quantised with one step, chosen by a [`Target`]. Their magnitudes are coded by an arithmetic coder
 //! with mixed adaptive probabilities, conditioned on the neighbouring coefficients. Degrees are coded in order, so that
 //! a prefix of a file is a coarser model. `docs/sphz-format.md` specifies every byte.
 //!
-//! *Loss*: precision, by the step; the sphere, and with it the number, the triangles and the order of the vertices that
-//! the model was fitted to. An expanded model can be evaluated on any sphere. The error is measured by the distance
-//! between the surfaces; a point may move along the surface as far as it moves off it.
+//! *Loss*: the step limits the precision. The sphere is lost, and with it the number, the triangles and the order of
+//! the vertices that the model was fitted to. An expanded model can be evaluated on any sphere. The error is measured
+//! by the distance between the surfaces; a point may move along the surface as far as it moves off it.
 //!
 //! *Cost*: coding or decoding a coefficient takes about 200 ns on one core, and 4 bytes of memory in addition to the
-//! model. A tolerance takes 4 to 8 evaluations of the distance between two surfaces of `4 (L+1)^2` vertices or more.
+//! model. Finding the step for a tolerance takes 4 to 8 evaluations of the distance between two surfaces of `4 (L+1)^2`
+//! vertices or more.
 //!
 //! # Modules
 //!

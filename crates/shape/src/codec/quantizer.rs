@@ -1,10 +1,11 @@
 //! Quantisation of coefficients to integer multiples of a step, and the inverse.
 //!
-//! Harmonics are orthonormal, so an error of a coefficient weighs the same at any degree and order, and a single step
-//! for all of them minimises the mean square error. Magnitudes are rounded at 0.62 instead of 0.5 (a dead zone around
-//! 0, and a bias towards it), because a smaller magnitude takes fewer bits (Sullivan, "Efficient scalar quantization of
-//! exponential and Laplacian random variables", IEEE Transactions on Information Theory 42, 1996). The reconstructed
-//! values of the magnitudes 1, and of 2 and more, are the means of the values that were rounded to them.
+//! Harmonics are orthonormal, so that an error of a coefficient adds the same to the mean square error at any degree
+//! and order; a single step for all coefficients then minimises it. A fraction is rounded up from 0.62 instead of 0.5,
+//! which makes a dead zone around 0 and a bias towards 0, because a smaller magnitude takes fewer bits (Sullivan,
+//! "Efficient scalar quantization of exponential and Laplacian random variables", IEEE Transactions on Information
+//! Theory 42, 1996). A reconstructed magnitude is the mean of the values that were rounded to it: one mean for
+//! magnitude 1, and one common shift for magnitudes of 2 and more.
 //!
 //! Degree 0, the surface's position, is rounded to the nearest multiple, with as many digits as it needs.
 
@@ -16,13 +17,13 @@ use super::stream::LARGEST;
 /// Offset added before rounding down.
 const ROUNDING: f64 = 0.38;
 
-/// Above this f64 doesn't represent all integers.
+/// Largest multiple at degree 0. Above it f64 doesn't represent all integers.
 const MOST_AT_DEGREE_0: f64 = (1u64 << 53) as f64;
 
 /// Quantised coefficients.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Quantised {
-    /// Steps of the channels, greater than 0; a surface has one for all channels.
+    /// Steps of the channels, greater than 0; a surface has a single step for all channels.
     pub(super) steps: Vec<f64>,
     /// Degree 0, one number per channel.
     pub(super) first: Vec<i64>,
@@ -34,7 +35,7 @@ pub(super) struct Quantised {
 }
 
 impl Quantised {
-    /// Quantises finite coefficients, (K, c), with one step per channel or a single one.
+    /// Quantises finite coefficients, (K, c), with one step per channel or a single step for all.
     pub(super) fn new(coefficients: ArrayView2<'_, f64>, steps: Vec<f64>) -> Result<Self, CodecError> {
         let channels = coefficients.ncols();
         let step = |channel: usize| steps[channel % steps.len()];

@@ -1,19 +1,20 @@
-//! Search of the step for which a file has a given size, or a model a given distance.
+//! Searches the step at which a file has a given size, or a compressed model a given distance.
 
 use super::error::CodecError;
 
 /// Maximum number of trials.
 const TRIES: usize = 40;
 
-/// Result of one step.
+/// Result of compressing with one step.
 pub(super) struct Trial<T> {
     /// `ln(found / wanted)`; at most 0 if the step is acceptable. It may be infinite.
     pub(super) excess: f64,
     pub(super) result: T,
 }
 
-/// Returns the best acceptable step among those tried: the coarsest if the excess grows with the step (`rising`), else
-/// the finest. Returns `None` if none is acceptable before the excess is infinite or the range of steps is left.
+/// Returns the best acceptable step among those tried: the coarsest if the excess grows with the step (`rising`),
+/// otherwise the finest. Returns `None` if no acceptable step is found before the excess becomes infinite or the range
+/// of steps is left.
 ///
 /// The excess is a function of ln(step). Its zero between an acceptable step and an unacceptable one is found by regula
 /// falsi with the Illinois rule. The search stops once the excess is at most `near` below the limit, or the two steps
@@ -26,7 +27,7 @@ pub(super) fn search<T>(
 ) -> Result<Option<T>, CodecError> {
     // Direction of ln(step) towards acceptable steps.
     let downhill = if rising { -1.0 } else { 1.0 };
-    // Logarithm of the step, and the excess.
+    // The latest acceptable step and the latest unacceptable step: the step's logarithm, and its excess.
     let mut will: Option<(f64, f64)> = None;
     let mut wont: Option<(f64, f64)> = None;
     let mut best: Option<(f64, T)> = None;
@@ -37,8 +38,8 @@ pub(super) fn search<T>(
         }
         let Trial { excess, result } = trial(at.exp())?;
         if excess <= 0.0 {
-            // An acceptable step closer to the unacceptable ones is better, even though the excess may fluctuate
-            // slightly.
+            // Of two acceptable steps the one closer to the unacceptable steps is better. The steps are compared
+            // instead of the excess, because the excess may fluctuate slightly.
             if best.as_ref().is_none_or(|(other, _)| (at - other) * downhill < 0.0) {
                 best = Some((at, result));
             }

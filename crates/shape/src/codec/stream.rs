@@ -1,8 +1,8 @@
-//! The coefficients as a stream of decisions: a single description for writing and reading.
+//! Codes coefficients as a stream of decisions; the same code writes and reads.
 //!
 //! Degrees are in order, from 1 on; within a degree the orders 0, 1, -1, 2, -2, ...; within an order the channels. A
-//! magnitude is divided by 2^s, with s such that at most 6 is expected. The quotient is coded in unary, each decision
-//! with the mixed probability of its contexts; the remainder and the sign are coded as raw bits.
+//! magnitude is divided by 2^s, with s chosen so that the expected quotient is at most 6. The quotient is coded in
+//! unary, each decision with the mixed probability of its contexts; the remainder and the sign are coded as raw bits.
 
 use spharm_harmonics::index::column;
 
@@ -14,7 +14,8 @@ use super::mixing::{ESTIMATES, Estimate, Mixer, Weights};
 /// Exp-Golomb code.
 const UNARY: usize = 20;
 
-/// Second part of an estimate's context beside the class: the region of the order, or the channel; four values each.
+/// Number of values of the second part of an estimate's context, which is the region of the order or the channel. The
+/// first part is the class.
 const KINDS: usize = 4;
 
 /// Number of size classes of quotients, each with its own weights: s is 0, 1, or more.
@@ -36,13 +37,14 @@ pub(super) struct Stream {
 }
 
 impl Stream {
-    /// Starts at degree 1, whose mean magnitude is guessed as a power of 2.
+    /// Starts at degree 1, whose mean magnitude is guessed as `2^guess`.
     pub(super) fn new(channels: usize, guess: u32) -> Self {
         let of_class = |class: usize| {
             // Twice the midpoint of the class.
             let mean = bound(class) + bound(class + 1);
             (0..KINDS * UNARY).map(move |i| {
-                // Exponential distribution, with a dead zone for the decision between 0 and more.
+                // Assumes an exponential distribution, with a dead zone for the decision between 0 and larger
+                // magnitudes.
                 let over = if i % UNARY == 0 { 3 * UNIT / 2 } else { 2 * UNIT };
                 Estimate::new(mean, mean + over)
             })
@@ -57,7 +59,8 @@ impl Stream {
         }
     }
 
-    /// Writes or reads the next degree. `values` are the coefficients up to it, (K, c): the input or the output.
+    /// Writes or reads the next degree. `values` holds the coefficients up to this degree, (K, c): the input of a
+    /// writer, the output of a reader.
     pub(super) fn degree(&mut self, values: &mut [i32], decisions: &mut impl Decisions) -> Result<(), Ended> {
         let l = self.degree;
         for place in 0..2 * l + 1 {

@@ -1,13 +1,14 @@
-//! A stage: the maps of all members are moved along fields that decrease the objective.
+//! Runs one stage of the refinement: moves the maps of all members along tangent fields that decrease the objective.
 //!
 //! ```text
 //! phi_i <- exp(t w_i) o phi_i,    w from the gradient by L-BFGS, preconditioned by (l (l + 1))^-1.5
 //! ```
 //!
-//! t is 1, or less if a direction would move by more than [`FARTHEST`], or neighbours' displacements would differ by
-//! more than [`STRETCH`] of their distance: below 1 a step is one-to-one, and can be inverted by a fixed-point
-//! iteration. t is then halved, or set to the minimum of the parabola, until the objective satisfies Armijo's rule and
-//! no triangle is inverted.
+//! The step length t starts at 1, or less if a direction would move by more than [`FARTHEST`], or if the displacements
+//! of two neighbours would differ by more than [`STRETCH`] of the neighbours' distance. If they differ by less than the
+//! distance itself, the step is one-to-one and can be inverted by a fixed-point iteration. t is then halved, or set to
+//! the minimum of the parabola through the costs, until the objective satisfies Armijo's rule and no triangle is
+//! inverted.
 //!
 //! Cost: typically two evaluations of the group per step.
 
@@ -30,11 +31,11 @@ const FIRST: f64 = 0.03;
 const FARTHEST: f64 = 0.15;
 /// Largest difference of neighbours' displacements, relative to their distance.
 const STRETCH: f64 = 0.5;
-/// Fraction of the slope that a step must achieve.
+/// Fraction of the decrease predicted by the slope that a step must achieve (Armijo's rule).
 const ARMIJO: f64 = 1e-4;
 /// Maximum number of trials of a step.
 const TRIALS: usize = 12;
-/// Number of consecutive steps of little gain that end a stage.
+/// A stage ends after this many consecutive steps that gain little.
 const IDLE: usize = 3;
 
 /// Runs a stage from the directions `at`; updates them and the flows.
@@ -145,7 +146,7 @@ fn split(all: &[f64], field_degree: usize) -> Vec<Array2<f64>> {
     all.chunks_exact(2 * rows).map(|of_one| Array2::from_shape_fn((rows, 2), |(k, c)| of_one[2 * k + c])).collect()
 }
 
-/// Returns the longest allowed step, at most 1 unless `to_the_full`.
+/// Returns the largest allowed step length t, at most 1 unless `to_the_full`.
 fn cap(group: &Group<'_>, state: &State, fields: &[Vec<Vec3>], most: f64, to_the_full: bool) -> f64 {
     let (mut farthest, mut stretch) = (0.0_f64, 0.0_f64);
     for (at, field) in state.at.iter().zip(fields) {

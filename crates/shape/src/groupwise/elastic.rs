@@ -8,9 +8,9 @@
 //! share_T is the triangle's share of the sphere's area. a_T, six times the volume under the triangle, is positive
 //! exactly if the triangle is counter-clockwise seen from outside, and its logarithm goes to infinity before a triangle
 //! is inverted. The square of the logarithm weighs shrinking and stretching equally; beyond a factor of `exp(FREE)` a
-//! barrier is added. The energy is the mean of the energies weighted by the areas before and after: weighted by the
-//! area before alone, a few triangles could stretch over a whole process of one member at almost no cost, and its model
-//! would lose the process.
+//! barrier is added. The energy is the mean of two energies: weighted by the triangles' areas before the map, and after
+//! it. If it were weighted by the areas before alone, a few triangles could stretch over a whole anatomical process of
+//! one member at almost no cost, and the member's model would lose the process.
 //!
 //! Cost: about 60 flops per triangle.
 
@@ -57,7 +57,7 @@ impl<'a> Elastic<'a> {
         }
     }
 
-    /// Returns log(a_T(phi) / a_T) of each triangle; infinity if it is inverted.
+    /// Returns log(a_T(phi) / a_T) of each triangle; infinity if the triangle is inverted.
     pub(super) fn logarithms(&self, at: &[Vec3]) -> impl Iterator<Item = f64> {
         self.faces.iter().zip(&self.rest).map(|(face, rest)| {
             let ratio = volume(*face, at) / rest;

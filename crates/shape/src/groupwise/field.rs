@@ -1,4 +1,4 @@
-//! Tangent fields of the sphere from harmonic potentials, their adjoint, and steps along them.
+//! Computes tangent fields of the sphere from harmonic potentials, the adjoint of this map, and steps along fields.
 //!
 //! A field of two potentials A and B, sums of harmonics of degrees 1 to D, is a gradient and a curl,
 //!
@@ -6,9 +6,9 @@
 //! w = grad A + u x grad B = -u x L A + L B,    L f = u x grad f
 //! ```
 //!
-//! so that it is found by synthesis of `L_k A` and `L_k B` ([`derivatives`](crate::derivatives)), without a frame and
-//! its singularities. By Helmholtz's decomposition every smooth field is such a sum. For covectors g at the directions
-//! the adjoint is, because the operators are antisymmetric,
+//! so that it is computed by synthesis of `L_k A` and `L_k B` ([`derivatives`](crate::derivatives)), without a tangent
+//! frame and its singularities. By Helmholtz's decomposition every smooth field is such a sum. For covectors g at the
+//! directions the adjoint is, because the operators are antisymmetric,
 //!
 //! ```text
 //! d/dA = -sum_k L_k S^T (u x g)_k,    d/dB = -sum_k L_k S^T g_k,    S^T adjoint synthesis
@@ -26,8 +26,8 @@ use crate::derivatives::{generators, rotational_derivatives};
 use crate::error::ShapeError;
 use crate::geometry::side_by_side;
 
-/// Returns the field of the potentials (A, B), (K, 2), at the directions `at`. `transform` must be planned for them, to
-/// the degree of K.
+/// Returns the field of the potentials (A, B), (K, 2), at the directions `at`. `transform` must be planned for these
+/// directions and for the potentials' degree.
 pub(super) fn field(potentials: &Array2<f64>, at: &[Vec3], transform: &Transform) -> Result<Vec<Vec3>, ShapeError> {
     let samples = transform.synthesis(side_by_side(&rotational_derivatives(potentials.view())?).view())?;
     let rows = samples.rows().into_iter().zip(at);
@@ -52,7 +52,7 @@ pub(super) fn adjoint(covectors: &[Vec3], at: &[Vec3], transform: &Transform) ->
     Ok(found)
 }
 
-/// Returns `exp(t w)` of directions.
+/// Returns the directions `at` moved by the exponential map `exp(t w)`, with w the field.
 pub(super) fn step(at: &[Vec3], field: &[Vec3], t: f64) -> Vec<Vec3> {
     let along = |(&u, &w): (&Vec3, &Vec3)| {
         let w = scale(w, t);

@@ -5,10 +5,11 @@
 //! ```
 //!
 //! A step is one-to-one if the displacement `d(u) = exp(w)(u) - u` changes by less than the distance between two
-//! directions; descent keeps the change below half of it. Its inverse at p is then the limit of `q <- p - d(q)`,
-//! projected back to the sphere; each iteration halves the error.
+//! directions; descent keeps the change below half of that distance. The inverse of a step at p is then the limit of `q
+//! <- p - d(q)`, projected back to the sphere; each iteration halves the error.
 //!
-//! Cost: a synthesis of six functions per step; the inverse takes about twenty of them, for an error of 1e-11.
+//! Cost: a synthesis of six functions per step; the inverse takes about twenty syntheses per step, for an error of
+//! 1e-11.
 
 use ndarray::Array2;
 use spharm_harmonics::Directions;
@@ -33,8 +34,8 @@ pub struct Flow {
 }
 
 impl Flow {
-    /// Creates the flow of the given steps, in the order of application: canonical coefficients of the potentials of
-    /// gradient and curl, (K, 2) each, in radians.
+    /// Creates the flow of the given steps, in the order of application. Each step holds the canonical coefficients of
+    /// the potentials of gradient and curl, (K, 2), in radians.
     ///
     /// # Errors
     ///
@@ -72,7 +73,7 @@ impl Flow {
     ///
     /// # Errors
     ///
-    /// [`ShapeError::Harmonics`]: no vectors, or not unit vectors; [`ShapeError::Transform`].
+    /// [`ShapeError::Harmonics`]: there are no vectors, or a vector's length isn't 1; [`ShapeError::Transform`].
     pub fn apply(&self, directions: &[Vec3]) -> Result<Vec<Vec3>, ShapeError> {
         let mut at = Directions::from_unit_vectors(directions.to_vec())?.as_slice().to_vec();
         for potentials in &self.steps {

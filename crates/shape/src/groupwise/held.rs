@@ -1,15 +1,16 @@
-//! Points that a refinement holds fixed: landmarks that a registration has moved to the same direction in all members.
+//! Computes the energy of points that a refinement holds fixed, such as landmarks that a registration has moved to the
+//! same direction in all members.
 //!
 //! ```text
 //! H(phi) = weight sum_p |phi(p) - p|^2
 //! ```
 //!
-//! over the points p within the sphere's triangles, with phi linear in each triangle.
+//! The sum is over the fixed points p, each within a triangle of the sphere; phi is linear in each triangle.
 
 use spharm_surface::Place;
 use spharm_surface::geometry::{Vec3, add, dot, scale, sub};
 
-/// Points of the sphere and their positions at rest.
+/// Fixed points and their positions on the undeformed sphere.
 pub(super) struct Held {
     places: Vec<(Place, Vec3)>,
     weight: f64,
@@ -20,7 +21,7 @@ impl Held {
         Self { places: places.iter().map(|place| (*place, place.of(directions))).collect(), weight }
     }
 
-    /// Returns H.
+    /// Returns the energy H.
     pub(super) fn energy(&self, at: &[Vec3]) -> f64 {
         let square = |(place, rest): &(Place, Vec3)| {
             let off = sub(place.of(at), *rest);

@@ -1,4 +1,4 @@
-//! Refinement of a new member's correspondence with a finished group, which is unchanged.
+//! Refines a new member's correspondence with a finished group without changing the group.
 
 use ndarray::{Array2, ArrayView2, Axis};
 use rayon::prelude::*;
@@ -25,15 +25,16 @@ pub struct FinishedGroup {
     mask: Vec<f64>,
     params: GroupwiseParams,
     stages: Vec<(StageParams, Reference)>,
-    /// Factor of the normals, in the members' unit.
+    /// Factor by which unit normals are multiplied, in the members' unit.
     length: f64,
     /// Number of rows of the members' coefficients.
     rows: usize,
 }
 
 impl FinishedGroup {
-    /// Prepares a group: `members` are canonical coefficients, (K, 3) each, in correspondence. The other arguments are
-    /// those of [`groupwise`](super::groupwise()), which refined it. Needs 48 bytes per direction, member and stage.
+    /// Prepares a group: `members` are canonical coefficients, (K, 3) each, in correspondence. The other arguments must
+    /// be the ones with which [`groupwise`](super::groupwise()) refined the group. Needs 48 bytes per direction, member
+    /// and stage.
     ///
     /// # Errors
     ///

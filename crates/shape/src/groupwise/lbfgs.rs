@@ -1,4 +1,4 @@
-//! Directions of descent from the gradients of the last steps: the limited-memory BFGS method.
+//! Computes directions of descent from the gradients of the last steps by the limited-memory BFGS method.
 //!
 //! J. Nocedal, "Updating quasi-Newton matrices with limited storage", Math. Comp. 35 (1980): from steps s and changes y
 //! of the gradient, an approximate inverse Hessian, starting from `gamma P`, is applied by two loops; here P is a
@@ -8,7 +8,7 @@
 //! different maps. They are used without transport: fields that are fixed on the sphere form a single vector space for
 //! all maps.
 //!
-//! Cost: `4 PAIRS` products per direction. The order of sums doesn't depend on the threads.
+//! Cost: `4 PAIRS` products per direction. The order of summation doesn't depend on the number of threads.
 
 use std::collections::VecDeque;
 

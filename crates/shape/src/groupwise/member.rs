@@ -1,7 +1,7 @@
-//! One member of a group during a stage: its channels as functions of the sphere, and their derivatives.
+//! Evaluates one member of a group during a stage: its channels as functions on the sphere, and their derivatives.
 //!
 //! For channels f_c at directions p and covectors g_c of their values, `sum_c g_c grad f_c` is a tangent vector; with
-//! `L f = p x grad f` it is `-p x h`, where `h = sum_c g_c L f_c`.
+//! `L f = p x grad f` this vector is `-p x h`, where `h = sum_c g_c L f_c`.
 //!
 //! The unit normals of the surface are channels too. They are projected onto harmonics by a Gauss-Legendre grid, so
 //! that their derivatives need no second derivatives of the surface, and stages of low degree use normals of low
@@ -23,10 +23,10 @@ use crate::measures::{Columns, Grid};
 
 /// Accuracy of values and gradients, relative to their root mean square.
 const ACCURACY: f64 = 1e-8;
-/// Number of channels of a transform that share their kernels.
+/// Number of channels that a transform handles together; they share its kernels.
 const TOGETHER: usize = 6;
 
-/// Returns the coefficients of the unit normals, (K, 3), to the degree of the surface, and its area.
+/// Returns the coefficients of the unit normals, (K, 3), up to the degree of the surface, and the surface's area.
 pub(super) fn normals(surface: &Coefficients, monitor: &dyn Monitor) -> Result<(Array2<f64>, f64), ShapeError> {
     let degree = surface.max_degree();
     let grid = Grid::new(2 * degree + 2);
@@ -52,7 +52,7 @@ pub(super) fn normals(surface: &Coefficients, monitor: &dyn Monitor) -> Result<(
 
 /// Channels of a member, to the degree of a stage.
 pub(super) struct Member {
-    /// f, (K, C).
+    /// Coefficients of the channels f, (K, C).
     values: Array2<f64>,
     /// `L_x f`, `L_y f`, `L_z f` side by side, (K, 3 C).
     derivatives: Array2<f64>,
@@ -85,7 +85,7 @@ impl Member {
     }
 }
 
-/// Two transforms at one list of directions: to the degree of the surfaces, and to that of the fields.
+/// Two transforms at one list of directions: up to the degree of the surfaces, and up to the degree of the fields.
 pub(super) struct Plan {
     pub(super) surface: Transform,
     pub(super) field: Transform,

@@ -1,5 +1,5 @@
-//! Refinement of a group's correspondence by the group itself: maps of each member's sphere that make the group as
-//! compact as its shapes allow.
+//! Refines the correspondence of a group: finds maps of each member's sphere that make the group as compact as its
+//! shapes allow.
 //!
 //! Members are surfaces f_i over one sphere, in one pose, registered or not. The refinement finds diffeomorphisms of
 //! the sphere, one per member, that minimise
@@ -12,8 +12,8 @@
 //! description length of the group (Davies et al. 2002), or the entropy of its distribution (Cates et al. 2007): few
 //! modes of variance cost less than many. Points stay on their surfaces exactly, and no triangle of the sphere is
 //! inverted. Unit normals, multiplied by a length, are channels beside the positions: without them points slide along
-//! the surfaces to where members differ least, which is compact and wrong. Stages proceed from models and fields of low
-//! degree to those of high degree.
+//! the surfaces to where members differ least, which makes the group compact but the correspondence wrong. Stages
+//! proceed from models and fields of low degree to those of high degree.
 //!
 //! | module | contents |
 //! |---|---|
@@ -28,8 +28,8 @@
 //! | `reference`, `joining` | a finished group; correspondence of a new member, which leaves the group unchanged |
 //! | `descent`, `lbfgs` | one stage; directions of descent |
 //!
-//! Cost: a step evaluates each member's 4 C functions of degree L and 12 of degree D at n directions: 2 ms at L = 15
-//! and 2,562 directions, 15 ms at L = 40 and 10,242. Memory: 3 values per channel, direction and member.
+//! Cost: a step evaluates each member's 4 C functions of degree L and 12 of degree D at n directions, which takes 2 ms
+//! at L = 15 and 2,562 directions, 15 ms at L = 40 and 10,242. Memory: 3 values per channel, direction and member.
 
 mod descent;
 mod elastic;
@@ -84,19 +84,20 @@ pub struct Groupwise {
 
 /// Refines the correspondence of a group, see the [module](self).
 ///
-/// `members` are canonical coefficients, (K, 3 + c) each: positions, and c further channels in units in which a
-/// difference weighs as much as a distance, all over one sphere and in one pose. `sphere` holds the directions at which
-/// members are compared, with triangles: 2,562 for degrees to 15, 10,242 above. `mask`, (n), holds non-negative weights
-/// of the directions, 0 to exclude a direction; without it all weights are 1.
+/// `members` are canonical coefficients, (K, 3 + c) each: positions, and c further channels, scaled so that a
+/// difference of 1 in a channel weighs as much as a distance of 1. All members are over one sphere and in one pose.
+/// `sphere` holds the directions at which members are compared, with triangles: 2,562 for degrees to 15, 10,242 above.
+/// `mask`, (n), holds non-negative weights of the directions, 0 to exclude a direction; without it all weights are 1.
 ///
 /// Runs on the current rayon pool; the result is bitwise the same on any number of threads.
 ///
 /// # Errors
 ///
-/// [`ShapeError::TooFewMembers`] below two; [`ShapeError::Differ`] if a member's shape differs from the first one's or
-/// the mask's length from the sphere's; [`ShapeError::Member`] with the error of one member: those of [`extent`], or no
-/// area where the mask isn't 0; [`ShapeError::Setting`] for settings out of range, a sphere without triangles or with
-/// clockwise ones, or a mask below 0; [`ShapeError::NotFiniteValue`]; [`ShapeError::Interrupted`].
+/// [`ShapeError::TooFewMembers`] below two; [`ShapeError::Differ`] if a member's array shape differs from the first
+/// member's, or the mask's length from the number of directions; [`ShapeError::Member`] with the error of one member:
+/// those of [`extent`], or no area where the mask isn't 0; [`ShapeError::Setting`] for settings out of range, a sphere
+/// without triangles or with clockwise ones, or a mask below 0; [`ShapeError::NotFiniteValue`];
+/// [`ShapeError::Interrupted`].
 pub fn groupwise(
     members: &[ArrayView2<'_, f64>],
     sphere: &Sphere,
@@ -195,8 +196,9 @@ fn check(members: &[ArrayView2<'_, f64>], sphere: &Sphere, mask: Option<&[f64]>)
     Ok(max_degree_of(first.nrows()).unwrap_or(0))
 }
 
-/// Returns the members' channels followed by those of the normals, scaled by a length, and that length: the given one,
-/// or one derived from the normals' weight and the members' areas.
+/// Returns the members' channels followed by the channels of the normals, which are multiplied by a length; also
+/// returns the length. It is `length` if given; otherwise it is derived from the normals' weight and the members'
+/// areas.
 fn with_normals(
     members: &[ArrayView2<'_, f64>],
     weight: f64,

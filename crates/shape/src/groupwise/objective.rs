@@ -1,4 +1,4 @@
-//! The description length of a group, and its derivatives with respect to its members' values.
+//! Computes the description length of a group and its derivatives with respect to the members' values.
 //!
 //! For N members with C channels at n directions, `x_i(u)`, m(u) their mean and w(u) weights that sum to 1,
 //!
@@ -34,7 +34,8 @@ use crate::error::ShapeError;
 /// Number of rows of a product per task, independent of the number of threads.
 const ROWS: usize = 32;
 
-/// The minimum of delta, as a fraction of the mean area: a deviation of 1e-8 times its square root.
+/// The minimum of delta, as a fraction of the mean area. It is the variance of a deviation of 1e-8 times the area's
+/// square root.
 const ROUNDING: f64 = 1e-16;
 
 /// Data that is constant during a descent.
@@ -47,17 +48,17 @@ pub(super) struct Objective<'a> {
 
 /// The group at one state of its maps.
 pub(super) struct Covariance {
-    /// y, (N, n C).
+    /// The members' values minus their mean, y, (N, n C).
     pub(super) centred: Array2<f64>,
-    /// m, (n C).
+    /// Mean of the members' values, m, (n C).
     pub(super) mean: Vec<f64>,
-    /// w, (n).
+    /// Weights of the directions, w, (n).
     pub(super) weights: Vec<f64>,
     /// Area a_i(u) of member i at direction u, (N, n).
     areas: Array2<f64>,
-    /// A_i, (N).
+    /// Masked area A_i of each member, (N).
     totals: Vec<f64>,
-    /// G, (N, N).
+    /// Covariance of the members, G, (N, N).
     pub(super) gram: Array2<f64>,
 }
 
@@ -112,7 +113,7 @@ impl Objective<'_> {
         let (members, directions) = (of.centred.nrows(), self.mask.len());
         let channels = of.mean.len() / directions;
         let mut found = product(inverse, &of.centred, false);
-        // q, with the mask applied.
+        // q(u), multiplied by the mask.
         let mut slopes = vec![0.0; directions];
         for (row, centred) in found.rows().into_iter().zip(of.centred.rows()) {
             let (row, centred) = (row.as_slice().unwrap_or_default(), centred.as_slice().unwrap_or_default());
@@ -160,13 +161,14 @@ impl Covariance {
         self.gram.diag().sum()
     }
 
-    /// Returns delta, a share of the sum of variances; for identical members, a variance below their rounding.
+    /// Returns delta, the fraction `share` of the sum of variances, but at least [`ROUNDING`] times the mean area, so
+    /// that delta is positive for identical members.
     pub(super) fn delta(&self, share: f64) -> f64 {
         let area = self.totals.iter().sum::<f64>() / self.totals.len() as f64;
         (share * self.total()).max(ROUNDING * area)
     }
 
-    /// Returns C and B, for a delta above 0.
+    /// Returns the description length C, and `B = (G + delta 1)^-1`, for a delta above 0.
     pub(super) fn description_length(&self, delta: f64) -> Result<(f64, Array2<f64>), ShapeError> {
         let n = self.gram.nrows();
         let matrix = Mat::from_fn(n, n, |i, j| self.gram[[i, j]] + if i == j { delta } else { 0.0 });

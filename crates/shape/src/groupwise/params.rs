@@ -16,13 +16,13 @@ pub struct StageParams {
 }
 
 impl StageParams {
-    /// Returns the stages for models of a degree: models to 6, 12, 20 and their full degree, with fields to 5, 10, 14
-    /// and 18, up to the models' degree.
+    /// Returns the stages for models of degree `max_degree`: models truncated to degrees 6, 12 and 20 and models of
+    /// full degree, with fields of degrees 5, 10, 14 and 18. Stages beyond the models' degree are omitted.
     #[must_use]
     pub fn up_to(max_degree: usize) -> Vec<Self> {
         let mut stages = Vec::new();
         for (degree, field_degree, rounds) in [(6, 5, 40), (12, 10, 60), (20, 14, 60), (usize::MAX, 18, 60)] {
-            // A stage that contains the models' degree is the last one.
+            // The first stage that reaches about 4/5 of the models' degree is the last one.
             stages.push(Self { max_degree: degree.min(max_degree), field_degree, rounds });
             if max_degree <= degree.saturating_add(degree / 4) {
                 break;
@@ -42,19 +42,19 @@ pub struct GroupwiseParams {
     pub stages: Option<Vec<StageParams>>,
     /// Constant added to variances before taking their logarithm, as a share of their sum at the start of a stage,
     /// above 0. A small value gives weight to small modes, which are mostly noise; a large one ignores them. 0.03 by
-    /// default: of a moving bump the first mode then holds 0.91 of the variance, 0.78 at 0.1, and landmarks of
-    /// vertebrae are equally close.
+    /// default: for shapes with a moving bump the first mode then has 0.91 of the variance, against 0.78 with a delta
+    /// of 0.1; landmarks of vertebrae are equally close with both.
     pub delta: f64,
     /// Weight of the elastic energy, mu, at least 0. 0.4 by default.
     pub elasticity: f64,
-    /// Weight of the unit normals as channels, as a share of the square root of the members' mean area; 0 leaves them
-    /// out. Without them points slide along the surface to where members agree. 0.12 by default: for groups of known
-    /// correspondence, and for landmarks of vertebrae, smaller and larger values give larger distances.
+    /// Weight of the unit normals as channels, as a share of the square root of the members' mean area; 0 omits the
+    /// normals. Without normals points slide along the surface to where members agree. 0.12 by default: for groups of
+    /// known correspondence, and for landmarks of vertebrae, smaller and larger values give larger distances.
     pub normals: f64,
     /// Fixed points of the sphere, such as landmarks; none by default.
     pub held: Vec<Place>,
-    /// Weight of the squared distances from the fixed points, in radians. 1,000 by default: a tenth of a radian costs
-    /// 10.
+    /// Weight of the squared distances from the fixed points, in radians. 1,000 by default: a distance of 0.1 rad then
+    /// adds 10 to the objective.
     pub hold: f64,
     /// Whether members are moved rigidly to the mean within rounds, for groups that haven't been aligned otherwise. Off
     /// by default.

@@ -1,4 +1,4 @@
-//! The finished group with which a new member is compared: mean, modes, and the residual variance delta.
+//! Compares a new member with a finished group, which is described by its mean, modes, and the residual variance delta.
 //!
 //! The member's values x have the Mahalanobis distance
 //!
@@ -7,11 +7,12 @@
 //! ```
 //!
 //! from the group's mean m, with the modes e_k of variance lambda_k of the N members, over the members' mean area (M.
-//! Tipping and C. Bishop, "Probabilistic principal component analysis", J. R. Stat. Soc. B 61, 1999). Its cost is
-//! `log(1 + M / N)`: the member's contribution to the description length `log det(G + delta 1)` if nothing else
-//! changes. So its points move as they would have done within the group, and the group is unchanged.
+//! Tipping and C. Bishop, "Probabilistic principal component analysis", J. R. Stat. Soc. B 61, 1999). The member's cost
+//! is `log(1 + M / N)`: its contribution to the description length `log det(G + delta 1)` if nothing else changes. So
+//! the member's points move as they would have moved if the member had been refined with the group, and the group is
+//! unchanged.
 //!
-//! Cost of a comparison: 4 flops per mode, channel and direction. Memory: one value for each of these.
+//! Cost of a comparison: 4 flops per mode, channel and direction. Memory: one value per mode, channel and direction.
 
 use faer::{Mat, Side};
 use ndarray::{Array2, Axis};
@@ -28,11 +29,11 @@ const MODES: usize = 64;
 
 /// The group at one stage.
 pub(super) struct Reference {
-    /// m, (n C).
+    /// Mean of the group, m, (n C).
     mean: Vec<f64>,
-    /// w, (n).
+    /// Weights of the directions, w, (n).
     weights: Vec<f64>,
-    /// Orthonormal under the weights, (modes, n C).
+    /// Modes e_k, orthonormal under the weights, (modes, n C).
     modes: Array2<f64>,
     /// 1 / delta - 1 / (lambda_k + delta), (modes).
     gains: Vec<f64>,
@@ -49,7 +50,7 @@ impl Reference {
         let found = gram.self_adjoint_eigen(Side::Lower).map_err(|_| ShapeError::NoDecomposition)?;
         let variances = found.S().column_vector();
         let enough = |k: &usize| variances[*k] > LEAST * delta && variances[*k] > 0.0;
-        // In ascending order.
+        // Variances are in ascending order.
         let kept: Vec<usize> = (0..members).rev().filter(enough).take(MODES).collect();
         // e_k = sum_i u_ik y_i / sqrt(N lambda_k).
         let shares = Array2::from_shape_fn((kept.len(), members), |(row, i)| {

@@ -9,7 +9,7 @@ use crate::groupwise::state::State;
 pub struct Distortion {
     /// Root mean square of the logarithm of the change of area, over all members and the sphere's area.
     pub rms: f64,
-    /// Largest absolute value of that logarithm.
+    /// Largest absolute value of the logarithm of the change of area.
     pub most: f64,
     /// Fraction of triangles whose area changes by at most a factor of 8.
     pub within_eight: f64,
@@ -24,7 +24,7 @@ pub struct StageReport {
     pub steps: usize,
     /// Number of states evaluated.
     pub evaluations: usize,
-    /// The objective before and after; logarithms, comparable only within a stage.
+    /// Value of the objective before and after the stage. Values of different stages can't be compared.
     pub cost: [f64; 2],
     /// Variance of the group, before and after: the mean squared distance from the mean over all channels at the
     /// stage's degree, including the weighted normals, over the surface's area; in the square of the models' unit.

@@ -1,4 +1,4 @@
-//! A group at one state of its maps: values, cost, and gradient with respect to tangent fields.
+//! Evaluates a group at one state of its maps: values, cost, and gradient with respect to tangent fields.
 //!
 //! ```text
 //! C(phi) = log det(G + delta 1) + sum_i (mu E(phi_i) + H(phi_i))
@@ -32,10 +32,10 @@ pub(super) struct Group<'a> {
     /// A finished group with which a single member is compared, if any.
     pub(super) reference: Option<&'a Reference>,
     pub(super) elastic: Elastic<'a>,
-    /// mu.
+    /// Weight of the elastic energy, mu.
     pub(super) elasticity: f64,
     pub(super) held: Held,
-    /// Channels that rotate with the surface, if members are aligned within rounds.
+    /// First channel of each triple that rotates with the surface; `None` unless members are aligned within rounds.
     pub(super) turning: Option<Vec<usize>>,
     pub(super) max_degree: usize,
     pub(super) field_degree: usize,
@@ -98,7 +98,8 @@ impl Group<'_> {
         Ok(cost.is_finite().then_some(State { at, cost, measured, turns }))
     }
 
-    /// Returns dC with respect to the potentials of fields applied after the maps: (K, 2) per member, concatenated.
+    /// Returns the derivatives of C with respect to the potentials of fields applied after the maps: (K, 2) per member,
+    /// concatenated.
     pub(super) fn gradient(&self, state: &State) -> Result<Vec<f64>, ShapeError> {
         let mut covectors = match &state.measured {
             Measured::Group(covariance, inverse) => self.objective.covectors(covariance, inverse),

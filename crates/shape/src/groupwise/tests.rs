@@ -1,4 +1,4 @@
-//! Guarantees of a refinement.
+//! Tests of the groupwise refinement.
 
 use ndarray::{Array2, ArrayView2};
 use spharm_harmonics::index::basis_size;
@@ -35,8 +35,8 @@ fn stages(max_degree: usize, field_degree: usize, rounds: usize) -> GroupwisePar
     GroupwiseParams { stages: Some(vec![stage]), ..GroupwiseParams::default() }
 }
 
-/// The objective along a field changes by the gradient, with weights that follow the surfaces, a mask, normals, and the
-/// elastic energy of maps other than the identity.
+/// The gradient equals the change of the objective along a field, with weights that follow the surfaces, a mask,
+/// normals, and the elastic energy of maps other than the identity.
 #[test]
 fn the_gradient_is_that_of_the_objective() {
     let sphere = Sphere::icosphere(2);
@@ -101,7 +101,8 @@ fn the_objective_falls_no_triangle_turns_over_and_flows_are_inverted() {
     }
 }
 
-/// Its sphere is rotated about an axis; matching the group's modes rotates it back, as far as the energy allows.
+/// The new member's sphere is rotated about an axis. The refinement rotates it back, as far as the elastic energy
+/// allows.
 #[test]
 fn a_new_member_comes_to_the_places_of_the_group() {
     let sphere = Sphere::icosphere(3);
@@ -122,7 +123,7 @@ fn a_new_member_comes_to_the_places_of_the_group() {
     let off = |at: &[Vec3]| (places(turned.values().view(), at) - &truth).mapv(|x| x * x).sum().sqrt();
     let (before, after) = (off(sphere.directions.as_slice()), off(&at));
     assert!(after < 0.4 * before, "{before} {after}");
-    // A member in correspondence stays in place, compared with the rotation that was undone.
+    // A member that already corresponds moves much less than the rotated member.
     let (_, still) = finished.refine(own.view(), &Silent).unwrap();
     assert!(still.moved[0] < 0.4 * report.moved[0], "{} {}", still.moved[0], report.moved[0]);
     assert!(matches!(finished.refine(group[0].slice(s![..4, ..]), &Silent), Err(ShapeError::Differ { .. })));
@@ -144,7 +145,7 @@ fn members_that_are_equal_stay_where_they_are() {
     let [one, other] = members(2, 5).try_into().unwrap();
     let params = GroupwiseParams { elasticity: 0.0, ..stages(5, 4, 5) };
     let sphere = Sphere::icosphere(2);
-    // The mean of two is exact, and their variance 0.
+    // For two identical members the mean is exact and the variance is 0.
     for count in [2, 3] {
         let members = vec![one.clone(); count];
         let found = groupwise(&views(&members), &sphere, None, &params, &Silent).unwrap();
@@ -177,7 +178,8 @@ fn first_share(members: &[Array2<f64>], sphere: &Sphere, at: &[Vec<Vec3>]) -> f6
     largest / covariance.total()
 }
 
-/// A body that grows along one axis has one mode; maps that were made separately hide it, and refinement recovers it.
+/// A body that grows along one axis has one mode. If the members' maps were made separately, they hide this mode, and
+/// the refinement recovers it.
 #[test]
 fn one_mode_is_found_again_under_maps_that_were_made_apart() {
     let sphere = Sphere::icosphere(3);

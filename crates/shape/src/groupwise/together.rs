@@ -1,7 +1,8 @@
-//! Rigid alignment of members to their mean, within a round.
+//! Aligns members rigidly to their mean within a round of the refinement.
 //!
-//! Weights are the mean's areas. The rotation is Kabsch's, starting from each member's pose in the last round. Motions
-//! minimise the variance, which nearly minimises C; the gradient treats them as constant.
+//! Directions are weighted by the area around them on the mean surface. Rotations are found by Kabsch's method,
+//! starting from each member's pose in the last round. The motions minimise the variance, which nearly minimises the
+//! description length C; the gradient treats the motions as constant.
 
 use ndarray::{Array2, Axis};
 use rayon::prelude::*;
@@ -14,11 +15,11 @@ use spharm_surface::kabsch::kabsch;
 /// Rotations of members, in space; empty if they aren't aligned.
 pub(super) type Turns = Vec<Matrix3>;
 
-/// Number of rounds of mean and motions.
+/// Number of times that the mean, and then the motions to it, are computed.
 const ROUNDS: usize = 2;
 
 /// Moves members' values, (N, n C), and returns their final rotations. `turning` holds the first channel of each triple
-/// that rotates with the surface; the triple from 0, the position, is translated as well.
+/// that rotates with the surface; the triple that starts at channel 0 is the position, and is translated as well.
 pub(super) fn bring_together(
     values: &mut Array2<f64>,
     turning: &[usize],
@@ -61,7 +62,7 @@ pub(super) fn bring_together(
     turns
 }
 
-/// Rotates the three channels from each of `first` on, at every direction.
+/// Rotates, at every direction, the triples of channels that start at the channels `first`.
 pub(super) fn turn_channels(row: &mut [f64], channels: usize, first: &[usize], by: &Matrix3) {
     for row in row.chunks_exact_mut(channels) {
         for &first in first {
