@@ -15,7 +15,8 @@
 //!
 //! The distance of two surfaces' singular values never exceeds the root mean square distance of the surfaces, however
 //! the surfaces are rotated, mirrored and moved (L. Mirsky, Q. J. Math. 11 (1960): `sum (sigma_i(A) - sigma_i(B))^2 <=
-//! |A - B|^2`, for each degree). That makes retrieval by them exact, see [`retrieval`](crate::retrieval).
+//! |A - B|^2`, for each degree). Retrieval by singular values is therefore exact, see
+//! [`retrieval`](crate::retrieval).
 //!
 //! Cost: about 100 flops per coefficient.
 

@@ -1,17 +1,18 @@
-//! The half turn J about (y + z)/sqrt2 in one degree, from which any rotation is composed with turns about z.
+//! Applies the half turn J about (y + z)/sqrt2 to the coefficients of one degree. Any rotation is a product of two J
+//! and three rotations about z.
 //!
 //! D. Pinchon and P. E. Hoggan, "Rotation matrices for real spherical harmonics: general rotations of atomic orbitals
 //! in space-fixed axes", J. Phys. A 40 (2007): `D = Z(al) J Z(be) J Z(ga)`, with J real, symmetric and `J^2 = 1`. From
-//! the [quarter](crate::quarter) of d^l(pi/2), with `w_{ik} = s_i s_k c_i c_k Delta_{ik}`, `s_i = (-1)^floor(i/2)`, c_0
-//! = 1 and else sqrt2, and one more minus where i and k are odd,
+//! the [quarter](crate::quarter) of d^l(pi/2), with `w_{ik} = s_i s_k c_i c_k Delta_{ik}`, `s_i = (-1)^floor(i/2)`, c_i
+//! = sqrt2 except c_0 = 1, and another factor -1 if i and k are both odd,
 //!
 //! ```text
 //! i + l even: cos'_i = sum over k with i + k even of w_{ik} cos_k,   sin'_i = - sum over i + k odd of w_{ik} cos_k
 //! i + l odd:  sin'_i = sum over k with i + k even of w_{ik} sin_k,   cos'_i =   sum over i + k odd of w_{ik} sin_k
 //! ```
 //!
-//! so that row i reads either cosines or sines. W rows of one parity are computed together, one lane each. Their values
-//! are used at once and never stored: `(l+1)^2 (3 + 2c)` flops for c columns, not counting hidden rows, and O(l)
+//! so that row i reads either cosines or sines. W rows of one parity are computed together, one lane each. The rows'
+//! values are used at once and never stored: `(l+1)^2 (3 + 2c)` flops for c columns, not counting hidden rows, and O(l)
 //! memory. Using the quarter's symmetry would save half of the recurrence, but would load and store sums for every few
 //! products.
 
@@ -24,7 +25,7 @@ pub(crate) struct Workspace {
     /// (l + 1, columns): the coefficients of cos(k phi) and of sin(k phi); sin_0 is zero.
     pub(crate) cos: Vec<f64>,
     pub(crate) sin: Vec<f64>,
-    /// By parity of i: input of its rows, (steps, columns), t = l - k ascending, zeros after l.
+    /// By parity of i: input of the rows i, (steps, columns), t = l - k ascending, zeros after l.
     inputs: [Vec<f64>; 2],
     /// By parity of i and parity of t: (columns, rows).
     sums: [[Vec<f64>; 2]; 2],

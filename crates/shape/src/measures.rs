@@ -40,7 +40,8 @@ pub const SQUEEZED: f64 = 1e-3;
 pub struct MeasureParams {
     /// Largest relative change from one grid to the next at which the area has converged; default 1e-7.
     pub tolerance: f64,
-    /// Maximum number of rings of a grid; default the larger of 1,024 and 2L + 2, which is also the minimum.
+    /// Maximum number of rings of a grid; default the larger of 1,024 and 2L + 2. A smaller value than 2L + 2 counts as
+    /// 2L + 2 (at least 16).
     pub most_rings: Option<usize>,
 }
 
@@ -59,15 +60,16 @@ pub struct Measures {
     pub area_change: f64,
     /// Number of rings of the last grid.
     pub rings: usize,
-    /// Volume inside, not negative.
+    /// Enclosed volume, not negative.
     pub volume: f64,
-    /// Centre of mass of the inside; the mean position if there is no inside.
+    /// Centre of mass of the enclosed body; the mean position if the volume is 0.
     pub centroid: Vec3,
     /// `(36 pi volume^2)^(1/3) / area`: 1 for a sphere, less for any other shape.
     pub sphericity: f64,
     /// Whether the normals of the parameterisation point inwards, because the sphere was mirrored.
     pub inwards: bool,
-    /// Part of the sphere where the area element is below [`SQUEEZED`] times its mean; curvatures are unreliable there.
+    /// Fraction of the sphere on which the area element is below [`SQUEEZED`] times its mean; curvatures are unreliable
+    /// there.
     pub squeezed: f64,
     /// Warnings.
     pub warnings: Vec<MeasureWarning>,
@@ -90,9 +92,9 @@ pub enum MeasureWarning {
     Flat,
     /// The parameterisation is mirrored: normals along it point inwards.
     Inwards,
-    /// The parameterisation is squeezed on part of the sphere.
+    /// The area element is below [`SQUEEZED`] times its mean on part of the sphere.
     Squeezed {
-        /// Part of the sphere.
+        /// The part, as a fraction of the sphere's area.
         part: f64,
     },
 }
@@ -150,7 +152,7 @@ pub fn measure(
         sums = finer;
     }
     let Sums { area, .. } = sums;
-    // Rounding is left of the cancellation in a flat surface's volume.
+    // The sum for a flat surface's volume holds only the rounding errors of terms that cancel each other.
     let volume = if flat { 0.0 } else { sums.volume / 3.0 };
     let centre = if volume == 0.0 { [0.0; 3] } else { sums.moment.map(|moment| moment / (4.0 * volume)) };
     let inwards = volume < 0.0;
@@ -203,7 +205,7 @@ impl Columns {
     pub(crate) fn new(coefficients: &Coefficients) -> Result<Self, ShapeError> {
         let mut centred = coefficients.values().to_owned();
         let mean = std::array::from_fn(|c| centred[[0, c]] / (4.0 * PI).sqrt());
-        // Neither area nor volume depends on the mean position, but their rounding does.
+        // Area and volume don't depend on the mean position, but their rounding errors do.
         centred.row_mut(0).fill(0.0);
         let [x, y, z] = rotational_derivatives(centred.view())?;
         let values = side_by_side(&[centred, x, y, z]);
@@ -274,7 +276,7 @@ impl Grid {
         2 * self.rings.len()
     }
 
-    /// Returns the weight of each direction of a ring; those of a grid sum to 4 pi.
+    /// Returns the weight of each direction of a ring; the weights of all directions of a grid sum to 4 pi.
     pub(crate) fn weight(&self, ring: usize) -> f64 {
         self.rings.weights[ring] * PI / self.rings.len() as f64
     }

@@ -10,7 +10,7 @@ use crate::geometry::run_length;
 pub struct GroupSizes {
     /// Number of models, n.
     pub models: usize,
-    /// Their highest degree, L.
+    /// Highest degree of the models, L.
     pub max_degree: usize,
     /// Number of columns of a model, c.
     pub channels: usize,
@@ -73,9 +73,9 @@ impl GroupSizes {
     }
 
     /// Returns the bytes that a test at `vertices` vertices takes in addition to the coefficients, with `relabellings`
-    /// relabellings: the samples of all models, d each, their residuals, and both again for Welch's test and while they
-    /// are computed, `32 n V d`; the transform of one model; `8 V` per thread and 24 per relabelling; the geometry of
-    /// the mean; maps and their table, 1200 per vertex.
+    /// relabellings: the samples of all models, d per vertex, and their residuals, each twice for Welch's test and
+    /// while they are computed, `32 n V d`; the transform of one model; `8 V` per thread and 24 per relabelling; the
+    /// geometry of the mean; maps and their table, 1200 per vertex.
     #[must_use]
     pub fn test(self, vertices: u64, components: usize, relabellings: usize, threads: usize) -> u64 {
         let of_models = (32 * (self.models * components) as u64).saturating_mul(vertices);
@@ -103,7 +103,7 @@ pub fn local_geometry_bytes(directions: u64, max_degree: usize) -> u64 {
 }
 
 /// Returns the maximum number of bytes that [`measure`](crate::measure) takes: 12 columns at the directions evaluated
-/// at a time, of a grid of 1,024 rings or 2 L + 2.
+/// at a time, of a grid with the larger of 1,024 and 2 L + 2 rings.
 #[must_use]
 pub fn measure_bytes(max_degree: usize) -> u64 {
     let rings = 1024.max(2 * max_degree + 2);

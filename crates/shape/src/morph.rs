@@ -1,11 +1,11 @@
-//! Intermediate shapes between two surfaces.
+//! Computes intermediate shapes between two surfaces.
 //!
 //! The moving surface is first [aligned](mod@crate::align): its coefficients become `T a` with a rotation R of the
 //! parameters and a similarity of space. The shape, without row 0, is interpolated linearly, `(1 - t) T a + t b`. The
 //! pose, if it is kept, is interpolated along the shortest path: the object's rotation at a constant angular speed (K.
 //! Shoemake, "Animating rotation with quaternion curves", SIGGRAPH 1985), scale geometrically and position linearly. So
-//! a surface that only differs in pose isn't deformed on its way. If surfaces don't correspond well, the volume half
-//! way is small: see [`volume_ratio`].
+//! there is no deformation between two surfaces that differ only in pose. If surfaces don't correspond well, the shape
+//! at t = 1/2 has a small volume: see [`volume_ratio`].
 
 use spharm_harmonics::Coefficients;
 use spharm_monitor::Monitor;
@@ -15,7 +15,7 @@ use crate::matrix3::transposed;
 use crate::transform::{SQRT_4_PI, Similarity, transform_object};
 use crate::{MeasureParams, Rotation, ShapeError, measure};
 
-/// If the volume half way is below this fraction of the smaller end's volume, the surfaces don't correspond.
+/// If the volume at t = 1/2 is below this fraction of the smaller end's volume, the surfaces don't correspond.
 pub const LEAST_VOLUME: f64 = 0.8;
 
 /// A path between two surfaces of one degree.
@@ -33,7 +33,7 @@ pub struct Morph {
 
 impl Morph {
     /// Aligns `from` to `to` and creates the path between them, at the lower of the two degrees. If `keep_pose`, the
-    /// path starts at the pose of `from`; else all of it is in the pose of `to`.
+    /// path starts at the pose of `from`; otherwise the whole path is in the pose of `to`.
     ///
     /// # Errors
     ///
@@ -74,7 +74,7 @@ impl Morph {
         if !self.keep_pose {
             return Ok(shape);
         }
-        // About the shape's own centre: x -> Q(t)^T (x - c) s(t) + c'(t).
+        // The pose at time t, about the shape's own centre c: x -> Q(t)^T (x - c) s(t) + c'(t).
         let rotation = Rotation::from_matrix(self.pose.orthogonal)?;
         let part = portion(&rotation, 1.0 - t)?;
         let scale = self.pose.scale.powf(1.0 - t);
@@ -113,7 +113,7 @@ fn portion(rotation: &Rotation, share: f64) -> Result<Rotation, ShapeError> {
     Rotation::from_axis_angle(plus[longest], share * angle)
 }
 
-/// Returns the volume half way over the smaller of the ends' volumes. Below [`LEAST_VOLUME`] the surfaces don't
+/// Returns the volume at t = 1/2 divided by the smaller of the ends' volumes. Below [`LEAST_VOLUME`] the surfaces don't
 /// correspond.
 ///
 /// # Errors
@@ -178,7 +178,7 @@ mod tests {
         let volume = |surface: &Coefficients| measure(surface, &MeasureParams::default(), &Silent).unwrap().volume;
         let (first, half) = (morph.at(0.0).unwrap(), morph.at(0.5).unwrap());
         assert!((volume(&first) / volume(&from) - 1.0).abs() < 1e-9);
-        // Scale goes from 1 to 2: sqrt(2) half way.
+        // Scale goes from 1 to 2: it is sqrt(2) at t = 1/2.
         assert!((volume(&half) / volume(&from) - 8f64.sqrt()).abs() < 1e-8);
         let place = |surface: &Coefficients| [0, 1, 2].map(|k| surface.values()[[0, k]]);
         for k in 0..3 {
@@ -186,7 +186,7 @@ mod tests {
             let middle = 0.5 * (place(&first)[k] + to.values()[[0, k]]);
             assert!((place(&half)[k] - middle).abs() < 1e-9);
         }
-        // In the pose of the second surface it stays constant.
+        // In the pose of the second surface the path is constant.
         let still = Morph::new(&from, &to, &params, false, &Silent).unwrap();
         assert!(rmsd(&still.at(0.3).unwrap(), &to).unwrap() < 1e-9);
         assert!((volume_ratio(&still, &Silent).unwrap() - 1.0).abs() < 1e-9);

@@ -1,16 +1,16 @@
-//! Values of a group that lie far from the others, and duplicate members.
+//! Finds values of a group that lie far from the others, and duplicate members.
 //!
-//! The robust z of a value is its distance from the median in units of the group's spread, which is insensitive to a
-//! few values:
+//! The robust z of a value is its distance from the median in units of the group's spread s, which a few values hardly
+//! influence:
 //!
 //! ```text
 //! z = (x - median) / s,  s = 1.4826 MAD
 //! ```
 //!
 //! with MAD the median of the distances from the median, and 1.4826 the factor that makes s the standard deviation for
-//! normally distributed values. If more than half of the values are equal, s is 1.2533 times the mean distance (a
-//! single different value then is an outlier among seven or more). B. Iglewicz and D. Hoaglin, "How to Detect and
-//! Handle Outliers" (1993).
+//! normally distributed values. If more than half of the values are equal, s is 1.2533 times the mean distance from the
+//! median. (Among seven or more values, a single value that differs from equal ones is then an outlier.) B. Iglewicz
+//! and D. Hoaglin, "How to Detect and Handle Outliers" (1993).
 
 use std::collections::HashMap;
 
@@ -61,13 +61,14 @@ pub fn outliers(values: &[f64]) -> Vec<Outlier> {
     found
 }
 
-/// Returns the members of a group that are bitwise equal, a list for each set of them, in the group's order.
+/// Returns the members of a group that are bitwise equal, a list of indices for each set of equal members, in the
+/// group's order.
 #[must_use]
 pub fn equal_members(members: &[Coefficients]) -> Vec<Vec<usize>> {
     let mut places: HashMap<Vec<u64>, usize> = HashMap::new();
     let mut sets: Vec<Vec<usize>> = Vec::new();
     for (index, member) in members.iter().enumerate() {
-        // The first values are the key: different members normally differ in them already.
+        // Members are first sorted by a key, their first values: different members normally differ in the key already.
         let key: Vec<u64> = member.values().iter().take(KEY).map(|value| value.to_bits()).collect();
         let set = *places.entry(key).or_insert_with(|| {
             sets.push(Vec::new());
@@ -129,7 +130,7 @@ mod tests {
             assert!((z / 1.2863 - value).abs() < 1e-3, "{z} {value}");
         }
         assert_eq!(robust_z(&[2.0; 6]), [0.0; 6]);
-        // More than half are equal.
+        // More than half of the values are equal.
         let [only] = outliers(&[1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 9.0])[..] else { panic!("one") };
         assert_eq!(only.index, 7);
         assert!(robust_z(&[]).is_empty());

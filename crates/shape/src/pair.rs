@@ -1,4 +1,4 @@
-//! The joint search over both rotations of a pair of surfaces.
+//! Searches the rotations of the parameters and of space jointly for a pair of surfaces.
 //!
 //! Without row 0, `|Q R f - g|^2 = |f|^2 + |g|^2 - 2 tr Q^T M(R)` with `M_ij(R) = <g_i, R f_j>`. The best Q of a given
 //! R has a closed form ([`kabsch`](spharm_surface::kabsch)), so that one [grid](crate::so3_grid) of R searches both
@@ -22,7 +22,7 @@ use spharm_surface::kabsch::svd;
 /// A surface without row 0, scaled to norm 1.
 #[derive(Debug, Clone)]
 pub(crate) struct Unit {
-    /// (K, 3).
+    /// Coefficients, (K, 3), with row 0 zero.
     pub(crate) rows: Vec<[f64; 3]>,
     /// Norm before scaling; zero for a surface that is a point.
     pub(crate) norm: f64,
@@ -34,7 +34,7 @@ impl Unit {
         let rows = coefficients.up_to(degree);
         let mut rows: Vec<[f64; 3]> = rows.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect();
         rows[0] = [0.0; 3];
-        // Scaled twice, so that squares neither overflow nor underflow.
+        // Scaled by the largest value first, so that squares neither overflow nor underflow.
         let largest = rows.as_flattened().iter().fold(0.0_f64, |largest, v| largest.max(v.abs()));
         let total = coefficients.values().iter().fold(0.0_f64, |largest, v| largest.max(v.abs()));
         if largest <= 1e-14 * total {
@@ -70,7 +70,8 @@ impl Unit {
 pub(crate) struct Found {
     pub(crate) fit: Fit,
     pub(crate) antipodal: bool,
-    /// |Q R f - g| reached by each start, the best start of the grid first.
+    /// Distance |Q R f - g| reached by each start: first the starts of the grid, by descending score, then those from
+    /// the ellipsoids.
     pub(crate) ends: Vec<f64>,
 }
 
@@ -89,7 +90,7 @@ impl Plan {
     /// Searches all rotations for a surface of norm 1.
     pub(crate) fn search(&self, f: &Unit, target: &Target, space: Space, monitor: &dyn Monitor) -> Found {
         let mut starts = self.starts_of(f, target, space, false);
-        // A surface in a known pose is oriented outwards: the sphere is never mirrored.
+        // f(-u) is searched only if mirror images are allowed; in a known pose both surfaces are oriented outwards.
         let other = (space == Space::Mirrored).then(|| f.antipodal());
         if let Some(other) = &other {
             starts.extend(self.starts_of(other, target, space, true));
@@ -151,11 +152,11 @@ struct Start {
     antipodal: bool,
 }
 
-/// Surfaces of more than twice this degree are first refined at this degree, and then only from the distinct ends,
-/// because starts often converge to the same one.
+/// Surfaces of more than twice this degree are first refined at this degree. Only the distinct end points are then
+/// refined at the full degree, because starts often converge to the same end point.
 const COARSE: usize = 20;
 
-/// Returns the distinct ends of the starts, in the order of the starts.
+/// Returns the distinct end points that the starts reached, in the order of the starts.
 fn distinct(fits: &[Fit], starts: &[Start]) -> Vec<Start> {
     let mut kept: Vec<(Start, f64)> = Vec::new();
     for (fit, start) in fits.iter().zip(starts) {
@@ -171,7 +172,7 @@ fn distinct(fits: &[Fit], starts: &[Start]) -> Vec<Start> {
     kept.into_iter().map(|(start, _)| start).collect()
 }
 
-/// Returns the fit with the best Q only.
+/// Returns the fit with the best rotation Q of space, without a rotation of the parameters.
 pub(crate) fn object_only(f: &[[f64; 3]], g: &[[f64; 3]], mirror: bool) -> Fit {
     let correlation = outer(g, f);
     let values = svd(&correlation).values;
@@ -181,7 +182,7 @@ pub(crate) fn object_only(f: &[[f64; 3]], g: &[[f64; 3]], mirror: bool) -> Fit {
         rotation: Rotation::IDENTITY,
         orthogonal,
         distance: distance(f, &orthogonal, g),
-        // Only Q was searched; its singular values are sufficient.
+        // Only Q was searched; the singular values suffice to see whether it is determined.
         stiffness: 1.0,
         singular_values: [values[0], values[1], sign * values[2]],
     }

@@ -1,4 +1,4 @@
-//! Principal components of a group of aligned models: its modes of variation.
+//! Computes the principal components of a group of aligned models: its modes of variation.
 //!
 //! Shapes are coefficients without row 0, which is the position. With the distance `|a - b| / sqrt(4 pi)` (see the
 //! [crate]) the variance of a group is `sum |a_i - mean|^2 / (4 pi (n - 1))`, in the square of the unit of length;
@@ -201,7 +201,7 @@ mod tests {
         assert!((modes.variances[0] / (4.0 * 28.0 / 6.0 / SPHERE) - 1.0).abs() < 1e-13, "{:?}", modes.variances);
         assert!(modes.variances[2..].iter().all(|variance| *variance < 1e-25));
         assert!((modes.total_variance - modes.variances.iter().sum::<f64>()).abs() < 1e-15);
-        // Row 4, the third without row 0, column 1.
+        // Row 4 has index 3 without row 0; with column 1 the element is 3 * 3 + 1 = 10.
         assert!((modes.modes[[0, 10]] - SPHERE.sqrt()).abs() < 1e-13);
         for (i, member) in group.iter().enumerate() {
             let (scores, left) = modes.project(member.view()).unwrap();

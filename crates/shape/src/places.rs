@@ -1,9 +1,9 @@
-//! Check whether equal directions correspond in a group whose maps to the sphere may have been made separately.
+//! Checks whether equal directions correspond in a group whose maps to the sphere may have been made separately.
 //!
-//! Surfaces are compared with each other at the same directions of an icosphere, and each with the nearest points of
-//! the other. Members are compared with the typical one, which is nearest to their mean. If their distance from it at
-//! equal directions exceeds that of their surfaces by a factor above [`FAR_FROM_A_MEMBER`], means, modes and tests show
-//! how the maps differ.
+//! Surfaces are compared with each other at the same directions of an icosphere, and by the nearest points of the other
+//! surface. Members are compared with the typical member, which is nearest to their mean. If the distance at equal
+//! directions exceeds the distance between the surfaces by a factor above [`FAR_FROM_A_MEMBER`], means, modes and tests
+//! reflect differences between the maps.
 //!
 //! Cost: about 10 ms per member on one thread, for at most [`MOST`] members. Poses are checked by
 //! [`surface_poses`](crate::surface_poses()).
@@ -23,7 +23,8 @@ use crate::surface_poses::{FAR_FROM_A_MEMBER, SurfacePoseWarning};
 
 /// Maximum number of members compared with the typical one, evenly spaced over the group.
 pub const MOST: usize = 64;
-/// Subdivisions of the icosphere whose triangles are the surfaces, and of that whose vertices are the query points.
+/// Subdivisions of the icosphere whose triangles make up the surfaces, and of the icosphere whose vertices are the
+/// query points.
 const LEVELS: [u32; 2] = [4, 3];
 const ACCURACY: f64 = 1e-6;
 

@@ -1,17 +1,18 @@
-//! Check whether the models of a group lie in one pose, which a mean, modes and tests require.
+//! Checks whether the models of a group lie in one pose, which a mean, modes and tests require.
 //!
-//! The degree 1 rows of a surface, B (3 x 3), map a direction to its place on the first-order ellipsoid. If surfaces
-//! correspond, their B are similar. If they are rotated in space or in the parameters, Q B R, they cancel each other in
-//! the sum. The sum is largest if all have the same singular vectors: `|sum Q_i B_i R_i| <= |sum s_i|`, with s_i the
-//! vectors of singular values in descending order (von Neumann's trace inequality). The ratio
+//! The degree 1 rows of a surface, B (3 x 3), map a direction to its point on the first-order ellipsoid. If surfaces
+//! correspond, their B are similar. If they are rotated in space or in the parameters, B becomes Q B R, and the
+//! matrices cancel each other in the sum. The sum is largest if all matrices have the same singular vectors: `|sum Q_i
+//! B_i R_i| <= |sum s_i|`, with s_i the vectors of singular values in descending order (von Neumann's trace
+//! inequality). The ratio
 //!
 //! ```text
 //! |sum B_i| / |sum s_i|
 //! ```
 //!
-//! is 1 for surfaces in one pose, whatever their sizes and shapes, and about 1 / sqrt(n) for n in random ones: 0.27 for
-//! 12, 0.42 for 5 and 0.55 for 3, for an ellipsoid of axes 9, 5 and 3. It needs no search. It can't detect half turns
-//! about the axes of the ellipsoid in both spaces, which leave B unchanged.
+//! is 1 for surfaces in one pose, whatever their sizes and shapes, and about 1 / sqrt(n) for n surfaces in random
+//! poses: 0.27 for 12 surfaces, 0.42 for 5 and 0.55 for 3, with an ellipsoid of axes 9, 5 and 3. The ratio needs no
+//! search. It can't detect half turns about the axes of the ellipsoid in both spaces, which leave B unchanged.
 
 use std::fmt;
 
@@ -20,14 +21,14 @@ use spharm_harmonics::Coefficients;
 use crate::matrix3::Matrix3;
 use spharm_surface::kabsch::svd;
 
-/// Minimum ratio for surfaces in one pose. In random poses 1 in 200 groups of 5 surfaces exceed it, and one in twelve
-/// groups of 3.
+/// Minimum ratio for surfaces in one pose. In random poses 1 in 200 groups of 5 surfaces exceeds it, and 1 in 12 groups
+/// of 3.
 const LEAST: f64 = 0.75;
 
 /// Warning that surfaces don't lie in one pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PosesDiffer {
-    /// Fraction of their first-order ellipsoids that remains in the mean; 1 if all are in one pose.
+    /// Fraction of the first-order ellipsoids that doesn't cancel in the mean; 1 if all surfaces are in one pose.
     pub left: f64,
 }
 

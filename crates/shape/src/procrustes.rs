@@ -1,11 +1,12 @@
-//! Alignment of a group of surfaces: generalised Procrustes analysis over both rotations.
+//! Aligns a group of surfaces: generalised Procrustes analysis over rotations of the parameters and of space.
 //!
 //! J. Gower, "Generalized Procrustes analysis", Psychometrika 40 (1975): every surface is aligned to the mean, the mean
 //! is recomputed, and so on, until the spread `sqrt(sum |a_i - mean|^2 / n / 4 pi)` no longer falls. All surfaces are
-//! first aligned to a template by the [joint search](mod@crate::align). After that each is refined from its current
-//! pose, and searched anew once the group has converged. Local optima do occur, so several templates are tried and the
-//! smallest spread is taken; the report holds the spreads of all templates. Members are centred at the origin. With
-//! `scale` all are first scaled to the root mean square size of the group, so that the group doesn't shrink.
+//! first aligned to a template by the [joint search](mod@crate::align). After that each surface is refined from its
+//! current pose, and searched anew once the group has converged. Local optima do occur, so several templates are tried
+//! and the smallest spread is taken; the report holds the spreads of all templates. Members are centred at the origin.
+//! With `scale` all members are first scaled to the root mean square size of the group, so that the group doesn't
+//! shrink.
 //!
 //! The mean of a group has no natural pose. At the end all surfaces are rotated together so that the mean is in the
 //! [frame](crate::foe) of its first-order ellipsoid: the result doesn't depend on the poses that were given.
@@ -42,9 +43,9 @@ use crate::surface_poses::surface_poses;
 use crate::templates::templates;
 use crate::transform::{SQRT_4_PI, Similarity, Transform};
 
-/// Minimum number of members of a mean.
+/// Minimum number of members of a group.
 const LEAST: usize = 3;
-/// Number of members after whose alignment the journal is written.
+/// The journal is written whenever this many members have been aligned.
 const KEPT: usize = 64;
 
 /// Aligns a group, see the [module](self). Members are (K, 3) each.
@@ -61,8 +62,9 @@ pub fn procrustes(
     procrustes_with(members, params, None, monitor)
 }
 
-/// Aligns a group like [`procrustes`], and saves its progress in a journal. An interrupted run resumes from it, and its
-/// result is the same to the last bit. Open the journal by [`Journal::open`] with the same members and settings.
+/// Aligns a group like [`procrustes`], and saves its progress in a journal. A later run resumes from the journal, and
+/// its result is bitwise the same as without the interruption. Open the journal by [`Journal::open`] with the same
+/// members and settings.
 ///
 /// # Errors
 ///
@@ -117,7 +119,7 @@ fn brought_together(
         let start = group.brought_to(template)?;
         let (round, rounds, change) = group.settle(start)?;
         ends.push(TemplateEnd { template, spread: round.spread, rounds });
-        // Spreads that agree to the tolerance are equal: the first of them is kept.
+        // Spreads that agree to the tolerance count as equal: the first start that reached one is kept.
         let much = 10.0 * params.tolerance;
         if best.as_ref().is_none_or(|best| round.spread < best.spread * (1.0 - much)) {
             best = Some(round);
@@ -163,7 +165,7 @@ impl<'a> Group<'a> {
         monitor: &'a dyn Monitor,
     ) -> Result<Self, ShapeError> {
         let units: Vec<Unit> = members.iter().map(|member| Unit::new(member, degree)).collect();
-        // Spreads are sums of squares, which must stay in range.
+        // Spreads are sums of squares, which must neither overflow nor underflow.
         for (index, Unit { norm, .. }) in units.iter().enumerate() {
             if *norm > 0.0 && !(1e-100..=1e100).contains(norm) {
                 let source = Box::new(ShapeError::Range { largest: *norm });
@@ -197,7 +199,8 @@ impl<'a> Group<'a> {
         Ok(Round { spread: spread_of(&members, &mean), members, mean })
     }
 
-    /// Returns a pose of every member: those in the journal, and computed ones, which are added to the journal.
+    /// Returns a pose for every member: first the poses left in the journal, then newly computed poses, which are added
+    /// to the journal.
     fn each(&self, pose: impl Fn(usize) -> Pose + Sync) -> Result<Vec<Pose>, ShapeError> {
         let (count, mut journal) = (self.units.len(), self.journal.lock().unwrap_or_else(PoisonError::into_inner));
         let mut poses = journal.as_mut().map_or_else(Vec::new, |journal| journal.take(count));
@@ -239,7 +242,8 @@ impl<'a> Group<'a> {
         }
     }
 
-    /// Refines every member once against the mean; if `anew`, also searches, and takes the nearer of the two.
+    /// Refines every member once against the mean. If `anew`, also searches its pose and takes the pose nearer to the
+    /// mean.
     fn to_mean(&self, round: &Round, anew: bool) -> Result<Round, ShapeError> {
         let target = round.target();
         let mirror = self.mirror;
@@ -258,8 +262,8 @@ impl<'a> Group<'a> {
         })
     }
 
-    /// Iterates until the spread stops falling, also after a search. Returns the rounds and, if they ran out, the last
-    /// change.
+    /// Iterates until the spread stops falling even after a new search. Returns the last round, the number of rounds
+    /// and, if their maximum was reached, the last relative change of the spread.
     fn settle(&self, start: Round) -> Result<(Round, usize, Option<f64>), ShapeError> {
         let (mut round, mut anew, mut change) = (start, false, 0.0);
         for rounds in 1..=self.params.max_rounds {
@@ -267,7 +271,7 @@ impl<'a> Group<'a> {
             change = (round.spread - next.spread) / round.spread.max(f64::MIN_POSITIVE);
             let rests = change < self.params.tolerance;
             round = next;
-            // Below rounding of the surfaces there is no improvement.
+            // A spread below the surfaces' rounding errors can't be improved.
             if (rests && (anew || self.plan.is_none())) || round.spread <= 1e-14 * round.size() {
                 return Ok((round, rounds, None));
             }

@@ -16,7 +16,7 @@ pub struct ProcrustesParams {
     /// [`Method::Surfaces`](crate::Method::Surfaces) or [`Method::FixedParameters`](crate::Method::FixedParameters). By
     /// default 3 starts are refined in each search, because every surface is searched several times.
     pub align: AlignParams,
-    /// Number of templates to start from; by default every member of up to 20, and 5 members of larger groups.
+    /// Number of templates to start from; by default all members of groups of up to 20, and 5 members of larger groups.
     pub templates: Option<usize>,
     /// Relative decrease of the spread below which a start has converged; 1e-7 by default. The best start continues
     /// until surfaces move by less than 1e-10 of their size.
@@ -47,15 +47,15 @@ pub enum ProcrustesWarning {
         /// The highest degree.
         highest: usize,
     },
-    /// The mirror image of a member is nearer to the others, while each of these is nearer unmirrored: it may be of the
-    /// other side. If shapes hardly differ from their mirror images, or differ more among themselves, as five
-    /// hippocampi do, a mirrored member mostly goes undetected.
+    /// A member's mirror image is nearer to the other members than the member itself, whereas the others are nearer
+    /// unmirrored: the member may be of the other side. If shapes hardly differ from their mirror images, or differ
+    /// more among themselves, as five hippocampi do, a mirrored member mostly goes undetected.
     Mirrored {
         /// Index of the member, from 0.
         member: usize,
         /// Distance of the member from the mean of the others.
         rmsd: f64,
-        /// Distance of its mirror image.
+        /// Distance of its mirror image from the mean of the others.
         mirrored: f64,
     },
     /// The group mixes two sides, and its mean belongs to neither: matching mirror images reduces the spread by a fifth
@@ -69,7 +69,7 @@ pub enum ProcrustesWarning {
         /// The group's spread; if poses are determined by the surfaces, the distance of the members of one side from
         /// the typical member of the other.
         spread: f64,
-        /// The same with mirror images matched.
+        /// The spread, or the distance, with mirror images matched.
         mirrored: f64,
     },
     /// A warning about the alignment of one member to the mean.
@@ -115,7 +115,7 @@ impl ProcrustesWarning {
         }
     }
 
-    /// Returns the warning's text without the member's number, if it concerns one; else the entire text.
+    /// Returns the warning's text, without the member's number if the warning concerns a single member.
     #[must_use]
     pub fn of_member(&self) -> String {
         match self {
@@ -193,7 +193,7 @@ impl fmt::Display for ProcrustesWarning {
 /// Result of one start.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TemplateEnd {
-    /// The member that all were first aligned to.
+    /// Index of the member to which all members were first aligned.
     pub template: usize,
     /// The spread reached.
     pub spread: f64,

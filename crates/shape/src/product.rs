@@ -1,7 +1,8 @@
-//! Products of matrices on one thread: bitwise the same on any number of threads, also inside parallel loops.
+//! Multiplies matrices on one thread: the product is bitwise the same on any number of threads, also inside parallel
+//! loops.
 //!
-//! ndarray's own `dot` uses OpenBLAS if another crate of the program enables it. Its threads would then compete with
-//! those of the calling loop.
+//! ndarray's own `dot` uses OpenBLAS if another crate of the program enables it. The threads of OpenBLAS would then
+//! compete with the threads of the calling loop.
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};

@@ -1,4 +1,4 @@
-//! The quarter `Delta_{i,k} = d^l_{i,k}(pi/2)`, `0 <= i, k <= l`, of Wigner's matrix, row by row.
+//! Computes the quarter `Delta_{i,k} = d^l_{i,k}(pi/2)`, `0 <= i, k <= l`, of Wigner's matrix, row by row.
 //!
 //! S. Trapani and J. Navaza, "Calculation of spherical harmonics and Wigner d functions by FFT", Acta Cryst. A62
 //! (2006), in the signs of the canonical basis:
@@ -9,23 +9,25 @@
 //! q = (l-k)(l+k+1),   k = l-1, ..., 0
 //! ```
 //!
-//! A row starts where its values are smallest, as small as 2^-l, and grows until `i^2 + k^2 <= l^2`; from there it
-//! oscillates, and the recurrence is stable in both parts. **Each row keeps its own exponent:** plain doubles underflow
-//! at the start and grow back wrong, by 27 % in a column's norm at degree 3,000. A row is *hidden* while its values are
-//! below 2^-80, and treated as zero; degree 3,000 has rows that start below 2^-3000.
+//! A row starts where its values are smallest, as small as 2^-l, and grows until `i^2 + k^2 <= l^2`; from there the
+//! values oscillate. The recurrence is stable in both parts. **Each row keeps its own exponent:** plain doubles would
+//! underflow at the start, and the values that grow from there would be wrong, by 27 % in a column's norm at degree
+//! 3,000. A row is *hidden* while its values are below 2^-80, and treated as zero; degree 3,000 has rows that start
+//! below 2^-3000.
 //!
 //! Rows are independent, so several are computed together, one lane each. Cost: 3 flops per value; `O(l)` memory.
 
 use spharm_harmonics::double_double::DoubleDouble;
 
-/// Steps between two checks of the exponents: a row grows by less than 2^60 meanwhile, up to degree 30,000.
+/// Number of steps between two checks of the exponents. Up to degree 30,000 a row grows by less than 2^60 in these
+/// steps.
 pub(crate) const BLOCK: usize = 8;
-/// Rows are computed in multiples of this.
+/// Rows are computed in multiples of this number.
 pub(crate) const LANES: usize = 8;
-/// A hidden value is stored multiplied by 2^512, or by a higher power of that.
+/// A hidden value is stored multiplied by 2^512, or by a higher power of 2^512.
 const HIDDEN_SCALE: f64 = f64::from_bits((1023 + 512) << 52);
 const HIDDEN_INVERSE: f64 = f64::from_bits((1023 - 512) << 52);
-/// A stored value above this is scaled down: its row is then accurate from 2^-120 on.
+/// A stored value above this is scaled down. Its row is therefore accurate for values from 2^-120 on.
 const LARGE: f64 = f64::from_bits((1023 + 392) << 52);
 /// A row whose first value is below this starts as hidden.
 const SMALL: f64 = f64::from_bits((1023 - 120) << 52);
@@ -48,7 +50,7 @@ impl Centre {
     }
 }
 
-/// Data shared by the rows of one degree, and the start of each row. Steps t count down from k: `t = l - k`.
+/// Data shared by the rows of one degree, and the start of each row. Step t computes k = l - t.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Quarter {
     /// The degree, l.
@@ -113,7 +115,7 @@ impl Quarter {
     }
 }
 
-/// Which of the rows computed together are hidden.
+/// Whether all, some or none of the rows computed together are hidden.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Hidden {
     All,
@@ -214,8 +216,8 @@ pub(crate) fn dense(degree: usize, centre: &Centre) -> Vec<f64> {
 mod tests {
     use super::*;
 
-    /// Rows are orthogonal: the norm of row i over all k, where values at k < 0 equal those at k > 0 except for the
-    /// sign.
+    /// Returns the largest deviation of a row's norm from 1. The norm is over all k; values at k < 0 equal those at k >
+    /// 0 except for the sign.
     fn worst_norm(degree: usize) -> f64 {
         let delta = dense(degree, &Centre::new(degree));
         let row_norm = |row: &[f64]| row[0] * row[0] + 2.0 * row[1..].iter().map(|v| v * v).sum::<f64>();
@@ -226,7 +228,8 @@ mod tests {
     fn rows_have_norm_one_beyond_the_range_of_doubles() {
         for degree in [0, 1, 2, 7, 8, 9, 60, 500, 1_500, 3_000] {
             let worst = worst_norm(degree);
-            // The worst row has i near l, where the recurrence is worst conditioned; the mean error is a tenth of it.
+            // The worst row has i near l, where the recurrence is worst conditioned; the mean error of the rows is a
+            // tenth of the worst.
             assert!(worst < 1e-16 * degree.max(20) as f64, "degree {degree}: {worst:e}");
         }
     }
@@ -244,7 +247,7 @@ mod tests {
         }
     }
 
-    /// d^1 and d^2 at pi/2, from the literature.
+    /// Compares d^1 and d^2 at pi/2 with values from the literature.
     #[test]
     fn low_degrees_are_the_textbooks() {
         let root = |v: f64| v.sqrt();

@@ -1,4 +1,4 @@
-//! Refinement of an alignment from a rotation near the best one.
+//! Refines an alignment, starting from a rotation near the best one.
 //!
 //! For coefficients f and g of norm 1 without row 0, `<g, Q (R f)>` is maximised over the rotations R of the parameters
 //! and Q of space. Q follows from R in closed form ([`kabsch`](spharm_surface::kabsch)). Around (R, Q), for rotation
@@ -9,10 +9,10 @@
 //! ```
 //!
 //! has gradient and second derivatives that are sums of 3 x 3 products of g, R f and their [infinitesimal
-//! rotations](crate::derivatives): `O(K)`. The steps are Newton's, with Levenberg's damping in the metric of Gauss and
-//! Newton (the squared lengths of the six directions): its matrix equals Newton's if g = Q R f, and it keeps steps far
-//! from the optimum short. Convergence is quadratic even if the surfaces differ. If the pose is known
-//! ([`Space::Fixed`]), only R varies.
+//! rotations](crate::derivatives), at a cost of `O(K)`. The steps are Newton's, with Levenberg's damping in the metric
+//! of Gauss and Newton (the squared lengths of the six directions). The Gauss-Newton matrix equals Newton's if g = Q R
+//! f, and the damping keeps steps far from the optimum short. Convergence is quadratic even if the surfaces differ. If
+//! the pose is known ([`Space::Fixed`]), only R varies.
 
 use spharm_monitor::Monitor;
 
@@ -23,10 +23,10 @@ use crate::rotate::Rotator;
 use crate::rotation::Rotation;
 use spharm_surface::kabsch::{kabsch, svd};
 
-/// A surface that others are aligned to.
+/// A surface to which other surfaces are aligned.
 #[derive(Debug)]
 pub(crate) struct Target {
-    /// (K, 3), row 0 zero, norm 1.
+    /// Coefficients, (K, 3), with row 0 zero and norm 1.
     pub(crate) rows: Vec<[f64; 3]>,
     generators: [Vec<[f64; 3]>; 3],
 }
@@ -55,7 +55,7 @@ pub(crate) struct Fit {
 
 /// Maximum number of steps; about a dozen are typical.
 const STEPS: usize = 60;
-/// The last step is below this, in radians: the next would be of the order of its square.
+/// The refinement ends after a step below this, in radians: the next step would be of the order of its square.
 const LAST: f64 = 1e-9;
 
 /// A rotation, the rotated f, and its distance from the target.
@@ -94,7 +94,7 @@ impl Space {
 }
 
 /// Refines a rotation of `f`, (K, 3), of norm 1 with row 0 zero. Stops early if the monitor interrupts; the caller has
-/// to check it.
+/// to check the monitor.
 pub(crate) fn refine(
     rotator: &Rotator,
     f: &[[f64; 3]],
@@ -125,7 +125,7 @@ pub(crate) fn refine(
             if let Some(step) = model.step(damping) {
                 size = step.iter().map(|v| v * v).sum::<f64>().sqrt();
                 let trial = at(Rotation::exponential([step[0], step[1], step[2]]) * state.rotation);
-                // Near the optimum differences are rounding.
+                // Near the optimum differences of the distance are rounding errors.
                 if trial.distance < state.distance || size < LAST {
                     next = Some(trial);
                     break;
@@ -206,7 +206,7 @@ impl Model {
                 model.hessian[i][j] += both;
                 model.hessian[j][i] += both;
                 model.hessian[3 + i][3 + j] = if i == j { total } else { 0.0 } - (n[i][j] + n[j][i]) / 2.0;
-                // <g, e_j x y> = g_k y_i - g_i y_k of the next axes i and k.
+                // <g, e_j x y> = g_k y_i - g_i y_k, with i and k the next two axes after j.
                 let (next, last) = ((j + 1) % 3, (j + 2) % 3);
                 let mixed = p[last][next] - p[next][last];
                 (model.hessian[i][3 + j], model.hessian[3 + j][i]) = (mixed, mixed);
@@ -235,7 +235,7 @@ impl Model {
 
     /// Returns the damped step to the minimum, or `None` if there is no minimum.
     fn step(&self, damping: f64) -> Option<[f64; 6]> {
-        // The floor allows directions along which nothing changes.
+        // The floor makes the matrix positive definite even if the distance doesn't change along some direction.
         let floor = 1e-14 * self.metric.iter().sum::<f64>() + f64::MIN_POSITIVE;
         let mut l = self.hessian;
         for (i, row) in l.iter_mut().enumerate() {

@@ -1,16 +1,16 @@
-//! Retrieval: the models of a library that are nearest to a query.
+//! Finds the models of a library that are nearest to a query.
 //!
-//! A [`Library`] holds the singular values of its models ([`descriptors`](mod@crate::descriptors)). Their distance from
-//! those of the query is a lower bound of the distance between the aligned surfaces. [`Library::nearest`] sorts by that
-//! bound. [`Library::refined`] aligns candidates in the order of their bounds, until the next bound is no better than
-//! the distances found. If the alignment finds the best rotation, the result is that of aligning every model, at the
-//! cost of aligning a few.
+//! A [`Library`] holds the singular values of its models ([`descriptors`](mod@crate::descriptors)). The distance
+//! between the singular values of a model and of the query is a lower bound of the distance between the aligned
+//! surfaces. [`Library::nearest`] sorts by that bound. [`Library::refined`] aligns candidates in the order of their
+//! bounds, until the next bound is no better than the distances found. If the alignment finds the best rotation, the
+//! result is the same as if every model were aligned, at the cost of aligning a few.
 //!
 //! [`Metric::Standardized`] first divides each singular value by its standard deviation over the library, so that high
-//! degrees, which are small, weigh as much as low ones. It recognises a shape among many if each degree is perturbed in
-//! proportion to its size; its score isn't a distance between surfaces.
+//! degrees, which are small, weigh as much as low ones. This metric recognises a shape among many if each degree is
+//! perturbed in proportion to its size. Its score isn't a distance between surfaces.
 //!
-//! Cost: 6 L flops and 24 L bytes per model, 4 MB for 10,000 at L = 15.
+//! Cost: 6 L flops and 24 L bytes per model, 4 MB for 10,000 models at L = 15.
 
 use rayon::prelude::*;
 
@@ -23,7 +23,7 @@ pub enum Metric {
     /// The distance of the singular values, in the models' unit: a lower bound of the surfaces' distance.
     #[default]
     Distance,
-    /// The same with each singular value in standard deviations over the library, without unit.
+    /// The distance of the singular values, each divided by its standard deviation over the library; without unit.
     Standardized,
 }
 
@@ -59,7 +59,7 @@ impl Library {
     ///
     /// # Errors
     ///
-    /// - [`ShapeError::Setting`]: there are no models, or one has no degree above 0.
+    /// - [`ShapeError::Setting`]: there are no models, or a model has no degree above 0.
     /// - [`ShapeError::Differ`]: a model's number of channels differs from the first one's.
     pub fn new<'a>(models: impl IntoIterator<Item = &'a Descriptors>, unit_size: bool) -> Result<Self, ShapeError> {
         let models: Vec<&Descriptors> = models.into_iter().collect();
@@ -86,7 +86,7 @@ impl Library {
         self.rows.len() / self.width
     }
 
-    /// Returns whether the library has no models, which is never the case.
+    /// Returns whether the library has no models; always `false`, because a library has at least one model.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.rows.is_empty()
@@ -117,8 +117,8 @@ impl Library {
     }
 
     /// Returns the `count` models nearest to a query after alignment, nearest first. `align` returns the root mean
-    /// square distance of an aligned model, given its number in the library. It is called only as often as the bounds
-    /// require, and at most `most` times.
+    /// square distance of an aligned model, given its number in the library. `align` is called only as often as the
+    /// bounds require, and at most `most` times.
     ///
     /// `align` has to compare the same degrees as the library, at unit size if the library does. Calls are sequential,
     /// so that each can use all threads.
@@ -204,7 +204,7 @@ fn check_channels(expected: usize, model: &Descriptors) -> Result<(), ShapeError
 }
 
 /// Returns the singular values up to a degree. Unit size refers to these degrees, so that all comparisons use the same
-/// ones.
+/// degrees.
 fn row(model: &Descriptors, degree: usize, unit_size: bool) -> Vec<f64> {
     let model = model.up_to(degree);
     if unit_size { model.unit_size().singular_values } else { model.singular_values }
@@ -250,13 +250,13 @@ mod tests {
         }
     }
 
-    /// The "alignment" here is the distance without any, for which the bounds hold as well.
+    /// `align` here returns the distance without an alignment, for which the bounds hold as well.
     #[test]
     fn refining_finds_what_comparing_all_finds_with_fewer_comparisons() {
         let models: Vec<Coefficients> = (0..300).map(|seed| model(4, seed)).collect();
         let rows: Vec<Descriptors> = models.iter().map(|model| descriptors(model).unwrap()).collect();
         let library = Library::new(&rows, false).unwrap();
-        // Near model 40, so that there is something to find.
+        // The query is near model 40, so that one model is clearly the nearest.
         let near = models[40].values() + &(model(4, 999).values() * 0.02);
         let query = Coefficients::new(near).unwrap();
         let mut expected: Vec<(f64, usize)> =
@@ -289,7 +289,7 @@ mod tests {
         assert_eq!(library.degree(), 4);
         let query = descriptors(&model(9, 3)).unwrap();
         let first = library.nearest(&query, 1, Metric::Standardized).unwrap()[0];
-        // The lower degrees of model(9, 3) are those of model(6, 3).
+        // The lower degrees of model(9, 3) equal those of model(6, 3).
         assert!(first.index == 1 && first.bound < 1e-14, "{first:?}");
         let low = descriptors(&model(3, 1)).unwrap();
         assert!(matches!(

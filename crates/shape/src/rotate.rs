@@ -1,6 +1,6 @@
-//! Rotation of coefficients in their parameters.
+//! Rotates the parameters of functions on the sphere, given their coefficients.
 //!
-//! A rotation R turns the function on its sphere, `f'(u) = f(R^T u)`: a surface is unchanged in space, and the vertex
+//! A rotation R rotates the function on its sphere, `f'(u) = f(R^T u)`: a surface is unchanged in space, and the vertex
 //! that was at direction u is now at R u. The coefficients of each degree are mixed among themselves, `D = Z(al) J
 //! Z(be) J Z(ga)` with Z(t) the rotation about z, `a'_m = cos(mt) a_m - sin(mt) a_{-m}` for m of either sign, and J the
 //! half turn about (y + z)/sqrt2. Rotations of space are in [`transform`](crate::transform).
@@ -38,7 +38,7 @@ pub fn rotate_parameters(
     let values = values.as_slice().unwrap_or_default();
     let (turns, centre) = (Turns::new(rotation, max_degree), Centre::new(max_degree));
     let mut rotated = vec![0.0; values.len()];
-    // High degrees first, so that no thread ends with a long one.
+    // High degrees come first, so that no thread is left with an expensive degree at the end.
     let mut degrees = Vec::with_capacity(max_degree + 1);
     let mut rest = rotated.as_mut_slice();
     for degree in 0..=max_degree {
@@ -108,7 +108,7 @@ fn rotate_degree(
             let (plus, minus) = ((l + m) * columns + start, (l - m) * columns + start);
             for c in 0..group {
                 let (a, b) = (workspace.cos[m * group + c], workspace.sin[m * group + c]);
-                // At m = 0 both are the same element.
+                // At m = 0 `plus` and `minus` are the same element.
                 out[minus + c] = cos * b + sin * a;
                 out[plus + c] = cos * a - sin * b;
             }
@@ -116,7 +116,8 @@ fn rotate_degree(
     }
 }
 
-/// Rotates repeatedly to the same degree in one thread; data shared by the rotations is kept, `8 (L+1)^2` bytes.
+/// Rotates coefficients of up to one degree repeatedly in one thread. It keeps the data that the rotations share, `8
+/// (L+1)^2` bytes.
 #[derive(Debug)]
 pub(crate) struct Rotator {
     quarters: Vec<Quarter>,
@@ -202,7 +203,7 @@ mod tests {
 
     #[test]
     fn degrees_keep_their_norm_to_degree_2000() {
-        // One column, with values in the high degrees only: the others would only take time.
+        // One column, with values in the highest degree only: other degrees would only take time.
         let degree = 2_000;
         let mut values = Array2::zeros((basis_size(degree), 1));
         let rows = degree * degree..basis_size(degree);

@@ -2,7 +2,7 @@
 //!
 //! A rotation R moves the point u to R u. In Euler angles `R = Rz(al) Ry(be) Rz(ga)`, all in radians, with al and ga in
 //! (-pi, pi] and be in [0, pi]: first a rotation about z by ga, then about y by be, then about z by al. A matrix that
-//! mirrors is rejected rather than corrected: no rotation here is a reflection.
+//! mirrors is rejected rather than corrected, so that a [`Rotation`] is never a reflection.
 
 use std::ops::Mul;
 
@@ -39,8 +39,8 @@ impl Rotation {
     /// The identity.
     pub const IDENTITY: Self = Self { matrix: IDENTITY };
 
-    /// Creates a rotation from a matrix by rows, replaced by the nearest orthogonal one, as a matrix from a file has
-    /// few digits.
+    /// Creates a rotation from a matrix, given by rows. The matrix is replaced by the nearest orthogonal one, because a
+    /// matrix from a file may have few digits.
     ///
     /// # Errors
     ///
@@ -87,8 +87,8 @@ impl Rotation {
         Ok(z(alpha) * y * z(gamma))
     }
 
-    /// Returns the rotation about an axis of nonzero length, by an angle in radians, counter-clockwise seen from its
-    /// tip.
+    /// Returns the rotation about an axis of nonzero length, by an angle in radians, counter-clockwise seen from the
+    /// axis's tip.
     ///
     /// # Errors
     ///
@@ -186,7 +186,7 @@ impl Rotation {
     }
 }
 
-/// Applies the right operand first.
+/// The product of two rotations applies the right operand first.
 impl Mul for Rotation {
     type Output = Self;
 
@@ -197,8 +197,8 @@ impl Mul for Rotation {
 
 type Number = DoubleDouble<false>;
 
-/// Cosine and sine of an angle, in double-double: their m-th powers are then accurate to one rounding, whereas `cos(m
-/// t)` of a rounded angle is off by m of them.
+/// Cosine and sine of an angle, in double-double. Those of m times the angle, computed from them by powers, are then
+/// accurate to one rounding error, whereas `cos(m t)` of a rounded angle t is off by m rounding errors.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Turn {
     cos: Number,
@@ -278,7 +278,8 @@ mod tests {
     }
 
     proptest! {
-        /// Also near beta = 0 and pi, where alpha and gamma are undetermined separately.
+        /// The angles reproduce the rotation, also near beta = 0 and pi, where alpha and gamma are undetermined
+        /// separately.
         #[test]
         fn euler_angles_give_the_rotation_back(a in -3.1..3.1, b in 0.0..3.1, c in -3.1..3.1, small in 0i32..18) {
             let near = 10.0_f64.powi(-small);

@@ -1,23 +1,24 @@
-//! Products of a [quarter](crate::quarter)'s rows with a few columns, computed along with the rows: the inner loop of
-//! rotations.
+//! Multiplies the rows of a [quarter](crate::quarter) with a few columns while the rows are computed. This is the inner
+//! loop of rotations.
 //!
-//! For rows i of one parity, t = l - k and columns x_{k,c}, the sums over even and over odd t of `Delta_{i,k} x_{k,c}`.
-//! Sixteen rows at a time keep their recurrence and their sums in registers. A step loads two factors and c values of x
-//! for all of them and makes 3 + c operations on each. Hidden rows are advanced without products.
+//! For rows i of one parity, t = l - k and columns x_{k,c}, the results are the sums over even t and over odd t of
+//! `Delta_{i,k} x_{k,c}`. Sixteen rows at a time keep their recurrence and their sums in registers. A step loads two
+//! factors and c values of x for all rows, and makes 3 + c operations on each row. Hidden rows are advanced without
+//! products.
 //!
-//! CPU time of a rotation of three columns at degree 1,000: 0.13 s. As plain loops, which the compiler doesn't
-//! vectorise, it is 0.48 s; that of ducc0 0.42, in the same run, 0.41 s.
+//! CPU time of a rotation of three columns at degree 1,000: 0.13 s. Plain loops, which the compiler doesn't vectorise,
+//! take 0.48 s. Version 0.42 of ducc0 took 0.41 s in the same run.
 
 use multiversion::{multiversion, target::match_target};
 
 use crate::quarter::{BLOCK, Hidden, Quarter, Rows, rows};
 
-/// Maximum number of columns taken together; the recurrence is repeated for every such group.
+/// Maximum number of columns processed together; the recurrence is repeated for every such group of columns.
 pub(crate) const COLUMNS: usize = 3;
-/// Number of rows taken together: with three columns, 18 of the 32 registers of AVX-512.
+/// Number of rows processed together; with three columns they use 18 of the 32 registers of AVX-512.
 pub(crate) const WIDTH: usize = 16;
 
-/// By parity of t: the sums of C columns and the rows taken together.
+/// By parity of t: the sums for C columns and the rows processed together.
 type Sums<const C: usize> = [[[f64; WIDTH]; C]; 2];
 
 /// A run of steps: the factors of the recurrence, and (steps, C) values.
@@ -28,8 +29,8 @@ struct Steps<'a> {
     x: &'a [f64],
 }
 
-/// Writes the sums of the rows of a parity with one to [`COLUMNS`] columns. `inputs` is (steps, columns), `sums` by
-/// parity of t (columns, rows).
+/// Writes the sums for the rows of one parity and one to [`COLUMNS`] columns. `inputs` is (steps, columns); `sums` has
+/// an array (columns, rows) for each parity of t.
 pub(crate) fn row_sums(quarter: &Quarter, parity: usize, columns: usize, inputs: &[f64], sums: &mut [Vec<f64>; 2]) {
     match columns {
         1 => sums_1(quarter, parity, inputs, sums),
@@ -111,7 +112,7 @@ fn plain<const C: usize>(hidden: Hidden, rows: &mut Rows<WIDTH>, sums: &mut Sums
     }
 }
 
-/// The same with explicit vector instructions: the compiler turns the portable form into scalar code.
+/// The portable form with explicit vector instructions, because the compiler turns that form into scalar code.
 #[cfg(target_arch = "x86_64")]
 mod x86 {
     use std::arch::x86_64::{
@@ -142,7 +143,7 @@ mod x86 {
                 });
             }
 
-            /// Reads `X` columns of x, of which the first `C` are summed; with `MASK`, hidden rows aren't.
+            /// Reads `X` columns of x and sums the first `C`. With `MASK`, hidden rows aren't summed.
             #[target_feature(enable = $features)]
             fn $some<const C: usize, const X: usize, const MASK: bool>(
                 rows: &mut Rows<WIDTH>,
@@ -202,7 +203,7 @@ mod x86 {
         2,
         [_mm512_set1_pd, _mm512_mul_pd, _mm512_fmadd_pd, _mm512_fmsub_pd]
     );
-    // Twice six sums and rows wouldn't fit into the 16 registers.
+    // Vectors are processed one by one: the sums and rows of two wouldn't fit into the 16 registers.
     kernel_for!(
         avx2,
         avx2_steps,

@@ -1,13 +1,13 @@
-//! File format of a group's modes, `NAME.shape-model.npz`.
+//! Reads and writes the file of a group's modes, `NAME.shape-model.npz`.
 //!
 //! | array | type | contents |
 //! |---|---|---|
-//! | `coefficients` | f64 (K, 3) | the mean, canonical coefficients: the file is also a model of it |
+//! | `coefficients` | f64 (K, 3) | canonical coefficients of the mean: the file can also be read as a model of the mean |
 //! | `modes` | f64 (m, 3 (K - 1)) | modes without row 0, row-major (K - 1, 3), of norm sqrt(4 pi) |
 //! | `variances` | f64 (m, 1) | variance along each mode |
 //! | `scores` | f64 (n, m) | coordinates of the group's members |
 //! | `total_variance` | f64 (1, 1) | variance along all modes |
-//! | `convention` | text () | that of models |
+//! | `convention` | text () | the convention of model files |
 //! | `members` | text () | names of the group's members, one per line |
 //! | `provenance` | text () | JSON: how the file was made |
 
@@ -132,7 +132,7 @@ mod tests {
         assert_eq!((&back.modes.variances, &back.members), (&file.modes.variances, &file.members));
         assert_eq!(Model::read(&path).unwrap().coefficients.values(), &file.modes.mean);
         assert!(file.write(&path, false).is_err());
-        // One member fewer than scores.
+        // The file names one member fewer than it has scores.
         let other = ShapeModel { members: file.members[1..].to_vec(), ..file };
         other.write(&path, true).unwrap();
         assert!(

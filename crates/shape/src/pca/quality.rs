@@ -1,10 +1,10 @@
-//! How well the modes of a group represent shapes of its kind: generalisation and specificity.
+//! Measures how well the modes of a group represent shapes of its kind: generalisation and specificity.
 //!
-//! Both refer to the first k modes, for k = 1 to m, in the unit of length. *Generalisation* is the mean distance of a
-//! member from its nearest shape in the model of all others; *specificity* the mean distance of a random shape of the
-//! model from the nearest member. Smaller is better for both. Members and samples are coordinates along the modes,
-//! which preserve distances, so that the cost doesn't depend on the degree: `n` decompositions of (n, n) for the
-//! former, `samples n m` flops for the latter.
+//! Both measures refer to the first k modes, for k = 1 to m, and are in the unit of length. *Generalisation* is the
+//! mean distance of a member from its nearest shape in the model of all other members; *specificity* is the mean
+//! distance of a random shape of the model from the nearest member. For both, smaller is better. Members and samples
+//! are coordinates along the modes, which preserve distances, so that the cost doesn't depend on the degree: `n`
+//! decompositions of (n, n) for the generalisation, `samples n m` flops for the specificity.
 
 use faer::MatRef;
 use ndarray::{Array2, Axis};
@@ -19,19 +19,20 @@ use crate::ShapeError;
 /// Generalisation and specificity of the first k modes, k = 1 to m.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Quality {
-    /// Mean distance of a member from the model of the others, (m). The others lack the last of n - 1 modes: its value
-    /// is that of one mode fewer.
+    /// Mean distance of a member from the model of the others, (m). Without the member the group has only n - 2 modes:
+    /// the value for n - 1 modes equals the value for n - 2.
     pub generalisation: Vec<f64>,
     /// Mean distance of a random shape from the nearest member, (m).
     pub specificity: Vec<f64>,
 }
 
-/// Maximum number of members that are left out one at a time; of larger groups every `n / 200`th is.
+/// Maximum number of members that are left out one at a time; of larger groups only every `n / 200`th member is left
+/// out.
 const LEFT_OUT: usize = 200;
 const STAGE: Stage = Stage::counted("quality", "members");
 
-/// Computes both for modes of all of a group's variance (n - 1 of them), with the specificity by `samples` random
-/// shapes (typically 2,000) from a seed.
+/// Computes generalisation and specificity for modes of all of a group's variance (n - 1 modes), the specificity by
+/// `samples` random shapes (typically 2,000) from a seed.
 ///
 /// # Errors
 ///
@@ -104,7 +105,7 @@ fn left_by_others(scores: &Array2<f64>, member: usize) -> Result<Vec<f64>, Shape
 pub fn normal(seed: u64, sample: u64, count: usize) -> Vec<f64> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(sample);
-    // In (0, 1], so that the logarithm is finite.
+    // Uniform numbers are in (0, 1], so that the logarithm is finite.
     let mut uniform = || ((random.next_u64() >> 11) + 1) as f64 / (1u64 << 53) as f64;
     let mut values = Vec::with_capacity(count + 1);
     while values.len() < count {

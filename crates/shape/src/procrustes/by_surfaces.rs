@@ -1,12 +1,14 @@
-//! Alignment of a group by its surfaces: they determine the poses, in which the parameters are then aligned.
+//! Aligns a group by its surfaces: the surfaces determine the poses, and the parameters are then aligned in these
+//! poses.
 //!
 //! The members' [surfaces are aligned](spharm_surface::pose::group_poses) first, with scale and mirror images if
 //! requested. Then the Procrustes analysis rotates only the parameters. Members keep the relative positions of their
 //! surfaces: the mean's centre is the origin, not each member's.
 //!
-//! Points determine poses to a thousandth of a surface's size. If an alignment by both rotations brings the distances
-//! of the members at equal directions below those of their surfaces in these poses, it is no worse by the surfaces, and
-//! exact: it is taken.
+//! Sampled points determine poses only to a thousandth of a surface's size. An alignment by both rotations has no
+//! sampling error. It is used instead if it brings the members' distances at equal directions below the distances
+//! between their surfaces in these poses: the distance between two surfaces is at most their distance at equal
+//! directions, so that the surfaces then lie on each other no worse.
 
 use rayon::prelude::*;
 use spharm_harmonics::Coefficients;
@@ -23,14 +25,15 @@ use crate::transform::{SQRT_4_PI, Similarity, Transform};
 
 /// Distances of surfaces below this fraction of their size are within the sampling error of their points.
 const ROUNDING: f64 = 1e-3;
-/// Members may correspond if their distance at equal directions is less than this multiple of that of the surfaces.
+/// If the members' distance at equal directions is less than this multiple of the distance between their surfaces,
+/// equal directions may correspond, and an alignment by both rotations is tried.
 const NEAR: f64 = 2.0;
 /// A group mixes two sides if at least this fraction of its members is nearer as mirror images; fewer are members of
 /// the wrong side.
 const SIDES: f64 = 0.25;
 
-/// Aligns a group. Members that are points or lines have no pose: a group that contains one is aligned by both
-/// rotations.
+/// Aligns a group. Members that are points or lines have no pose: a group with such a member is aligned by the joint
+/// search of both rotations.
 pub(super) fn together(
     members: &[Coefficients],
     params: &ProcrustesParams,
@@ -73,7 +76,7 @@ pub(super) fn together(
         ..params.clone()
     };
     let mut result = brought_together(&posed, &under, journal.as_deref_mut(), monitor)?;
-    // The distance between two members is sqrt(2) times that of each from their mean.
+    // The distance between two members is sqrt(2) times the members' spread about the mean.
     let apart = |spread: f64| 2.0_f64.sqrt() * spread;
     let size = surfaces[found.template].size();
     let square: f64 = found.distances.iter().map(|distance| distance * distance).sum();
@@ -85,7 +88,7 @@ pub(super) fn together(
             return Ok(exact);
         }
     }
-    // Each member was centred alone: restores their positions relative to the common centre.
+    // The alignment centred each member on its own; this restores the members' positions relative to the common centre.
     let centres: Vec<[f64; 3]> =
         posed.iter().map(|member| std::array::from_fn(|c| member.values()[[0, c]] / SQRT_4_PI)).collect();
     let count = centres.len() as f64;
@@ -122,7 +125,7 @@ fn spread_as_given(
     Ok(spread_of(&given, &mean_of(&given)))
 }
 
-/// Returns warnings for the members whose mirror images lie much nearer to the typical one.
+/// Returns warnings for the members whose mirror images lie much nearer to the typical member than they do.
 fn mirrored(
     surfaces: &[PoseSurface],
     found: &GroupPoses,

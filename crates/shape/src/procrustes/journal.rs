@@ -1,8 +1,8 @@
-//! Progress of a group's alignment in a file, from which an interrupted run resumes.
+//! Saves the progress of a group's alignment in a file, from which an interrupted run resumes.
 //!
-//! An alignment is a sequence of poses: of every member in turn, round after round. Each follows from the preceding
-//! ones, so that only the poses have to be saved. The file is a header of 64 bytes that identifies the alignment,
-//! followed by a record for each pose in order of computation; all numbers are little-endian.
+//! An alignment is a sequence of poses: of every member in turn, round after round. Each pose follows from the
+//! preceding poses, so that only the poses have to be saved. The file is a header of 64 bytes that identifies the
+//! alignment, followed by a record for each pose in order of computation; all numbers are little-endian.
 //!
 //! | bytes | what |
 //! |---|---|
@@ -106,7 +106,7 @@ impl Journal {
         taken
     }
 
-    /// Appends poses after those taken or added.
+    /// Appends poses to the file, after the poses already taken or added.
     pub(super) fn add(&mut self, poses: &[Pose]) -> Result<(), ShapeError> {
         let mut bytes = Vec::with_capacity(RECORD * poses.len());
         for pose in poses {
@@ -166,7 +166,7 @@ fn decoded(record: &[u8; RECORD], header: &[u8; HEADER], number: u64) -> Option<
         Some(matrix)
     };
     let (rotation, orthogonal) = (matrix()?, matrix()?);
-    // Keeps the exact bits, not those of the nearest orthogonal matrix.
+    // `from_matrix` only validates here: it would replace the matrix by the nearest orthogonal one and change its bits.
     Rotation::from_matrix(rotation).ok()?;
     let (distance, stiffness) = (next()?, next()?);
     let singular_values = [next()?, next()?, next()?];

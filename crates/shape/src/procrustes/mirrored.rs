@@ -1,19 +1,19 @@
-//! Detection of members of a group that are mirror images of the others.
+//! Detects members of a group that are mirror images of the others.
 //!
 //! Each member and its mirror image are aligned to the mean of the *others*: a mirrored member would resemble a mean
 //! that includes it. The log of the ratio of the two distances, x = ln(image / own), is positive if the member belongs
-//! to the others unmirrored. Its size depends on the shape: it is 0 for a shape equal to its mirror image. In a group
-//! in which left and right differ about equally for all members, a mirrored member has about -x. A member is reported
-//! if
+//! to the others unmirrored. x depends on the shape: it is 0 for a shape equal to its mirror image. In a group whose
+//! members all differ from their mirror images by about the same amount, a mirrored member has about minus the x of the
+//! others. A member is reported if
 //! ```text
 //! x < -0.1,   median > 0.1,   median - x > 5 s
 //! ```
 //!
-//! with s the members' median absolute deviation from the median, over 0.6745. Measured over generated groups of 6 and
-//! 20, of bodies that differ from each other by as much as from an ellipsoid: unmirrored members 0.19 or above,
-//! mirrored ones, one or three of 20, -0.16 or below; randomly perturbed ellipsoids -0.08 or above. Five correct
-//! hippocampi have x from -0.2 to 0.5: none of them is reported, and one that is mirrored among them mostly isn't
-//! reported either.
+//! with s the members' median absolute deviation from the median, divided by 0.6745. In generated groups of 6 and 20
+//! bodies that differ from each other by as much as from an ellipsoid, x was 0.19 or above for unmirrored members, and
+//! -0.16 or below for mirrored members (one or three of 20). For randomly perturbed ellipsoids it was -0.08 or above.
+//! Five correct hippocampi have x from -0.2 to 0.5, and none of them is reported; if one of them is mirrored, it mostly
+//! isn't reported either.
 
 use std::borrow::Cow;
 
@@ -27,11 +27,11 @@ use crate::refine::{Space, Target};
 
 /// Minimum number of members for a meaningful spread.
 const LEAST: usize = 4;
-/// Minimum absolute value of the logs of members and of mirrored ones.
+/// Minimum absolute value of x, for the members' median and for a mirrored member.
 const CLEAR: f64 = 0.1;
-/// Minimum distance of a mirrored member's log from the median, in units of the spread.
+/// Minimum distance of a mirrored member's x from the median, in units of the spread s.
 const FAR: f64 = 5.0;
-/// Distances below this are rounding, for surfaces of norm 1.
+/// Distances below this are rounding errors, for surfaces of norm 1.
 const SAME: f64 = 1e-7;
 
 /// Returns the median of numbers; zero for none.
@@ -41,7 +41,7 @@ pub(super) fn median(mut numbers: Vec<f64>) -> f64 {
     if count == 0 { 0.0 } else { 0.5 * (numbers[(count - 1) / 2] + numbers[count / 2]) }
 }
 
-/// A member aligned to the others, as in a round and as its mirror image.
+/// Poses of a member aligned to the mean of the others: as it is in a round, and as its mirror image.
 pub(super) struct Judged {
     pub(super) own: Pose,
     image: Pose,

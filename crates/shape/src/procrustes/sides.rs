@@ -1,10 +1,10 @@
-//! Detection of groups of both sides: left and right members in about equal numbers.
+//! Detects groups that mix two sides: left and right members in about equal numbers.
 //!
 //! The mean of such a group belongs to neither side, so that each member is about as far from it as its mirror image,
 //! and none stands out ([`mirrored`](super::mirrored)). So if members and their mirror images hardly differ, the group
-//! is aligned once more, with mirror images matched: then all members are on one side, and those that were mirrored for
-//! it are the other side. This mirrors near-symmetric shapes at random, because for each the handedness that happens to
-//! fit better is taken. A group is treated as two-sided if mirroring matters,
+//! is aligned once more, with mirror images matched: this brings all members to one side, and the members that were
+//! mirrored for it are the other side. This mirrors near-symmetric shapes at random, because for each the handedness
+//! that happens to fit better is taken. A group is treated as two-sided if mirroring matters,
 //!
 //! ```text
 //! ln(spread / spread with mirror images) > 0.2
@@ -17,9 +17,10 @@
 //! median > 0.5,   least > 0
 //! ```
 //!
-//! Measured over 300 groups of 4 to 20 ellipsoids with random differences the first is -0.04 to 0.06, of five correct
-//! hippocampi 0.10, of any of them mirrored 0.39 to 0.53; the median is -0.04 to 0.23, and 0.3 to 0.5 for hippocampi,
-//! whose own differences lead to a partition other than the sides. docs/algorithms/alignment.md has a table of both.
+//! In 300 groups of 4 to 20 ellipsoids with random differences, the logarithm of the ratio of spreads was -0.04 to
+//! 0.06; it was 0.10 for five correct hippocampi, and 0.39 to 0.53 with any of them mirrored. The median of x was -0.04
+//! to 0.23 for the ellipsoids, and 0.3 to 0.5 for hippocampi, whose own differences lead to a partition other than the
+//! sides. docs/algorithms/alignment.md has a table of both quantities.
 
 use super::mirrored::{Judged, median};
 use super::{Group, ProcrustesWarning};
@@ -32,8 +33,8 @@ const MATTERS: f64 = 0.2;
 const KNOWN: f64 = 0.5;
 
 impl Group<'_> {
-    /// Returns a warning for a group of two sides, with the members of the smaller one; if both have the same size, of
-    /// the side without the first member.
+    /// Returns a warning for a group of two sides, with the members of the smaller side; if both sides have the same
+    /// size, of the side without the first member.
     pub(super) fn sides(&mut self, plain: &Round) -> Result<Option<ProcrustesWarning>, ShapeError> {
         self.mirror = true;
         let found = self.matched(plain);

@@ -69,7 +69,7 @@ fn sizes_are_taken_away_if_asked_for() {
 fn a_mirrored_member_is_said() {
     let mut members: Vec<_> = (0..4).map(|n| posed(&perturbed(n, 0.02), &some_pose(n))).collect();
     assert_eq!(together(&members).report.warnings, []);
-    // Mirrored with its sphere, and in space alone, which turns it inside out.
+    // Member 2 is mirrored together with its sphere, and in space alone, which turns it inside out.
     for antipodal in [true, false] {
         members[2] = posed(&reflected(&perturbed(2, 0.02)), &Transform { antipodal, ..some_pose(9) });
         let found = together(&members).report;
@@ -83,7 +83,8 @@ fn a_mirrored_member_is_said() {
     }
 }
 
-/// Bodies that differ by a third of their common shape are reported. Hippocampi hardly are: no wrong one is reported.
+/// Mirrored members are reported even if bodies differ by a third of their common shape. Mirrored hippocampi are hardly
+/// ever reported; an unmirrored one never is.
 #[test]
 fn mirrored_members_of_groups_that_differ_are_said_where_shapes_tell() {
     let said = |members: &[Coefficients]| -> Vec<usize> {
@@ -107,7 +108,7 @@ fn mirrored_members_of_groups_that_differ_are_said_where_shapes_tell() {
     }
 }
 
-/// Half of a group mirrored: no member stands out.
+/// Half of the group is mirrored, so that no single member stands out.
 #[test]
 fn a_group_of_both_sides_is_said() {
     for differences in [0.02, 0.12] {
@@ -124,7 +125,7 @@ fn a_group_of_both_sides_is_said() {
         assert!(mirrored < 0.8 * spread && spread == found.spread_after, "{warning}");
         assert!(warning.naming(|n| format!("file {n}")).ends_with("file 3, file 4, file 5"), "{warning}");
     }
-    // Equal to their own mirror images except for random differences.
+    // These members equal their own mirror images except for random differences.
     for differences in [0.05, 0.3] {
         let members = (0..8).map(|n| {
             let mut values = Array2::zeros((36, 3));
@@ -140,7 +141,8 @@ fn a_group_of_both_sides_is_said() {
         assert!(found.warnings.iter().all(|warning| warning.mirrored().is_empty()), "{found:?}");
         assert!(!found.warnings.iter().any(|warning| matches!(warning, ProcrustesWarning::Sides { .. })), "{found:?}");
     }
-    // For hippocampi either two sides are reported or the member that stands out; none of the wrong side is named.
+    // For hippocampi either two sides are reported, or single members that stand out; all members named are of one
+    // side.
     let Some(surfaces) = hippocampi("foe") else { return };
     for mirrored in 1..5 {
         let mut mixed = surfaces.clone();
@@ -205,7 +207,7 @@ fn bad_groups_are_refused_or_said() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(4))]
 
-    /// The group in other poses has the same mean.
+    /// A group whose members were moved to other poses has the same mean.
     #[test]
     fn poses_dont_matter(numbers in prop::collection::vec(prop::array::uniform6(0.0..1.0), 4)) {
         let members: Vec<_> = (0..4).map(|n| perturbed(n, 0.1)).collect();
@@ -228,7 +230,7 @@ fn a_group_by_its_surfaces_comes_together_from_any_pose() {
         let turned: Vec<Coefficients> =
             members.iter().enumerate().map(|(n, member)| posed(member, &some_pose(seed + n))).collect();
         let found = procrustes(&turned, &params, &Silent).unwrap();
-        // The mean and the distances from it are those of the aligned members.
+        // The reported mean and distances equal those computed from the aligned members.
         let moved: Vec<Coefficients> =
             turned.iter().zip(&found.transforms).map(|(member, t)| t.apply(member, &Silent).unwrap()).collect();
         let mean = crate::mean(&moved).unwrap();
@@ -255,7 +257,7 @@ fn a_group_with_a_point_comes_together_by_both_rotations() {
     assert_eq!(found, procrustes(&members, &joint, &Silent).unwrap());
 }
 
-/// Copies are aligned to rounding, unlike points on surfaces.
+/// Copies of one surface are aligned to rounding error, although poses from sampled points are less accurate.
 #[test]
 fn copies_by_their_surfaces_are_one_surface() {
     let align = AlignParams { method: Method::Surfaces, ..ProcrustesParams::default().align };

@@ -1,12 +1,13 @@
-//! Confidence bands of the measures: a bootstrap over the members.
+//! Computes confidence bands of the quality measures by a bootstrap over the members.
 //!
 //! Members are drawn with replacement, and everything is recomputed for the draw; a member is left out with all of its
-//! copies. A draw contains about 63 % of the members, from which a shape is further away, so that its measures exceed
-//! those of the group by more than chance. Bands are therefore the draws' quantiles relative to their median, centred
-//! on the group's own value (the pivot of B. Efron and R. J. Tibshirani, An Introduction to the Bootstrap (1993),
-//! chapter 10, for a bias caused by the resampling).
+//! copies. A draw contains only about 63 % of the members. A shape is farther from these than from all members, so that
+//! a draw's measures are systematically larger than the group's. Bands are therefore the draws' quantiles relative to
+//! their median, centred on the group's own value (the pivot of B. Efron and R. J. Tibshirani, An Introduction to the
+//! Bootstrap (1993), chapter 10, for a bias caused by the resampling).
 //!
-//! In draws from large groups 20 members are left out, and modes are computed from the leading `5 m + 50` coordinates.
+//! In draws from large groups only 20 members are left out in turn, and modes are computed from the leading `5 m + 50`
+//! coordinates.
 
 use ndarray::{Array2, s};
 use rand_chacha::ChaCha8Rng;
@@ -22,7 +23,7 @@ use crate::ShapeError;
 const LEFT_OUT: usize = 20;
 /// Quantiles of a 95 % band.
 const QUANTILES: [f64; 2] = [0.025, 0.975];
-/// First random stream of the draws, above those of random shapes.
+/// First random stream of the draws, above the streams of random shapes.
 const STREAM: u64 = 1 << 40;
 
 const STAGE: Stage = Stage::counted("bands", "draws");
@@ -64,7 +65,7 @@ pub(super) fn bands(
     ])
 }
 
-/// Returns the mean of rows of m numbers, one per member or shape, with a band over the rows alone.
+/// Returns the mean of rows of m numbers, one row per member or shape, with a band from a bootstrap over the rows.
 pub(super) fn of_rows(rows: &[Vec<f64>], most: usize, params: &QualityParams) -> Curve {
     let values = mean_of(rows.iter().map(Vec::as_slice), most);
     let draws: Vec<Vec<f64>> = (0..params.bands)
@@ -73,12 +74,12 @@ pub(super) fn of_rows(rows: &[Vec<f64>], most: usize, params: &QualityParams) ->
     about(&values, &draws.iter().map(Vec::as_slice).collect::<Vec<_>>(), f64::INFINITY)
 }
 
-/// Draws n members with replacement, at least three of them different if there are three.
+/// Draws n members with replacement, at least three of them different if n is 3 or more.
 pub(super) fn draw(n: usize, seed: u64, index: usize) -> Vec<usize> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(STREAM + index as u64);
     loop {
-        // The numbers' range far exceeds n: the remainder is uniform to 2^-32.
+        // The random numbers' range far exceeds n, so that the remainder is uniform to 2^-32.
         let rows: Vec<usize> = (0..n).map(|_| (random.next_u64() % n as u64) as usize).collect();
         let mut distinct = rows.clone();
         distinct.sort_unstable();
@@ -89,7 +90,8 @@ pub(super) fn draw(n: usize, seed: u64, index: usize) -> Vec<usize> {
     }
 }
 
-/// Centres the draws' quantiles on values instead of on their median; clamped to 0 to `highest`.
+/// Returns the curve of `values` with the draws' quantiles, which are centred on the values instead of on the draws'
+/// median, and clamped to between 0 and `highest`.
 fn about(values: &[f64], draws: &[&[f64]], highest: f64) -> Curve {
     let mut curve = Curve { values: values.to_vec(), ..Curve::default() };
     if draws.is_empty() {

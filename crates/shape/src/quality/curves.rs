@@ -1,4 +1,4 @@
-//! The three measures from coordinates of members that preserve their distances.
+//! Computes compactness, generalisation and specificity from coordinates that preserve the members' distances.
 //!
 //! The same member may have several rows, as in a bootstrap: it is left out with all of its rows.
 
@@ -10,9 +10,11 @@ use spharm_monitor::Monitor;
 use crate::ShapeError;
 use crate::pca::quality::normal;
 
-/// Maximum number of members that are left out one at a time; of larger groups every `n / 200`th is.
+/// Maximum number of members that are left out one at a time; of larger groups only every `n / 200`th member is left
+/// out.
 pub(super) const LEFT_OUT: usize = 200;
-/// Modes whose deviation is below this fraction of the first one's are rounding, and have no direction.
+/// Modes whose standard deviation is below this fraction of the first mode's are rounding errors without a meaningful
+/// direction.
 const NEGLIGIBLE: f64 = 1e-10;
 
 /// The measures for the first k modes, k = 1 to m, (m) each.
@@ -85,11 +87,12 @@ fn decompose(centred: &Array2<f64>) -> Result<(Array2<f64>, Vec<f64>), ShapeErro
 
 /// A left-out member relative to the modes of the others.
 pub(super) struct Left {
-    /// Distance from the first k modes of the others, (m); beyond their number of modes, the distance from all of them.
+    /// Distance from the first k modes of the others, (m); for k above the others' number of modes, the distance from
+    /// all of their modes.
     pub(super) distances: Vec<f64>,
     /// Index of the member.
     pub(super) member: usize,
-    /// The nearest shapes, (m), as factors of all rows of the model.
+    /// The nearest shapes, (m), each as factors by which the model's rows are summed.
     pub(super) factors: Vec<Vec<f64>>,
 }
 
@@ -180,7 +183,7 @@ pub(super) fn nearest(model: &Model, most: usize, samples: usize, seed: u64) -> 
                     }
                 }
             }
-            // Beyond the available modes the values are those of all modes.
+            // For k above the number of modes, the values for all modes are used.
             let filled = |k: usize| least[k.min(m.saturating_sub(1))];
             let distances = (0..most).map(|k| filled(k)[0].0.sqrt()).collect();
             Near { distances, along, rows: (0..most).map(|k| filled(k).map(|(_, row)| row)).collect() }

@@ -1,8 +1,10 @@
-//! Distances between equal directions and equal landmarks, which show whether directions correspond.
+//! Measures how far apart the directions of equal landmarks are on the members, which shows whether directions
+//! correspond.
 //!
 //! A manually placed landmark p of member i is assigned the direction u of the point of the member's surface nearest to
 //! it. The error of a pair is the distance on member k between f_k(u) and f_k(u'), u' being the direction of the same
-//! landmark of k: both lie on its surface, so that the landmarks' distances from it don't matter.
+//! landmark of k: both points lie on the surface of member k, so that the distances of the landmarks from the surfaces
+//! don't matter.
 
 use rayon::prelude::*;
 use spharm_harmonics::{Coefficients, Directions};
@@ -27,7 +29,7 @@ const STEPS: usize = 10;
 pub struct LandmarkErrors {
     /// Mean over all pairs of members and all landmarks.
     pub mean: f64,
-    /// Median over them.
+    /// Median over all pairs of members and all landmarks.
     pub median: f64,
     /// 95 % band of the mean, from a bootstrap over the members.
     pub band: Option<[f64; 2]>,
@@ -66,7 +68,7 @@ pub(super) fn landmark_errors(
             return Err(ShapeError::NotFiniteValue { what: "landmarks", row, column });
         }
     }
-    // One level finer than the rest, because the point of a direction is interpolated.
+    // One subdivision more than for the other measures, because directions are interpolated between vertices.
     let sphere = icosphere((params.subdivisions + 1).min(7));
     let directions = Directions::from_vertices(&sphere.vertices)?;
     let found: Vec<Result<Vec<(Vec3, f64)>, ShapeError>> = members

@@ -1,5 +1,6 @@
-//! Quality of a group's correspondence: compactness, generalisation and specificity of its modes, with points weighted
-//! by their surface area; the same by the distance between surfaces; and errors of landmarks.
+//! Measures the quality of a group's correspondence: compactness, generalisation and specificity of its modes, with
+//! points weighted by their surface area; generalisation and specificity by the distance between surfaces; and errors
+//! of landmarks.
 //!
 //! Members are evaluated at the directions u of an icosphere, x_i(u). The weight w(u) of a direction is the vertex's
 //! share of the member's area, averaged over the members, so that
@@ -17,7 +18,7 @@
 //! - *specificity*: the mean distance of a random shape of the modes from the nearest member.
 //!
 //! M. A. Styner et al., "Evaluation of 3D correspondence methods for model building", IPMI 2003. All three improve when
-//! directions slide to where members differ least, so that none of them proves correspondence. That takes external
+//! directions slide to where members differ least, so that none of them proves correspondence. A proof needs external
 //! knowledge, such as landmarks, see [`landmarks`].
 //!
 //! *Between surfaces*, generalisation and specificity are measured by nearest points too, as the area-weighted mean in
@@ -58,7 +59,8 @@ pub struct GroupQuality {
     pub generalisation: Curve,
     /// Mean distance of a random shape from the nearest member.
     pub specificity: Curve,
-    /// Generalisation by the distance between surfaces, if requested; its band is that of the left-out members alone.
+    /// Generalisation by the distance between surfaces, if requested; its band is from a bootstrap over the left-out
+    /// members alone.
     pub surface_generalisation: Option<Curve>,
     /// Specificity by the distance between surfaces: for the first 100 random shapes, the distance from the nearer of
     /// the two members that are nearest by points. It has no band.

@@ -41,8 +41,8 @@ impl Default for QualityParams {
 pub struct Curve {
     /// The measure, (m).
     pub values: Vec<f64>,
-    /// Lower end of its 95 % band, (m), or empty.
+    /// Lower end of the measure's 95 % band, (m), or empty.
     pub low: Vec<f64>,
-    /// Upper end of its 95 % band, (m), or empty.
+    /// Upper end of the measure's 95 % band, (m), or empty.
     pub high: Vec<f64>,
 }

@@ -1,4 +1,4 @@
-//! A group as points weighted by area.
+//! Evaluates a group at points that are weighted by area.
 
 use faer::MatRef;
 use ndarray::Array2;
@@ -71,7 +71,7 @@ impl Points {
         Ok(points)
     }
 
-    /// Returns each vertex's share of a surface's compared area: a third of that of its triangles.
+    /// Returns each vertex's share of a surface's compared area: a third of the area of the vertex's triangles.
     pub(super) fn shares(&self, vertices: &[Vec3]) -> Vec<f64> {
         let mut shares = vec![0.0; vertices.len()];
         for face in &self.faces {
@@ -116,7 +116,7 @@ impl Points {
         self.combined(&vec![share; self.members.len()])
     }
 
-    /// Returns the sum of the members times factors.
+    /// Returns the sum of the members' positions, each member multiplied by its factor.
     pub(super) fn combined(&self, factors: &[f64]) -> Vec<Vec3> {
         let mut sum = vec![[0.0; 3]; self.weights.len()];
         for (member, &factor) in self.members.iter().zip(factors).filter(|(_, factor)| **factor != 0.0) {
@@ -143,7 +143,7 @@ impl Points {
         let decomposed = MatRef::from_column_major_slice(&gram, n, n)
             .self_adjoint_eigen(faer::Side::Lower)
             .map_err(|_| ShapeError::NoDecomposition)?;
-        // In ascending order; the smallest belongs to the mean.
+        // Eigenvalues are in ascending order. The smallest belongs to the mean and is omitted.
         let values: Vec<f64> = decomposed.S().column_vector().iter().map(|value: &f64| value.max(0.0)).collect();
         let vectors = decomposed.U();
         Ok(Array2::from_shape_fn((n, n - 1), |(i, k)| vectors[(i, n - 1 - k)] * values[n - 1 - k].sqrt()))

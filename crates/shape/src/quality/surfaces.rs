@@ -1,5 +1,5 @@
-//! Generalisation and specificity by the distance between surfaces: the area-weighted mean of the distances from each
-//! surface's points to the nearest point of the other one, both ways.
+//! Computes generalisation and specificity by the distance between surfaces: the area-weighted mean of the distances
+//! from each surface's points to the nearest point of the other one, both ways.
 
 use rayon::prelude::*;
 use spharm_monitor::{Monitor, Stage};
@@ -60,7 +60,7 @@ pub(super) fn distances(
         let mut distances: Vec<f64> = Vec::with_capacity(most);
         for k in 0..most {
             monitor.check()?;
-            // The others have no further modes.
+            // The other members have no further modes: the nearest shape and its distance stay the same.
             if k > 0 && left.factors[k] == left.factors[k - 1] {
                 distances.push(distances[k - 1]);
                 continue;

@@ -24,7 +24,7 @@ fn params() -> QualityParams {
     QualityParams { subdivisions: 3, samples: 200, bands: 0, surfaces: false, ..QualityParams::default() }
 }
 
-/// Rows of `sqrt(w) x`, (n, 3 V), whose unweighted distances are the weighted ones.
+/// Rows of `sqrt(w) x`, (n, 3 V). Their unweighted distances equal the weighted distances of the points.
 fn rows(points: &Points) -> Array2<f64> {
     let value = |(i, k): (usize, usize)| points.members[i][k / 3][k % 3] * points.weights[k / 3].sqrt();
     Array2::from_shape_fn((points.members.len(), 3 * points.weights.len()), value)
@@ -124,12 +124,12 @@ fn measures_are_what_they_are_defined_as() {
 
 #[test]
 fn weights_are_shares_of_the_area() {
-    // A needle: nearly all of its area is along its length, but a third of the directions at its ends.
+    // A needle: nearly all of its area is along its length, but a third of the directions are at its ends.
     let points = Points::of(&[ellipsoid([40.0, 1.0, 1.0])], &at_level(4), &Silent).unwrap();
     let middle: f64 =
         points.weights.iter().zip(&points.members[0]).filter(|(_, p)| p[0].abs() < 20.0).map(|(w, _)| w).sum();
-    // Of an ellipsoid of revolution the part within half of a long half axis: (x s + asin(x s)) at s = sqrt(1 - x^2
-    // ...) tends to (asin x + x sqrt(1 - x^2)) / asin 1 at x = 1/2 for a needle.
+    // Share of the area of an ellipsoid of revolution within half of the long semi-axis: (x s + asin(x s)) at s =
+    // sqrt(1 - x^2 ...) tends to (asin x + x sqrt(1 - x^2)) / asin 1 at x = 1/2 for a needle.
     let exact = (0.5_f64.asin() + 0.5 * 0.75_f64.sqrt()) / 1.0_f64.asin();
     assert!((middle - exact).abs() < 0.02, "{middle} {exact}");
     assert!((points.weights.iter().sum::<f64>() - 1.0).abs() < 1e-12);
