@@ -227,7 +227,7 @@ mod tests {
         }
     }
 
-    /// Compares every kernel, at degrees without and with hidden rows, with the sums written out.
+    /// Compares every kernel with explicit sums, at degrees without and with hidden rows.
     #[test]
     fn sums_are_those_of_the_dense_quarter() {
         for degree in [0, 1, 8, 33, 300, 1_300] {

@@ -7,7 +7,7 @@ use spharm_monitor::Silent;
 use crate::rotation::Rotation;
 use crate::transform::{Similarity, Transform};
 
-/// Five hippocampi of degree 12, after SPHARM-MAT's first step or its registration.
+/// Five hippocampi of degree 12, as written by a step of SPHARM-MAT: its first alignment, or its registration.
 pub(crate) fn hippocampi(step: &str) -> Option<Vec<Coefficients>> {
     let folder = spharm_testdata::shared("shape")?;
     let read = |n: usize| {
@@ -17,7 +17,7 @@ pub(crate) fn hippocampi(step: &str) -> Option<Vec<Coefficients>> {
     Some((1..=5).map(read).collect())
 }
 
-/// An asymmetric surface, some units large and away from the origin.
+/// An asymmetric surface with a size of some units, which isn't centred at the origin.
 pub(crate) fn blob(degree: usize, seed: u32) -> Coefficients {
     let value = |(k, c): (usize, usize)| {
         let l = k.isqrt() as f64;
@@ -59,7 +59,7 @@ pub(crate) fn reflected(coefficients: &Coefficients) -> Coefficients {
     Coefficients::new(values).unwrap()
 }
 
-/// The largest difference of two surfaces' coefficients, relative to the largest one.
+/// The largest difference of two surfaces' coefficients, relative to the largest coefficient.
 pub(crate) fn apart(a: &Coefficients, b: &Coefficients) -> f64 {
     let largest = |values: &Array2<f64>| values.iter().fold(0.0_f64, |largest, v| largest.max(v.abs()));
     largest(&(a.values() - b.values())) / largest(a.values())

@@ -1,4 +1,4 @@
-//! Singular values of matrices with few columns, to full relative accuracy.
+//! Computes singular values of matrices with few columns, to full relative accuracy.
 //!
 //! One-sided Jacobi rotations (M. R. Hestenes, J. SIAM 6 (1958)) make the columns orthogonal; their lengths are the
 //! singular values. Small singular values keep full accuracy, unlike the square roots of the eigenvalues of `A^T A`,
@@ -10,7 +10,8 @@ use ndarray::ArrayView2;
 /// Maximum number of sweeps, which is never reached; a matrix of three columns takes 4 to 6.
 const MOST_SWEEPS: usize = 60;
 
-/// Returns the singular values of a matrix, (n, c), largest first, (c); those beyond its rank are 0 to rounding.
+/// Returns the singular values of a matrix, (n, c), largest first, (c); those beyond the matrix's rank are 0 to
+/// rounding error.
 #[must_use]
 pub fn singular_values(matrix: ArrayView2<'_, f64>) -> Vec<f64> {
     let mut columns: Vec<Vec<f64>> = matrix.columns().into_iter().map(|column| column.to_vec()).collect();
@@ -63,7 +64,7 @@ mod tests {
         let turn = array![[0.6, 0.8, 0.0], [-0.8, 0.6, 0.0], [0.0, 0.0, 1.0]];
         let matrix = crate::product::product((q * array![1.5, 1e-5, 2.5e-11]).view(), turn.view());
         for (found, known) in singular_values(matrix.view()).into_iter().zip(known) {
-            // The product itself is rounded, by some eps of the largest value.
+            // The matrix product itself has rounding errors of some eps of the largest value.
             assert!((found - known).abs() < 4e-16 * 3.0, "{found:e} {known:e}");
         }
         let scaled = matrix.mapv(|value| value * 1e200);

@@ -1,7 +1,8 @@
-//! Correlations of two surfaces at all rotations of a grid.
+//! Computes the correlations of two surfaces at all rotations of a grid.
 //!
-//! `M_ij(R) = <g_i, R f_j>`, a 3 x 3 matrix for each R = Rz(al) Ry(be) Rz(ga), from the degrees 1 to B - 1. P. Kostelec
-//! and D. Rockmore, "FFTs on the rotation group", J. Fourier Anal. Appl. 14 (2008): for each be
+//! The correlation `M_ij(R) = <g_i, R f_j>` is a 3 x 3 matrix for each R = Rz(al) Ry(be) Rz(ga). It is computed from
+//! the degrees 1 to B - 1. P. Kostelec and D. Rockmore, "FFTs on the rotation group", J. Fourier Anal. Appl. 14 (2008):
+//! for each be
 //!
 //! ```text
 //! T_mm' = sum over l of conj(g_{lm,i}) f_{lm',j} d^l_mm'(be),   M_ij = sum over m, m' of T_mm' e^{-i m al} e^{-i m' ga}
@@ -36,7 +37,7 @@ fn score(m: &Matrix3, space: Space) -> f64 {
 /// The grid and its precomputed tables.
 pub(crate) struct So3Grid {
     bandwidth: usize,
-    /// By be and degree: d, (2l + 1) x (2l + 1) by rows.
+    /// Wigner's d by be and degree, (2l + 1) x (2l + 1) by rows.
     wigner: Vec<Vec<Vec<f64>>>,
     fft: Arc<dyn Fft<f64>>,
 }
@@ -45,7 +46,7 @@ pub(crate) struct So3Grid {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Peak {
     pub(crate) rotation: Rotation,
-    /// `tr Q^T M` of the best Q.
+    /// `tr Q^T M` for the best Q.
     pub(crate) score: f64,
 }
 
@@ -61,8 +62,8 @@ impl So3Grid {
         Self { bandwidth, wigner: wigner.collect(), fft: FftPlanner::new().plan_fft_forward(2 * bandwidth) }
     }
 
-    /// Returns the best local maxima of `tr Q^T M`, best first, with Q any rotation or any orthogonal matrix. Of maxima
-    /// closer to each other than the grid's step, only the best is kept.
+    /// Returns the best local maxima of `tr Q^T M`, best first, with Q any rotation or any orthogonal matrix. If maxima
+    /// are closer to each other than the grid's step, only the best is kept.
     pub(crate) fn peaks(&self, f: &[[f64; 3]], g: &[[f64; 3]], space: Space, most: usize) -> Vec<Peak> {
         let degrees = self.bandwidth.min(f.len().isqrt()).min(g.len().isqrt());
         let (f, g) = (complex(f, degrees), complex(g, degrees));
@@ -108,7 +109,7 @@ impl So3Grid {
         Rotation::from_euler(a as f64 * step, (b as f64 + 0.5) * step, c as f64 * step).unwrap_or_default()
     }
 
-    /// Returns M for one be, (ga, al).
+    /// Returns the matrices M for one be, (ga, al).
     fn matrices(&self, at: usize, f: &[Vec<[Complex64; 3]>], g: &[Vec<[Complex64; 3]>]) -> Vec<Matrix3> {
         let n = 2 * self.bandwidth;
         let mut planes = vec![Complex64::ZERO; 9 * n * n];

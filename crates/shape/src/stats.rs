@@ -1,4 +1,4 @@
-//! Tests of groups and of covariates at every vertex, with family-wise and false-discovery control.
+//! Tests groups and covariates at every vertex, with family-wise and false-discovery control.
 //!
 //! A study has n subjects and a measurement of d components at each of V vertices of a common sampling: a displacement
 //! along the mean's normal (d = 1), a displacement in space (d = 3), thickness. At each vertex the linear model
@@ -7,9 +7,9 @@
 //! Y = X B + E,   X (n, p), B (p, d),   H0: c^T B = 0
 //! ```
 //!
-//! is tested: t for d = 1, Hotelling's `T^2` for d > 1, F for several contrasts at once. Two groups are the design with
-//! one column each and the contrast (1, -1): the pooled t test. Rows must be independent subjects; for repeated
-//! measurements, take each subject's difference and test its mean.
+//! is tested: t for d = 1, Hotelling's `T^2` for d > 1, F for several contrasts at once. To compare two groups, use a
+//! design with one column for each group and the contrast (1, -1): this is the pooled t test. Rows must be independent
+//! subjects; for repeated measurements, take each subject's difference and test its mean.
 //!
 //! # Modules
 //!
@@ -74,7 +74,7 @@ pub use study::{Column, Question, mean_question, question};
 /// Settings of a test.
 #[derive(Debug, Clone)]
 pub struct TestParams {
-    /// Relabellings for family-wise p values; without them there are none. Default: 10,000 at seed 0.
+    /// Relabellings for family-wise p values; `None` omits these p values. Default: 10,000 at seed 0.
     pub permutations: Option<PermutationParams>,
     /// Whether two groups are tested by Welch's t or its `T^2` instead of the pooled statistic. Default: no.
     pub welch: bool,
@@ -103,7 +103,7 @@ pub struct Test {
     pub q: Vec<f64>,
     /// Family-wise p values, if relabellings were requested and change the statistics.
     pub family_wise: Option<FamilyWise>,
-    /// The contrast's estimate, its error and size, if the contrast has one row.
+    /// The contrast's estimate, its standard error and effect size, if the contrast has one row.
     pub effect: Option<Effect>,
     /// Warnings.
     pub warnings: Vec<TestWarning>,
@@ -113,7 +113,7 @@ pub struct Test {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum TestWarning {
-    /// All subjects agree at some vertices, or their components are linearly dependent there.
+    /// At some vertices all subjects have equal values, or their components are linearly dependent.
     #[error("{vertices} of {of} vertices have no variance: their statistic is 0 and their p is 1")]
     NoVariance {
         /// Number of such vertices.
@@ -134,15 +134,15 @@ pub enum TestWarning {
     UnequalVariances {
         /// The group of larger variance.
         wide: String,
-        /// Its number of subjects.
+        /// Number of subjects in this group.
         wide_subjects: usize,
         /// The other group.
         narrow: String,
-        /// Its number of subjects.
+        /// Number of subjects in this group.
         narrow_subjects: usize,
         /// The larger variance over the smaller one, each summed over all vertices.
         ratio: f64,
-        /// Whether the design has columns beside the two groups'.
+        /// Whether the design has other columns than those of the two groups.
         covariates: bool,
     },
     /// The relabellings are too few for any result to be significant.

@@ -1,22 +1,23 @@
-//! Check whether the surfaces of an aligned group lie on each other, regardless of their parameters.
+//! Checks whether the surfaces of an aligned group lie on each other, regardless of their parameters.
 //!
 //! An alignment compares surfaces at equal directions. If their maps to the sphere differ, the pose of smallest
-//! distance at equal directions may be wrong: of ten vertebrae aligned in this way, points that a rigid motion leaves 4
-//! to 7 mm apart were 4 to 65 mm apart. So the surfaces themselves are compared. From points on each, evenly spread
-//! over its area, to the nearest points of the other, the distance
+//! distance at equal directions may be wrong. In ten vertebrae aligned in this way, corresponding points were 4 to 65
+//! mm apart, whereas a rigid motion leaves them 4 to 7 mm apart. So the surfaces themselves are compared, by points
+//! spread evenly over the area of each and the nearest points of the other. The distance
 //!
 //! ```text
 //! d(A, B)^2 = (mean_p d(p, B)^2 + mean_q d(q, A)^2) / 2,  p on A, q on B
 //! ```
 //!
-//! is measured between each member and the mean. If the group's poses are wrong, the shape of its mean resembles no
-//! member's. So members are then compared with the member nearest to the mean: as they lie, after a small rigid motion
-//! by nearest points, and in the best of all [poses](mod@spharm_surface::pose). If the latter reduces the distance by
-//! more than [`GAIN`], the member's pose is wrong: six of those ten vertebrae gain 36 to 69 %, whereas hippocampi and
-//! generated bodies in correct poses gain at most 9 %. Furthermore, if the members' distance from the mean at equal
-//! directions exceeds that of their surfaces by a factor above [`FAR`], equal directions don't correspond: the variance
-//! is that of the maps. As the mean may not resemble any member, the same is checked for the typical member, with
-//! [`FAR_FROM_A_MEMBER`].
+//! is measured between each member and the mean. If the group's poses are wrong, the mean resembles no member. So
+//! members are then compared with the member nearest to the mean, the typical member: in their given pose, after a
+//! small rigid motion by nearest points, and in the best of all [poses](mod@spharm_surface::pose). If the best pose
+//! reduces the distance by more than [`GAIN`], the member's pose is wrong: the distances of six of the ten vertebrae
+//! fall by 36 to 69 %, whereas those of hippocampi and generated bodies in correct poses fall by at most 9 %.
+//! Furthermore, if the members' distance from the mean at equal directions exceeds the distance between the surfaces by
+//! a factor above [`FAR`], equal directions don't correspond, and the group's variance is mostly variance of the maps.
+//! Because the mean may not resemble any member, distances from the typical member are checked likewise, with the
+//! factor [`FAR_FROM_A_MEMBER`].
 //!
 //! Cost: about 70 ms per member, on two threads. Memory: 2 MB per thread.
 
@@ -35,15 +36,17 @@ use crate::transform::{SQRT_4_PI, Similarity};
 
 /// Minimum relative reduction of the distance by a rotation for a pose to be wrong.
 pub const GAIN: f64 = 0.2;
-/// Maximum ratio of the distance at equal directions to that of the surfaces, from the mean.
+/// Maximum ratio of the members' distance from the mean at equal directions to the distance between the surfaces.
 pub const FAR: f64 = 2.0;
-/// Maximum ratio from a member, whose surface has more relief than a mean's: surfaces whose coefficients differ by
-/// noise alone have 2.0 to 2.3, hippocampi 2.1.
+/// Maximum ratio of distances as in [`FAR`], but from a member instead of the mean. A member's surface has more relief
+/// than a mean's: the ratio is 2.0 to 2.3 for surfaces whose coefficients differ by noise alone, and 2.1 for
+/// hippocampi.
 pub const FAR_FROM_A_MEMBER: f64 = 2.5;
 /// Distances of a group's surfaces from that of their mean.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SurfacePoses {
-    /// Root mean square distance of each member's surface from the mean's, both ways, in their unit.
+    /// Root mean square distance between each member's surface and the mean's, in both directions, in the surfaces'
+    /// unit.
     pub distances: Vec<f64>,
     /// Warnings about the correspondence of the group.
     pub warnings: Vec<SurfacePoseWarning>,
@@ -57,9 +60,9 @@ pub enum SurfacePoseWarning {
     Turned {
         /// Index of the member, from 0.
         member: usize,
-        /// The member it is compared with, the nearest to the mean.
+        /// Index of the typical member with which the member is compared, the nearest to the mean.
         typical: usize,
-        /// Distance between their surfaces.
+        /// Distance between the surfaces.
         distance: f64,
         /// Distance after the rotation.
         turned: f64,
@@ -68,10 +71,10 @@ pub enum SurfacePoseWarning {
     },
     /// Equal directions don't correspond.
     PlacesDiffer {
-        /// Root mean square distance at equal directions of the members from the mean, or from the member nearest to
-        /// it.
+        /// Root mean square distance of the members from the reference at equal directions. The reference is the mean,
+        /// or the member nearest to it.
         rmsd: f64,
-        /// Distance between their surfaces.
+        /// Distance between the surfaces.
         distance: f64,
         /// Name of the reference, in words.
         from: &'static str,
@@ -105,8 +108,9 @@ impl fmt::Display for SurfacePoseWarning {
     }
 }
 
-/// Compares the surfaces of members in the group's pose, (K, 3) each, with that of their mean. Members' degrees are at
-/// least the mean's; higher degrees are ignored. Members in `except`, such as known mirror images, give no warnings.
+/// Compares the surfaces of members in the group's pose, (K, 3) each, with that of their mean. A member's degree must
+/// be at least the mean's; higher degrees are ignored. Members in `except`, such as known mirror images, give no
+/// warnings.
 ///
 /// # Panics
 ///
@@ -133,7 +137,8 @@ pub fn surface_poses(
     };
     let distances: Vec<Result<f64, ShapeError>> = (0..members.len()).into_par_iter().map(from_mean).collect();
     let distances = distances.into_iter().collect::<Result<Vec<f64>, _>>()?;
-    // If many poses are wrong, the mean resembles no member, so members are compared with the one nearest to it.
+    // If many poses are wrong, the mean resembles no member, so members are compared with the member nearest to the
+    // mean.
     let candidates = (0..distances.len()).filter(|member| !except.contains(member));
     let Some(typical) = candidates.min_by(|a, b| distances[*a].total_cmp(&distances[*b])) else {
         return Ok(SurfacePoses { distances, warnings: Vec::new() });
@@ -156,7 +161,7 @@ pub fn surface_poses(
     let looks: Vec<Result<Look, ShapeError>> = alike.par_iter().map(look).collect();
     let looks = looks.into_iter().collect::<Result<Vec<_>, _>>()?;
     let mut warnings: Vec<SurfacePoseWarning> = looks.iter().filter_map(|look| look.turned).collect();
-    // With mirror images the mean resembles no member, as with wrong poses.
+    // A mean of mirror images resembles no member, like a mean of wrong poses, and isn't compared.
     let of_all = except.is_empty().then(|| {
         let rmsd = (0..members.len()).map(|member| rmsd(row(member), of_mean));
         (root_mean_square(rmsd), root_mean_square(distances.iter().copied()), "their mean", FAR)
@@ -169,7 +174,7 @@ pub fn surface_poses(
     Ok(SurfacePoses { distances, warnings })
 }
 
-/// Comparison of a member with the typical one.
+/// Comparison of a member with the typical member.
 struct Look {
     turned: Option<SurfacePoseWarning>,
     /// Distance at equal directions.
@@ -188,14 +193,14 @@ fn root_mean_square(values: impl ExactSizeIterator<Item = f64>) -> f64 {
     (values.map(|value| value * value).sum::<f64>() / count).sqrt()
 }
 
-/// Returns the distance of two surfaces without a motion, over all of their points; 0 if either is missing.
+/// Returns the distance between two surfaces in their given poses, over all of their points; 0 if either is missing.
 fn as_they_lie(a: Option<&PoseSurface>, b: Option<&PoseSurface>) -> f64 {
     a.zip(b).map_or(0.0, |(a, b)| distance(a, b, &Similarity::default(), 0.0))
 }
 
-/// Returns the distance of a member from the typical one, the distance in the best pose, and the angle of that pose in
-/// degrees, if the gain is large enough. Both are after a rigid motion by nearest points, so that only large changes of
-/// pose matter.
+/// Returns the distance of a member from the typical member, the distance in the best pose, and the angle of the
+/// rotation to it in degrees, if the distance falls by enough. Both distances are after a rigid motion by nearest
+/// points, so that only large changes of pose matter.
 fn better_turn(
     member: &PoseSurface,
     typical: &PoseSurface,
@@ -243,7 +248,7 @@ mod tests {
 
     #[test]
     fn a_member_that_is_turned_is_named() {
-        // About each axis of the first-order ellipsoid in space and in the parameters, as an alignment may end up.
+        // A member is rotated about each axis of the first-order ellipsoid, as it may be after a wrong alignment.
         for axis in [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]] {
             let turn = Rotation::from_axis_angle(axis, std::f64::consts::PI).unwrap();
             let similarity = Similarity { orthogonal: turn.matrix(), ..Similarity::default() };

@@ -1,10 +1,11 @@
-//! The members of a group that its alignment starts from.
+//! Chooses the members from which a group's alignment starts.
 //!
-//! A generalised Procrustes analysis has local optima, and its result depends on the member that all are first aligned
-//! to. In groups of up to [`ALL`] members each of them is tried. In larger groups it is the medoid, whose distances
-//! from the others have the smallest sum after one alignment (from every second, third, ... member above 500), and four
-//! more, evenly spaced in the order of those sums. The choice depends on the order of the members only through the
-//! member that all are aligned to for it.
+//! A generalised Procrustes analysis has local optima, and its result depends on the template, the member to which all
+//! members are first aligned. In groups of up to [`ALL`] members each member is tried as a template. In larger groups
+//! the templates are the medoid, whose distances from the others have the smallest sum after one alignment, and four
+//! more members, evenly spaced in the order of these sums. In groups above 500 members distances are measured only from
+//! every second, third, ... member. For one alignment of all members to a first member, which the distances need, the
+//! choice of templates depends on the order of the members.
 
 use rayon::prelude::*;
 
@@ -12,11 +13,12 @@ use rayon::prelude::*;
 pub(crate) const ALL: usize = 20;
 /// Number of starts in larger groups.
 const FEW: usize = 5;
-/// Approximate maximum number of members from which distances are measured; further ones add nothing.
+/// Approximate maximum number of members from which distances are measured; distances from more members don't change
+/// the choice.
 const ENOUGH: usize = 500;
 
-/// Returns the members to start from: all of a small group, else the medoid and some more. `aligned` returns the
-/// surfaces after one alignment, (members, K, 3); it is called for large groups only.
+/// Returns the members to start from: all members of a small group, otherwise the medoid and some more. `aligned`
+/// returns the surfaces after one alignment, (members, K, 3); it is called for large groups only.
 pub(crate) fn templates<E>(
     members: usize,
     most: Option<usize>,
@@ -32,7 +34,7 @@ pub(crate) fn templates<E>(
     let sums: Vec<f64> = aligned.par_iter().map(sum).collect();
     let mut order: Vec<usize> = (0..members).collect();
     order.sort_by(|&a, &b| sums[a].total_cmp(&sums[b]).then(a.cmp(&b)));
-    // Evenly over the ranks, the medoid first; the last ones are outliers, and left out.
+    // Members are taken evenly over the ranks, from the medoid on; the last ranks are outliers and aren't taken.
     Ok((0..wanted).map(|n| order[n * members / wanted]).collect())
 }
 

@@ -1,8 +1,8 @@
-//! Rotations of a surface in its parameters and in space, translation and scale.
+//! Rotates surfaces in their parameters and in space, translates and scales them.
 //!
 //! A rotation Q of space moves a surface, `f'(u) = Q f(u)`: every row of its coefficients is multiplied by Q^T from the
-//! right, **row 0 as well**, and a translation t adds `sqrt(4 pi) t` to row 0, which is the surface's mean times
-//! sqrt(4 pi). A rotation R of the parameters leaves the surface where it is ([`rotate`](crate::rotate)).
+//! right, **row 0 as well**, and a translation t adds `sqrt(4 pi) t` to row 0, which is the surface's mean position
+//! times sqrt(4 pi). A rotation R of the parameters doesn't move the surface in space ([`rotate`](crate::rotate)).
 
 use spharm_harmonics::{Coefficients, Directions};
 use spharm_model::Model;
@@ -48,7 +48,8 @@ impl Transform {
         points.iter().map(|point| self.similarity.apply(*point)).collect()
     }
 
-    /// Applies the similarity in space to a mesh, see [`Similarity::apply_mesh`]: only a model has parameters.
+    /// Applies the similarity in space to a mesh, see [`Similarity::apply_mesh`]. The rotation of the parameters has no
+    /// effect, because a mesh has no parameters.
     #[must_use]
     pub fn apply_mesh(&self, mesh: &Mesh) -> Mesh {
         self.similarity.apply_mesh(mesh)
@@ -67,13 +68,13 @@ impl Transform {
         })
     }
 
-    /// Transforms a model. Its sphere rotates with the parameters, so that each vertex of a reconstruction keeps its
-    /// place on the surface; the sphere is then another sampling, without a key in a basis store. A model of a signal
-    /// can be rotated in its parameters but not in space.
+    /// Transforms a model. Its sphere rotates with the parameters, so that each vertex of a reconstruction stays at the
+    /// same point of the surface. The sphere is then another sampling, without a key in a basis store. A model of a
+    /// signal can be rotated in its parameters but not in space.
     ///
-    /// The provenance records each call: `transform` is a list of their [`to_json`](Self::to_json). Settings and
-    /// distances of the fit are left out because they belong to another model; so is, for a surface that was moved, its
-    /// place in a volume.
+    /// The provenance records each call: `transform` lists the [`to_json`](Self::to_json) of all transforms applied.
+    /// Settings and distances of the fit are removed, because they belong to another model. If the surface was moved,
+    /// its position in a volume is removed too.
     ///
     /// # Errors
     ///
@@ -111,7 +112,7 @@ impl Transform {
         let done = provenance.other.entry("transform").or_insert_with(|| serde_json::json!([]));
         match done {
             serde_json::Value::Array(steps) => steps.push(step),
-            // Another program's value of that field is kept as the first step.
+            // A value that another program wrote to this field is kept as the first step.
             other => *other = serde_json::json!([other.take(), step]),
         }
         Ok(model)
@@ -190,7 +191,7 @@ mod tests {
     use spharm_monitor::Silent;
     use spharm_surface::Sphere;
 
-    /// The reconstruction has the original's vertices, moved; faces look outwards.
+    /// The reconstruction has the original's vertices, moved by the transform, and its faces point outwards.
     #[test]
     fn a_models_vertices_move_with_it() {
         let model = Model::new(Sphere::icosphere(2), blob(6, 1), Kind::Surface);

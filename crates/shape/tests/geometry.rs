@@ -1,4 +1,4 @@
-//! Differential geometry and measures against analytic surfaces, finite differences and published figures.
+//! Compares differential geometry and measures with analytic surfaces, finite differences and published figures.
 
 use ndarray::Array2;
 use num_complex::Complex64;
@@ -19,7 +19,7 @@ fn transposed(m: &Matrix) -> Matrix {
     [0, 1, 2].map(|i| [0, 1, 2].map(|j| m[j][i]))
 }
 
-/// The rotation of a quaternion of any length.
+/// The rotation matrix of a quaternion of any length.
 fn rotation([w, x, y, z]: [f64; 4]) -> Matrix {
     let s = 2.0 / (w * w + x * x + y * y + z * z);
     [
@@ -29,7 +29,7 @@ fn rotation([w, x, y, z]: [f64; 4]) -> Matrix {
     ]
 }
 
-/// X = at + M u.
+/// The surface X(u) = at + M u.
 fn linear(m: &Matrix, at: Vec3) -> Coefficients {
     let mut values = Array2::zeros((4, 3));
     for c in 0..3 {
@@ -41,7 +41,7 @@ fn linear(m: &Matrix, at: Vec3) -> Coefficients {
     Coefficients::new(values).expect("degree 1")
 }
 
-/// An ellipsoid of semi-axes 3, 2, 1 in general position, parametrised in general position: `Q diag(axes) R u`.
+/// Semi-axes and position of an ellipsoid that is rotated by Q in space and by R in its parameters: `Q diag(axes) R u`.
 const AXES: Vec3 = [3.0, 2.0, 1.0];
 const AT: Vec3 = [100.0, -50.0, 30.0];
 
@@ -55,7 +55,7 @@ fn ellipsoid(mirrored: bool) -> (Coefficients, Matrix) {
     (linear(&m, AT), q)
 }
 
-/// Directions all over the sphere, and at the poles and on the equator, where the frame is discontinuous.
+/// Directions all over the sphere, at the poles, and on the equator, where the tangent frame is discontinuous.
 fn everywhere() -> Directions {
     let mut vertices = Directions::fibonacci(1_000).expect("directions").as_slice().to_vec();
     vertices.extend([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.6, -0.8, -0.0], [1e-9, 0.0, 1.0]]);
@@ -108,7 +108,7 @@ fn an_ellipsoid_has_its_normals_and_curvatures_everywhere() {
 
 #[test]
 fn an_ellipsoid_has_its_area_volume_and_centre() {
-    /// Computed with 30 digits from the elliptic integrals.
+    /// Area, computed with 30 digits from the elliptic integrals.
     const AREA: f64 = 48.882_146_302_582_06;
     let volume = 4.0 / 3.0 * PI * AXES[0] * AXES[1] * AXES[2];
     let params = MeasureParams { tolerance: 1e-13, most_rings: None };
@@ -130,7 +130,7 @@ fn an_ellipsoid_has_its_area_volume_and_centre() {
 fn a_mirrored_surface_has_the_curvatures_of_the_other_side() {
     let directions = everywhere();
     let outwards = local_geometry(&ellipsoid(false).0, &directions, &Silent).expect("a surface");
-    // -M u at u is M (-u): the same normals at the antipodes, reversed.
+    // -M u at u equals M (-u): the mirrored surface has the reversed normals of the antipodal directions.
     let inwards = local_geometry(&ellipsoid(true).0, &directions, &Silent).expect("a surface");
     for (a, b) in outwards.iter().zip(inwards) {
         let b = b.flipped();
@@ -154,7 +154,7 @@ fn a_sphere_is_a_cap_everywhere() {
     assert!((found.sphericity - 1.0).abs() < 1e-13 && found.squeezed == 0.0, "{found:?}");
 }
 
-/// Derivatives by central differences along great circles, then the formulas of the textbook.
+/// Computes the geometry from central differences along great circles by the textbook's formulas.
 fn brute_force(coefficients: &Coefficients, u: Vec3) -> (Vec3, f64, f64, f64) {
     let [e1, e2] = tangent_frame(u);
     let at = |s: f64, t: f64| -> Vec3 {
@@ -166,7 +166,7 @@ fn brute_force(coefficients: &Coefficients, u: Vec3) -> (Vec3, f64, f64, f64) {
         [row[[0, 0]], row[[0, 1]], row[[0, 2]]]
     };
     let h = 1e-3;
-    // Fourth order, by Richardson's extrapolation.
+    // Richardson's extrapolation makes the differences accurate to fourth order.
     let richardson = |f: &dyn Fn(f64) -> Vec3| scale(sub(scale(f(h), 4.0), f(2.0 * h)), 1.0 / 3.0);
     let first = |s: f64, t: f64| richardson(&|h| scale(sub(at(s * h, t * h), at(-s * h, -t * h)), 0.5 / h));
     let second = |s: f64, t: f64| {
@@ -199,7 +199,7 @@ fn curvatures_of_a_bumpy_surface_are_those_of_finite_differences() {
         assert!((point.area_element - element).abs() < 1e-8, "{u:?}");
         assert!((point.gaussian_curvature() - gaussian).abs() < 1e-6 * scale_of, "{u:?} {gaussian} {point:?}");
         assert!((point.mean_curvature() - mean).abs() < 1e-6 * scale_of, "{u:?} {mean} {point:?}");
-        // By the formulas of the forms.
+        // The Gaussian curvature also follows from the two fundamental forms.
         let [ee, ff, gg] = point.first_form;
         let [e, f, g] = point.second_form;
         let determinant = ee * gg - ff * ff;
@@ -232,7 +232,7 @@ fn a_flat_surface_has_no_volume_and_its_rim_no_normal() {
     let flat = linear(&[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]], AT);
     let found = measure(&flat, &MeasureParams { most_rings: Some(64), ..Default::default() }, &Silent).expect("flat");
     assert!(found.volume == 0.0 && found.centroid == AT.map(|x| x + 0.0), "{found:?}");
-    // Two discs.
+    // The flat surface is two discs of area pi each.
     assert!((found.area / (2.0 * PI) - 1.0).abs() < 1e-3, "{found:?}");
     assert!(found.warnings.contains(&MeasureWarning::Flat));
     assert!(found.warnings.iter().any(|warning| matches!(warning, MeasureWarning::NotConverged { rings: 64, .. })));
@@ -306,7 +306,7 @@ fn a_hippocampus_has_its_area_and_volume() {
     assert!((found.area / 1_477.653_35 - 1.0).abs() < 1e-7, "{found:?}");
 }
 
-/// Synthesis is by transforms for many directions and high degrees, by direct sums for few.
+/// Synthesis uses transforms for many directions at high degrees, and direct sums for few directions.
 #[test]
 fn transforms_and_direct_sums_give_the_same_geometry() {
     let coefficients = bumpy(48);

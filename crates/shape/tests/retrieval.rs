@@ -1,11 +1,11 @@
-//! Retrieval among many models, and descriptors of the same models in other poses.
+//! Tests retrieval among many models, and descriptors of the same models in other poses.
 
 use ndarray::Array2;
 use spharm_harmonics::Coefficients;
 use spharm_harmonics::index::{basis_size, column, degree_order};
 use spharm_shape::{Descriptors, Library, Metric, descriptors};
 
-/// Uniform in [-1, 1), by the finaliser of MurmurHash3.
+/// Returns a number that is uniform in [-1, 1), by the finaliser of MurmurHash3.
 fn uniform(seed: u64, k: u64) -> f64 {
     let mut x = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ k.wrapping_mul(0xbf58_476d_1ce4_e5b9);
     for factor in [0xff51_afd7_ed55_8ccd, 0xc4ce_b9fe_1a85_ec53u64] {
@@ -31,11 +31,12 @@ fn shape(max_degree: usize, seed: u64) -> Array2<f64> {
 enum Noise {
     /// Of equal size in every coefficient.
     White,
-    /// In proportion to the root mean square of the coefficient's degree.
+    /// In proportion to the root mean square of the coefficients of the same degree.
     ByDegree,
 }
 
-/// A modified copy of the shape: its sphere rotated about the axis, itself rotated, mirrored and moved, with noise.
+/// A modified copy of the shape: the sphere is rotated about the axis, the shape is rotated, mirrored and moved, and
+/// noise is added.
 fn seen_otherwise(values: &Array2<f64>, seed: u64, noise: Noise) -> Coefficients {
     let mean_square = |first: usize, last: usize| {
         let squares = (first..=last).flat_map(|row| values.row(row).to_vec()).map(|value| value * value);
@@ -62,8 +63,8 @@ fn seen_otherwise(values: &Array2<f64>, seed: u64, noise: Noise) -> Coefficients
     Coefficients::new(values).expect("a degree")
 }
 
-/// Tests all 10,000 with SPHARM_SOAK, else every hundredth. Of all of them, with white noise 9,987 are first and all
-/// are among the first five, from which alignment picks the right one.
+/// Tests all 10,000 shapes if SPHARM_SOAK is set, otherwise every hundredth. With white noise 9,987 of all shapes are
+/// ranked first. All are among the first five, from which an alignment can pick the right one.
 #[test]
 fn each_of_ten_thousand_shapes_is_found() {
     const MODELS: u64 = 10_000;
@@ -83,7 +84,7 @@ fn each_of_ten_thousand_shapes_is_found() {
     }
 }
 
-/// Five hippocampi before and after SPHARM-MAT rotated them in both spaces.
+/// Five hippocampi before and after SPHARM-MAT rotated them in space and in their parameters.
 #[test]
 fn hippocampi_are_known_after_another_package_turned_them() {
     let Some(folder) = spharm_testdata::shared("shape") else { return };

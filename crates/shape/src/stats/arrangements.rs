@@ -1,9 +1,9 @@
-//! Relabellings of a study: all of them if there are few, else random ones.
+//! Generates the relabellings of a study: all of them if there are few, otherwise random ones.
 //!
 //! Exchanging subjects with equal rows of the design has no effect, so that only arrangements of the distinct rows are
 //! counted: `n! / (k_1! k_2! ...)` for rows that occur k times, `C(n, n_1)` for two groups. There are `2^n` sign flips;
-//! both together are the product of the two. Random relabelling b is drawn from stream b of ChaCha8 with the seed, so
-//! that it doesn't depend on threads.
+//! with permutations and sign flips the numbers are multiplied. Random relabelling b is drawn from stream b of ChaCha8
+//! with the seed, so that it doesn't depend on the number of threads.
 
 use ndarray::ArrayView2;
 use rand_chacha::ChaCha8Rng;
@@ -16,7 +16,7 @@ use super::resampling::Resampling;
 pub(crate) struct Arrangements {
     /// Index of each subject's row among the distinct rows.
     classes: Vec<u32>,
-    /// For each distinct row, a subject that has it.
+    /// For each distinct row, a subject with this row.
     representatives: Vec<u32>,
     resampling: Resampling,
     seed: u64,
@@ -30,8 +30,8 @@ pub(crate) struct Arrangements {
 pub(crate) type Relabelling = Vec<(u32, f64)>;
 
 impl Arrangements {
-    /// Returns all relabellings of the rows of (n, p) if there are at most `exact_up_to`, else `random` random ones and
-    /// the original labels.
+    /// Returns all relabellings of the rows of (n, p) if there are at most `exact_up_to`, otherwise the original labels
+    /// and `random` random relabellings.
     pub(crate) fn new(
         rows: ArrayView2<'_, f64>,
         resampling: Resampling,
@@ -84,7 +84,8 @@ impl Arrangements {
         (0..self.classes.len()).map(|i| (i as u32, 1.0)).collect()
     }
 
-    /// Returns permutations `from..to` in lexicographic order; the first ones are stepped over.
+    /// Returns permutations `from..to` in lexicographic order; all permutations before `from` are generated and
+    /// skipped.
     fn exchanges(&self, from: usize, to: usize) -> Vec<Relabelling> {
         let mut classes = self.classes.clone();
         classes.sort_unstable();
@@ -134,7 +135,7 @@ fn flipped(mut relabelling: Relabelling, index: usize) -> Relabelling {
 
 /// Returns a uniformly distributed number below `bound`.
 fn below(random: &mut ChaCha8Rng, bound: u64) -> u64 {
-    // Numbers of the last, incomplete range are redrawn to avoid bias.
+    // Numbers in the last range, which is shorter than `bound`, are redrawn to avoid bias.
     let limit = u64::MAX - u64::MAX % bound;
     loop {
         let drawn = random.next_u64();
@@ -160,7 +161,7 @@ fn multinomial(classes: &[u32], distinct: usize) -> Option<u64> {
     for class in 0..distinct as u32 {
         for among in 1..=classes.iter().filter(|of| **of == class).count() as u64 {
             placed += 1;
-            // A product of binomials: an integer at each step.
+            // The result is a product of binomial coefficients, and an integer at each step.
             all = u64::try_from(u128::from(all) * u128::from(placed) / u128::from(among)).ok()?;
         }
     }
@@ -206,7 +207,7 @@ mod tests {
         let found = random.range(0, 4_001);
         assert!(found[0].iter().enumerate().all(|(i, (of, _))| i as u32 == *of));
         assert_eq!(found[100..200], random.range(100, 200)[..]);
-        // Subject 0 occupies each of 40 places about 100 times: 5 standard deviations are 50.
+        // Subject 0 is at each of the 40 positions about 100 times; 5 standard deviations are 50.
         let mut places = [0; 40];
         found[1..].iter().for_each(|order| places[order.iter().position(|(of, _)| *of == 0).unwrap()] += 1);
         assert!(places.iter().all(|&count| (50..150).contains(&count)), "{places:?}");

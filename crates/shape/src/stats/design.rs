@@ -11,7 +11,7 @@ pub struct Design {
     names: Vec<String>,
 }
 
-/// Columns are linearly dependent if their part orthogonal to the others is below this fraction of their norm.
+/// A column is linearly dependent if its part orthogonal to the other columns is below this fraction of its norm.
 const DEPENDENT: f64 = 1e-9;
 
 impl Design {
@@ -19,8 +19,8 @@ impl Design {
     ///
     /// # Errors
     ///
-    /// [`ShapeError::NotFiniteValue`], [`ShapeError::Rank`] for a column that depends linearly on those before it, and
-    /// [`ShapeError::Subjects`] if there are no more rows than columns.
+    /// [`ShapeError::NotFiniteValue`], [`ShapeError::Rank`] for a column that depends linearly on the columns before
+    /// it, and [`ShapeError::Subjects`] if the number of rows isn't above the number of columns.
     pub fn new(matrix: Array2<f64>, names: Vec<String>) -> Result<Self, ShapeError> {
         let (n, p) = matrix.dim();
         if let Some(at) = matrix.iter().position(|value| !value.is_finite()) {
@@ -42,7 +42,8 @@ impl Design {
     ///
     /// # Errors
     ///
-    /// [`ShapeError::Subjects`] for no groups or empty ones, or if each group has a single subject.
+    /// [`ShapeError::EmptyGroup`] for a group without subjects; [`ShapeError::Subjects`] if there are no groups, or if
+    /// each group has a single subject.
     pub fn groups(sizes: &[usize]) -> Result<Self, ShapeError> {
         let of: Vec<usize> = sizes.iter().enumerate().flat_map(|(group, &size)| vec![group; size]).collect();
         if let Some(empty) = sizes.iter().position(|size| *size == 0) {
@@ -52,7 +53,8 @@ impl Design {
         Self::new(matrix, (1..=sizes.len()).map(|group| format!("group {group}")).collect())
     }
 
-    /// Adds columns of covariates, (n, k), after subtracting their means, so that the other columns keep their meaning.
+    /// Adds columns of covariates, (n, k), after subtracting their means, so that the coefficients of the other columns
+    /// keep their meaning.
     ///
     /// # Errors
     ///
@@ -129,7 +131,7 @@ impl Contrast {
 }
 
 /// Returns an orthonormal basis Q, (n, r), of the columns' span, by Gram-Schmidt with reorthogonalisation, and the
-/// first column that depends on those before it. Q leaves out dependent columns.
+/// first column that depends on the columns before it. Q doesn't include dependent columns.
 pub(crate) fn orthonormalise(matrix: ArrayView2<'_, f64>) -> (Array2<f64>, Option<usize>) {
     let (n, p) = matrix.dim();
     let mut basis: Vec<Vec<f64>> = Vec::with_capacity(p);

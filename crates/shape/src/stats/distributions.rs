@@ -6,8 +6,8 @@
 use statrs::distribution::{ContinuousCDF, StudentsT};
 use statrs::function::beta::beta_reg;
 
-/// Returns the two-sided p value of t on `freedom` > 0 degrees of freedom: `I_{v / (v + t^2)}(v / 2, 1 / 2)`. NaN for
-/// NaN.
+/// Returns the two-sided p value of t on `freedom` > 0 degrees of freedom: `I_{v / (v + t^2)}(v / 2, 1 / 2)`. If t
+/// is NaN, so is the result.
 pub fn p_of_t(t: f64, freedom: f64) -> f64 {
     if t.is_nan() {
         return f64::NAN;
@@ -15,7 +15,8 @@ pub fn p_of_t(t: f64, freedom: f64) -> f64 {
     tail(freedom, t * t, 0.5 * freedom, 0.5)
 }
 
-/// Returns the upper tail probability of F on (`between`, `within`) degrees of freedom, both > 0. NaN for NaN.
+/// Returns the upper tail probability of F on (`between`, `within`) degrees of freedom, both > 0. If F is NaN, so is
+/// the result.
 pub fn p_of_f(f: f64, between: f64, within: f64) -> f64 {
     if f.is_nan() {
         return f64::NAN;

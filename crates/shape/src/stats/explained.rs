@@ -1,4 +1,4 @@
-//! The fraction of a relabelled study's scatter that the effect explains.
+//! Computes the fraction of a relabelled study's scatter that the effect explains.
 
 use ndarray::{Array2, ArrayView2, Axis, s};
 use rayon::prelude::*;
@@ -45,7 +45,7 @@ impl<'a> Explained<'a> {
             }
         });
         drop(blocks);
-        // Permutations preserve sums of zero.
+        // Permutations preserve a sum of zero, and hence the orthogonality to a constant.
         let constant = resampling == Resampling::Permutations && model.nuisance.ncols() == 1;
         Self { whitened: reduced, components, model, orthogonal: constant || model.nuisance.ncols() == 0 }
     }
@@ -56,7 +56,7 @@ impl<'a> Explained<'a> {
         let (q, z) = (effect.ncols(), if self.orthogonal { 0 } else { nuisance.ncols() });
         let each = q + z;
         let n = effect.nrows();
-        // Rows of a relabelling: those of its effect, then those of its reduced model.
+        // The rows of a relabelling: first those of the effect, then those of the reduced model.
         let mut rows = Array2::zeros((relabellings.len() * each, n));
         for (relabelling, mut rows) in relabellings.iter().zip(rows.axis_chunks_iter_mut(Axis(0), each)) {
             for (i, (from, sign)) in relabelling.iter().enumerate() {
@@ -92,8 +92,8 @@ impl<'a> Explained<'a> {
     }
 }
 
-/// Returns `u = b (1 - g^T g)^-1 b^T`; the first q rows are b, the others g. For one component it is summed over rows
-/// b.
+/// Returns `u = b (1 - g^T g)^-1 b^T`; the first q rows of `products` are b, the others g. For one component the values
+/// u of all rows b are summed.
 fn explained(products: ArrayView2<'_, f64>, q: usize) -> f64 {
     let d = products.ncols();
     if d == 1 {

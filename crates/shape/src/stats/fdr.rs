@@ -1,5 +1,5 @@
-//! The false-discovery rate: Y. Benjamini and Y. Hochberg, "Controlling the false discovery rate", J. R. Stat. Soc. B
-//! 57 (1995).
+//! Controls the false-discovery rate: Y. Benjamini and Y. Hochberg, "Controlling the false discovery rate", J. R. Stat.
+//! Soc. B 57 (1995).
 
 /// Returns the adjusted p values ("q values"): among vertices with q at most alpha, the expected fraction of false
 /// positives is at most alpha if tests are independent or positively dependent. p values are in [0, 1].
@@ -26,7 +26,7 @@ mod tests {
 
     #[test]
     fn it_is_the_step_up_procedure() {
-        // Rejects the hypotheses up to the last rank k with p_(k) <= k alpha / n, for every alpha.
+        // For every alpha, the procedure rejects the hypotheses up to the last rank k with p_(k) <= k alpha / n.
         let p: Vec<f64> = (0..50).map(|i| (f64::from(i) * 12.9898).sin().abs().powi(3)).collect();
         let q = benjamini_hochberg(&p);
         let mut sorted = p.clone();

@@ -1,4 +1,4 @@
-//! The linear model at each vertex: t, F, Hotelling's `T^2`, and effects with their confidence intervals.
+//! Fits the linear model at each vertex: t, F, Hotelling's `T^2`, and effects with their confidence intervals.
 //!
 //! With the orthonormal bases of `projection`, b = Q_E^T Y and T = |residual of the reduced model|^2, the errors' sum
 //! of squares is `W = T - b^T b`, on v = n - p degrees of freedom, and
@@ -8,7 +8,8 @@
 //! - d > 1, one row: `T^2 = v b W^-1 b^T`, of which `(v - d + 1) / (v d) T^2` is F on (d, v - d + 1): T. W. Anderson,
 //!   "An Introduction to Multivariate Statistical Analysis", 3rd ed. (2003), theorem 5.2.2.
 //!
-//! Two groups give the two-sample tests, the mean alone the one-sample tests. Cost: 2 n V d (p + 2) flops.
+//! A design of two groups gives the two-sample tests, a design with only the mean the one-sample tests. Cost: 2 n V d
+//! (p + 2) flops.
 
 use ndarray::{Array2, ArrayView2, Axis};
 use rayon::prelude::*;
@@ -26,7 +27,7 @@ use crate::product::product;
 pub enum Statistic {
     /// Student's t.
     T {
-        /// Degrees of freedom; for Welch's t those of the vertex with the fewest.
+        /// Degrees of freedom; for Welch's t the fewest at any vertex.
         freedom: f64,
     },
     /// Fisher's F.
@@ -50,9 +51,9 @@ pub enum Statistic {
 pub struct Effect {
     /// The estimate, (V, d).
     pub estimate: Array2<f64>,
-    /// Its standard error, (V, d).
+    /// Standard error of the estimate, (V, d).
     pub standard_error: Array2<f64>,
-    /// Half the width of its confidence interval, (V, d).
+    /// Half the width of the estimate's confidence interval, (V, d).
     pub margin: Array2<f64>,
     /// The estimate divided by the errors' standard deviation: for two groups Cohen's d; for d > 1 Mahalanobis'
     /// distance, (V). NaN if there is no variance.
@@ -191,7 +192,7 @@ pub(crate) fn column_squares(values: ArrayView2<'_, f64>) -> Vec<f64> {
     sums
 }
 
-/// Returns bounds of the sums of squares that rounding errors of the columns' values can cause.
+/// Returns, for each column, an upper bound of the sum of squares that rounding errors of its values can cause.
 pub(crate) fn floors(values: ArrayView2<'_, f64>) -> Vec<f64> {
     let n = values.nrows() as f64;
     column_squares(values).into_iter().map(|sum| sum * n * (8.0 * f64::EPSILON).powi(2)).collect()

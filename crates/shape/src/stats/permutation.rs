@@ -1,10 +1,11 @@
-//! Family-wise p values: how often the largest statistic of a relabelled study reaches a vertex's own statistic.
+//! Computes family-wise p values: how often the largest statistic of a relabelled study reaches a vertex's own
+//! statistic.
 //!
 //! P. H. Westfall and S. S. Young, "Resampling-Based Multiple Testing" (1993): single-step max-T. The residuals of the
 //! reduced model are relabelled by permutations of subjects or sign flips ([`Resampling`]): D. Freedman and D. Lane, "A
 //! nonstochastic interpretation of reported significance levels", J. Bus. Econ. Stat. 1 (1983). If there are at most
-//! [`PermutationParams::exact_up_to`] relabellings, all of them are used and p values are exact; else p is `(count + 1)
-//! / (B + 1)`.
+//! [`PermutationParams::exact_up_to`] relabellings, all of them are used and p values are exact. With B random
+//! relabellings, of which `count` reach the statistic, p is `(count + 1) / (B + 1)`.
 //!
 //! # Computation
 //!
@@ -27,7 +28,7 @@ use super::resampling::Resampling;
 use super::welch_flips::WelchFlips;
 use crate::ShapeError;
 
-/// Maximum number of relabellings of a test; random ones then take 2.4 GB.
+/// Maximum number of relabellings of a test; this many random relabellings take 2.4 GB.
 pub const MAX_RELABELLINGS: usize = 100_000_000;
 
 /// Settings of the relabellings of a study.
@@ -51,10 +52,11 @@ impl Default for PermutationParams {
 /// p values by relabelling, at each of V vertices.
 #[derive(Debug, Clone)]
 pub struct FamilyWise {
-    /// Probability, without any effect anywhere, that the largest statistic over all vertices is at least this one,
+    /// Probability, without an effect at any vertex, that the largest statistic over all vertices is at least this one,
     /// (V).
     pub p: Vec<f64>,
-    /// The same for this vertex's statistic alone: uncorrected, without assuming normal errors, (V).
+    /// Probability, without an effect, that the vertex's statistic is at least this one: uncorrected, without assuming
+    /// normal errors, (V).
     pub pointwise: Vec<f64>,
     /// Kind of relabelling used.
     pub resampling: Resampling,
@@ -81,7 +83,7 @@ pub(crate) enum Compared<'a> {
     Welch(&'a Projection, &'a [usize]),
 }
 
-/// Returns family-wise p values of values (n, V d); none if no relabelling changes the statistics.
+/// Returns family-wise p values of values (n, V d); `None` if no relabelling changes the statistics.
 pub(crate) fn family_wise(
     values: ArrayView2<'_, f64>,
     components: usize,

@@ -1,4 +1,4 @@
-//! Split of a design into the part that a contrast tests and the rest.
+//! Splits a design into the part that a contrast tests and the rest.
 //!
 //! With `X = Q R` the estimate of `C B` is `C R^-1 Q^T Y = U^T Q^T Y`, `R^T U = C^T`. So the columns of `W = Q U` span
 //! the contrast's contribution to the model, and their orthogonal complement in X's span is the reduced model of the
@@ -104,7 +104,7 @@ mod tests {
         let design = Design::groups(&[4, 5]).unwrap().with_covariates(age.view(), &[]).unwrap();
         let contrast = Contrast::row(&[1.0, -1.0, 0.5]);
         let found = Projection::new(&design, &contrast).unwrap();
-        // If the model explains the values exactly, the contrast's estimate is that of their coefficients.
+        // If the model explains the values exactly, the estimate is the contrast of their coefficients.
         let coefficients = ndarray::array![[2.0], [-1.0], [4.0]];
         let y = product(design.matrix(), coefficients.view());
         let estimate = found.scale * product(found.effect.t(), y.view())[[0, 0]];

@@ -1,8 +1,9 @@
-//! Kinds of relabelling that leave the errors' distribution unchanged: permutations of subjects, sign flips, or both.
+//! Chooses the kind of relabelling that leaves the errors' distribution unchanged: permutations of subjects, sign
+//! flips, or both.
 //!
 //! A. M. Winkler, G. R. Ridgway, M. A. Webster, S. M. Smith and T. E. Nichols, "Permutation inference for the general
-//! linear model", NeuroImage 92 (2014). Permutations need a constant in the reduced model: otherwise the mean stays in
-//! the residuals, and no permutation changes their sum, so that a test of the mean would compare a statistic with
+//! linear model", NeuroImage 92 (2014). Permutations need a constant in the reduced model. Without a constant the mean
+//! stays in the residuals, and no permutation changes their sum: a test of the mean would compare a statistic with
 //! itself. Signs are flipped in these cases.
 
 use ndarray::ArrayView2;
@@ -42,8 +43,9 @@ impl Resampling {
         }
     }
 
-    /// Chooses the kind for a contrast: permutations if the reduced model has a constant, else sign flips; both if sign
-    /// flips alone are too few because the estimate depends on few of the subjects.
+    /// Chooses the kind for a contrast: permutations if the reduced model has a constant, otherwise sign flips;
+    /// permutations and sign flips together if there are too few sign flips, because the estimate depends on few of the
+    /// subjects.
     pub(crate) fn choose(model: &Projection) -> Self {
         if model.keeps_constant() {
             return Self::Permutations;
@@ -53,12 +55,12 @@ impl Resampling {
     }
 }
 
-/// Estimates that depend on fewer subjects have fewer than 1,000 distinct statistics by sign flips alone. For the mean
-/// of 5 of 24 subjects there are 16, and the family-wise error is 0.01 instead of 0.05.
+/// Sign flips alone give fewer than 1,000 distinct statistics if the estimate depends on fewer subjects than this. For
+/// the mean of 5 of 24 subjects there are 16 distinct statistics, and the family-wise error is 0.01 instead of 0.05.
 const MIN_SUPPORT: f64 = 11.0;
 
-/// Returns the number of subjects on which an estimate depends: `(sum h)^2 / sum h^2` of their leverages h, n for a
-/// mean of n.
+/// Returns the number of subjects on which an estimate depends: `(sum h)^2 / sum h^2` of their leverages h, which is n
+/// for a mean of n subjects.
 fn support(effect: ArrayView2<'_, f64>) -> f64 {
     let leverage = effect.rows().into_iter().map(|row| row.iter().map(|value| value * value).sum::<f64>());
     let (sum, squares) = leverage.fold((0.0, 0.0), |(sum, squares), h| (sum + h, squares + h * h));
@@ -88,7 +90,7 @@ mod tests {
         let slope = Design::groups(&[9]).unwrap().with_covariates(age.view(), &[]).unwrap();
         assert_eq!(of(&slope, array![[1.0, 0.0]]), SignFlips);
         assert_eq!(of(&slope, array![[0.0, 1.0]]), Permutations);
-        // The mean of a small group beside a large one.
+        // The mean of a small group in a design with a large group.
         assert_eq!(of(&Design::groups(&[5, 19]).unwrap(), array![[1.0, 0.0]]), Both);
     }
 }

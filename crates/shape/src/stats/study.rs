@@ -1,4 +1,4 @@
-//! Designs from tables of subjects: a column to test, and covariates to account for.
+//! Creates designs from tables of subjects: a column to test, and covariates to account for.
 
 use std::collections::BTreeSet;
 
@@ -10,14 +10,14 @@ use crate::ShapeError;
 /// A table's column, with one value per subject.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Column {
-    /// A number: age, volume.
+    /// Numbers, such as age or volume.
     Numbers(Vec<f64>),
-    /// A level: group, sex, site.
+    /// Levels, such as group, sex or site.
     Levels(Vec<String>),
 }
 
 impl Column {
-    /// Parses the cells of a column: numbers if all of them are finite numbers, else levels.
+    /// Parses the cells of a column: numbers if all cells are finite numbers, otherwise levels.
     ///
     /// ```
     /// use spharm_shape::stats::Column;
@@ -39,8 +39,8 @@ impl Column {
         }
     }
 
-    /// Returns the distinct values of numbers that may be codes of levels: at most six, all integers, fewer than
-    /// subjects. None for levels.
+    /// Returns the distinct values of numbers that may be codes of levels: at most six distinct values, all integers,
+    /// fewer than subjects. Returns `None` otherwise, and for levels.
     ///
     /// ```
     /// use spharm_shape::stats::Column;
@@ -71,7 +71,7 @@ impl Column {
 /// With more distinct values than this, numbers are treated as measurements.
 const MAX_CODES: usize = 6;
 
-/// A design, the contrast to test, and its meaning.
+/// A design, the contrast to test, and the contrast's meaning.
 #[derive(Debug, Clone)]
 pub struct Question {
     /// The design, with the effect's columns first.
@@ -80,7 +80,7 @@ pub struct Question {
     pub contrast: Contrast,
     /// Description of the contrast: "control - patient", "slope of age".
     pub meaning: String,
-    /// Levels of the effect, if it has any, and their numbers of subjects.
+    /// Levels of the effect, if it is a column of levels, and their numbers of subjects.
     pub levels: Vec<(String, usize)>,
     /// Columns treated as numbers that may be codes of levels, with their distinct values.
     pub codes: Vec<(String, Vec<f64>)>,
@@ -88,12 +88,13 @@ pub struct Question {
 
 /// Returns the design and the contrast of an effect, given its name, with covariates: the slope of a number, the
 /// difference of two levels (the first minus the second), or any difference between more levels. Levels are in the
-/// order of `order`, by default sorted. Covariates are centred; levels have one column each except the first.
+/// order of `order`, by default sorted. Covariates are centred; each level of a covariate except the first has a
+/// column.
 ///
 /// # Errors
 ///
 /// [`ShapeError::Subjects`] for columns of different lengths, [`ShapeError::Levels`] for an effect of one level or an
-/// order that lacks levels, [`ShapeError::Constant`] for numbers that are all equal; those of [`Design`].
+/// `order` that doesn't list all levels, [`ShapeError::Constant`] for numbers that are all equal; those of [`Design`].
 pub fn question(
     (name, effect): (&str, &Column),
     order: &[String],
@@ -199,7 +200,8 @@ fn check_varies(name: &str, column: &Column) -> Result<(), ShapeError> {
     }
 }
 
-/// Returns covariates that may be codes of levels. Two values aren't included: they give the same model either way.
+/// Returns covariates that may be codes of levels. Covariates of two values aren't included: as numbers and as levels
+/// they give the same model.
 fn codes_of(covariates: &[(String, Column)]) -> Vec<(String, Vec<f64>)> {
     let codes = covariates.iter().filter_map(|(name, column)| Some((name.clone(), column.codes()?)));
     codes.filter(|(_, values)| values.len() > 2).collect()

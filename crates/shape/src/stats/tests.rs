@@ -1,4 +1,4 @@
-//! Statistics and relabellings against direct computation.
+//! Compares statistics and relabellings with direct computation.
 
 use ndarray::{Array2, Axis, array, s};
 use spharm_monitor::Silent;
@@ -122,7 +122,7 @@ fn covariates_are_freedman_and_lanes() {
     let design = Design::groups(&[n]).unwrap().with_covariates(covariates.view(), &[]).unwrap();
     let found = test(y.view(), 1, &design, &Contrast::column(3, 2), &TestParams::default(), &Silent).unwrap();
     let family_wise = found.family_wise.unwrap();
-    // 7! relabellings, each by fitting the full model to relabelled residuals of the reduced one.
+    // For each of 7! relabellings the full model is fitted to relabelled residuals of the reduced model.
     assert!(family_wise.exact && family_wise.relabellings == 5040);
     let x = design.matrix().to_owned();
     let (reduced, _) = design::orthonormalise(x.slice(s![.., ..2]));
@@ -149,7 +149,8 @@ fn covariates_are_freedman_and_lanes() {
 
 #[test]
 fn vectors_with_covariates_agree_with_the_statistic() {
-    // The compared share grows with T^2: for the original labels both are available.
+    // Relabelled studies are compared by a share that grows with T^2. For the original labels the share and T^2 are
+    // both available.
     let y = noise(15, 9, 21);
     let covariates = noise(15, 1, 22);
     let design = Design::groups(&[8, 7]).unwrap().with_covariates(covariates.view(), &[]).unwrap();
@@ -242,7 +243,7 @@ fn few_subjects_are_warned_of_and_bad_input_is_refused() {
     assert!(matches!(refused(&wide, 5, &contrast, &params), ShapeError::Subjects { expected: 7, .. }));
     let welch = TestParams { welch: true, ..TestParams::default() };
     assert!(matches!(refused(&y, 1, &Contrast::row(&[1.0, 1.0]), &welch), ShapeError::NotTwoGroups));
-    // T^2 of three components needs a covariance of each group: four subjects.
+    // T^2 of three components needs a covariance of each group, and therefore four subjects in each.
     let found = refused(&y, 3, &contrast, &welch);
     assert!(matches!(found, ShapeError::Subjects { what: "a group", expected: 4, found: 3 }), "{found}");
     for count in [MAX_RELABELLINGS + 1, usize::MAX] {

@@ -1,4 +1,4 @@
-//! Groups of unequal size and variance, for which pooled variances give wrong p values.
+//! Detects groups of unequal size and variance, for which pooled variances give wrong p values.
 
 use ndarray::ArrayView2;
 
@@ -30,7 +30,7 @@ pub(crate) fn unequal(values: ArrayView2<'_, f64>, design: &Design, contrast: &C
         }
         if freedom > 1e-9 { squares / freedom } else { f64::NAN }
     });
-    // NaN for groups whose variance is unknown.
+    // The variance is NaN if it is unknown.
     if !more(variances[0], variances[1]) || variances.iter().any(|variance| variance.is_nan()) {
         return None;
     }

@@ -1,9 +1,9 @@
-//! Two groups of unequal variance.
+//! Tests the difference of two groups of unequal variance.
 //!
-//! One component: `t = (m_1 - m_2) / sqrt(s_1^2 / n_1 + s_2^2 / n_2)` on the degrees of freedom of Satterthwaite (B. L.
-//! Welch, "The generalization of 'Student's' problem when several different population variances are involved",
-//! Biometrika 34 (1947)). Several: `T^2 = D^T C^-1 D` with `D = m_1 - m_2`, `C = C_1 + C_2`, `C_g = S_g / n_g`, of
-//! which `(v - d + 1) / (v d) T^2` is nearly F on (d, v - d + 1), with
+//! For one component, `t = (m_1 - m_2) / sqrt(s_1^2 / n_1 + s_2^2 / n_2)` on the degrees of freedom of Satterthwaite
+//! (B. L. Welch, "The generalization of 'Student's' problem when several different population variances are involved",
+//! Biometrika 34 (1947)). For several, `T^2 = D^T C^-1 D` with `D = m_1 - m_2`, `C = C_1 + C_2`, `C_g = S_g / n_g`, and
+//! `(v - d + 1) / (v d) T^2` is nearly F on (d, v - d + 1), with
 //!
 //! ```text
 //! v = (d + d^2) / sum_g (tr (C_g C^-1)^2 + (tr C_g C^-1)^2) / (n_g - 1)
@@ -38,7 +38,7 @@ pub(crate) fn groups(design: &Design, contrast: &Contrast, components: usize) ->
     Ok((groups, weights[[0, 0]]))
 }
 
-/// Returns Welch's statistics and their p at each vertex, NaN if there is no variance, of values (n, V d).
+/// Returns Welch's statistics and their p values at each vertex, for values (n, V d); NaN if there is no variance.
 pub(crate) fn statistics(
     values: ArrayView2<'_, f64>,
     components: usize,
@@ -161,7 +161,7 @@ fn freedom(halves: &[Half; 2], factor: &Small) -> f64 {
     let sum: f64 = halves
         .iter()
         .map(|half| {
-            // B = L^-1 C_g L^-T has the traces of C_g C^-1.
+            // B = L^-1 C_g L^-T has the same traces of powers as C_g C^-1.
             let mut b: Vec<Vec<f64>> = (0..d).map(|i| (0..d).map(|j| half.error(i, j)).collect()).collect();
             b.iter_mut().for_each(|row| factor.whiten(row));
             let mut columns: Vec<Vec<f64>> = (0..d).map(|j| b.iter().map(|row| row[j]).collect()).collect();

@@ -1,4 +1,4 @@
-//! Relabelled studies of two groups of unequal variance: sign flips of residuals about a common mean.
+//! Relabels studies of two groups of unequal variance by sign flips of residuals about a common mean.
 //!
 //! Permutations between groups assume equal variances, and permutations within groups change nothing. So signs are
 //! flipped, as in A. M. Winkler et al., NeuroImage 92 (2014), with the statistic v of A. A. Aspin and B. L. Welch

@@ -1,4 +1,4 @@
-//! Damaged and hostile compressed models.
+//! Tests damaged and hostile compressed models.
 
 use proptest::prelude::*;
 use spharm_monitor::Silent;
@@ -36,7 +36,7 @@ fn hostile_heads_are_refused() {
         Err(error) => assert!(error.to_string().contains(what), "{what}: {error}"),
         Ok(_) => panic!("{what}"),
     };
-    // L, c, T and g are one byte each.
+    // Highest degree L, channels c, highest degree T of the stream and guess g are one byte each.
     for (at, what) in [(10, "highest degree"), (11, "channels"), (12, "of the stream"), (13, "guess")] {
         for number in [u64::MAX, 1 << 40, 1 << 32, 2001, 65_537] {
             refuse(what, forge(&file, |head| drop(head.splice(at..=at, varint(number)))));
@@ -67,7 +67,7 @@ fn hostile_heads_are_refused() {
     refuse("length", longer);
 }
 
-/// A stream that ends at once, after a header that declares a large one.
+/// The header declares a long stream, but the stream ends at once.
 #[test]
 fn a_stream_that_ends_early_is_refused() {
     let file = compress(
@@ -104,7 +104,7 @@ proptest! {
         prop_assert!(expand(&bytes, &params).is_err());
         bytes.truncate((cut * file.bytes.len() as f64) as usize);
         if let Ok(found) = expand(&bytes, &params) {
-            // Truncated before the damage.
+            // The file was truncated before the damaged byte.
             let whole = expand(&file.bytes, &WHOLE).unwrap().model.coefficients;
             let degree = found.model.coefficients.max_degree();
             prop_assert!(prefix);
@@ -122,7 +122,7 @@ proptest! {
         }
     }
 
-    /// Nor do any bytes after the magic cause a panic.
+    /// No bytes after the magic number cause a panic.
     #[test]
     fn any_fields_are_read_without_a_panic(fields in prop::collection::vec(any::<u8>(), 0..80), flags in 0..4u8) {
         let mut head = b"\x89SPZ\x01".to_vec();

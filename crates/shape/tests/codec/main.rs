@@ -1,4 +1,4 @@
-//! Compressed models: round trips, targets, levels and the golden files.
+//! Tests compressed models: round trips, targets, levels and the golden files.
 
 mod hostile;
 
@@ -16,9 +16,9 @@ use spharm_surface::geometry::{add, dot, face_normal, sub};
 use spharm_surface::metrics::{SurfaceDistanceParams, bounding_box_scale, surface_distance};
 use spharm_surface::{Kind, Sphere};
 
-/// Complete files, all degrees.
+/// Expands complete files to all degrees.
 const WHOLE: ExpandParams = ExpandParams { max_degree: None, prefix: false };
-/// Prefixes of files.
+/// Expands prefixes of files.
 const PREFIX: ExpandParams = ExpandParams { max_degree: None, prefix: true };
 
 /// Pseudorandom numbers from 0 to 1.
@@ -30,7 +30,7 @@ fn random(seed: u64) -> impl FnMut() -> f64 {
     }
 }
 
-/// A bumpy ellipsoid of about 20 units, away from the origin; or the given number of signals.
+/// A bumpy ellipsoid of about 20 units, away from the origin; or a model of `channels` signals.
 fn model(max_degree: usize, channels: usize, kind: Kind, seed: u64) -> Model {
     let mut random = random(seed);
     let mut values = Array2::from_shape_fn((basis_size(max_degree), channels), |(row, _)| {
@@ -71,7 +71,7 @@ fn a_surface_comes_back_within_its_tolerance() {
         let file = compressed(&model, Target::Tolerance(tolerance));
         assert!((0.9 * tolerance..=tolerance).contains(&file.distance), "{tolerance} {}", file.distance);
         let expanded = expand(&file.bytes, &WHOLE).unwrap();
-        // Measured independently, on a finer icosphere and with more points.
+        // The distance is measured independently, on a finer icosphere and with more points.
         let on = |model: &Model| model.reconstruct(&Sphere::icosphere(6), 20).unwrap();
         let params = SurfaceDistanceParams { samples: 200_000 };
         let distance = surface_distance(&on(&model), &on(&expanded.model), &params, &Silent).unwrap();
@@ -82,8 +82,8 @@ fn a_surface_comes_back_within_its_tolerance() {
     }
 }
 
-/// Returns the root mean square displacement along the normal over the area, at 10,242 vertices, with their bounding
-/// box scaled to volume 1.
+/// Returns the root mean square displacement along the normal over the area, at 10,242 vertices, relative to a surface
+/// whose bounding box is scaled to volume 1.
 fn displacement(from: &Model, to: &Model) -> f64 {
     let on = |model: &Model| model.reconstruct(&Sphere::icosphere(5), model.coefficients.max_degree()).unwrap();
     let (from, to) = (on(from), on(to));
@@ -204,7 +204,7 @@ fn signals_are_compressed_by_their_spread() {
 
 #[test]
 fn models_of_next_to_nothing_come_back() {
-    // Degree 0 alone is a point: not a surface, but a signal.
+    // A model with degree 0 alone is a point, which is valid as a signal but not as a surface.
     let point = model(0, 3, Kind::Surface, 1);
     assert!(matches!(
         compress(&point, &CompressParams::new(Target::Step(1e-3)), &Silent),
@@ -214,7 +214,7 @@ fn models_of_next_to_nothing_come_back() {
     let file = compressed(&constant, Target::Tolerance(1e-6));
     let found = expand(&file.bytes, &WHOLE).unwrap().model.coefficients;
     assert!((found.values()[[0, 0]] + 70.0).abs() < 1e-4);
-    // A signal of zeros to a high degree: the file would be too short for so many coefficients.
+    // A signal of zeros to a high degree: the format doesn't allow so short a file to declare that many coefficients.
     let zeros = Coefficients::new(Array2::zeros((basis_size(1999), 2))).unwrap();
     let file = compressed(&Model::without_sphere(zeros, Kind::Signal), Target::Step(1.0));
     let found = expand(&file.bytes, &WHOLE).unwrap().model.coefficients;
@@ -247,8 +247,8 @@ fn what_cant_be_compressed_is_refused() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// The expanded values are the quantised ones: off by 0.62 of a step, and half a step more for the reconstruction
-    /// shifts.
+    /// The expanded values are the quantised values. Their error is at most 0.62 of a step, plus half a step for the
+    /// reconstruction shifts.
     #[test]
     fn any_model_comes_back(degree in 1..9usize, channels in 1..5usize, seed: u64, log in -20.0..0.0f64) {
         let model = model(degree, channels, Kind::Signal, seed);

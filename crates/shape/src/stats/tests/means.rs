@@ -1,4 +1,4 @@
-//! Tests of means against brute force.
+//! Compares tests of means with brute force.
 
 use super::*;
 

@@ -1,4 +1,4 @@
-//! Groups of unequal variance: the warning, and Welch's test against SciPy and brute force.
+//! Tests the warning about groups of unequal variance, and Welch's test against SciPy and brute force.
 
 use ndarray::concatenate;
 
@@ -6,7 +6,7 @@ use super::*;
 
 #[test]
 fn welchs_test_is_scipys() {
-    // By scipy.stats.ttest_ind(a, b, equal_var=False).
+    // The expected values are from scipy.stats.ttest_ind(a, b, equal_var=False).
     let y = array![[1.0], [2.0], [3.0], [4.0], [2.0], [9.0], [4.0], [6.0], [3.0], [7.0], [5.5]];
     let params = TestParams { welch: true, ..TestParams::default() };
     let design = Design::groups(&[4, 7]).unwrap();
@@ -60,12 +60,12 @@ fn unequal_variances_of_groups_of_unequal_size_are_warned_of() {
     };
     assert!((6.0..13.0).contains(ratio), "{ratio}");
     assert!(warning.to_string().contains("group 1 (6 subjects)") && warning.to_string().contains("too small"));
-    // The reverse: the larger group has the larger variance.
+    // Here the larger group has the larger variance.
     let turned =
         concatenate![Axis(0), y.slice(s![6..12, ..]), y.slice(s![..6, ..]), y.slice(s![..6, ..]), y.slice(s![..6, ..])];
     let warnings = run(&turned, &[6, 18], &without_permutations());
     assert!(warnings.len() == 1 && warnings[0].to_string().contains("too large"), "{warnings:?}");
-    // Groups of one size, groups of one variance, and Welch's test.
+    // There is no warning for groups of equal size, for groups of equal variance, or with Welch's test.
     assert!(run(&y.slice(s![..12, ..]).to_owned(), &[6, 6], &without_permutations()).is_empty());
     assert!(run(&noise(24, 40, 91), &[6, 18], &without_permutations()).is_empty());
     let welch = TestParams { welch: true, ..without_permutations() };
@@ -86,12 +86,12 @@ fn welchs_test_of_positions_is_the_multivariate_behrens_fisher_test() {
     let design = Design::groups(&[5, 8]).unwrap();
     let contrast = Contrast::difference(2, 0, 1);
     let found = test(y.view(), 3, &design, &contrast, &params, &Silent).unwrap();
-    // By the formulas with explicit inverses, in NumPy and SciPy.
+    // The expected values are computed in NumPy and SciPy by the formulas with explicit inverses.
     for (v, (statistic, p)) in BEHRENS_FISHER.into_iter().enumerate() {
         assert!((found.statistic[v] / statistic - 1.0).abs() < 1e-12, "{}", found.statistic[v]);
         assert!((found.p[v] / p - 1.0).abs() < 1e-11, "{}", found.p[v]);
     }
-    // One component of T^2 is t^2.
+    // For a single component T^2 is t^2.
     let one = y.select(Axis(1), &[0, 3]);
     let t = test(one.view(), 1, &design, &contrast, &params, &Silent).unwrap();
     for (v, column) in [0, 3].into_iter().enumerate() {
