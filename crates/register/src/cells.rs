@@ -1,10 +1,10 @@
-//! Points sorted into the cells of a grid, so that all points within a cell's width of a position are in 27 cells.
+//! Sorts points into the cells of a grid, so that all points within a cell's width of a position are in 27 cells.
 
 use spharm_surface::geometry::{Vec3, bounds};
 
 use crate::exponential::Columns;
 
-/// Most cells along an axis; the table of their starts takes at most 8 MB.
+/// Maximum number of cells along an axis; the table of the cells' first points then takes at most 8 MB.
 const MOST: f64 = 100.0;
 
 /// Points with normals in the order of their cells.
@@ -52,7 +52,7 @@ impl Cells {
         let (Some(x), Some(y), Some(z)) = (reach(0), reach(1), reach(2)) else { return };
         for k in z.0..=z.1 {
             for j in y.0..=y.1 {
-                // Cells of one row are contiguous.
+                // The points of one row of cells are contiguous.
                 let from = self.starts[self.number([x.0, j, k])] as usize;
                 let to = self.starts[self.number([x.1, j, k]) + 1] as usize;
                 if from < to {

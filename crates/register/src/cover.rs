@@ -10,7 +10,7 @@ use crate::template::Template;
 /// Number of points on the subject from which distances are measured.
 const POINTS: usize = 5000;
 
-/// Distances of a subject's surface from the registered template, in their unit.
+/// Distances of a subject's surface from the registered template, in the unit of the coordinates.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Cover {
     /// Root mean square over the subject's area.
@@ -43,8 +43,8 @@ impl Cover {
     }
 }
 
-/// Returns the root mean square and the largest of the distances, from unmasked vertices to the subject and from the
-/// subject to them.
+/// Returns the root mean square and the largest of the distances from unmasked vertices to the subject and from the
+/// subject to the template.
 pub(crate) fn apart(template: &Template, vertices: &[Vec3], subject: &Subject) -> (f64, f64) {
     let kept = (0..vertices.len()).into_par_iter().filter(|v| !template.masked[*v]);
     let distances = kept.map(|v| subject.tree.nearest(vertices[v]).map_or(0.0, |found| found.distance));
@@ -55,8 +55,8 @@ pub(crate) fn apart(template: &Template, vertices: &[Vec3], subject: &Subject) -
     ((0.5 * (there + back.rms * back.rms)).sqrt(), farthest)
 }
 
-/// Returns the free vertices, (n), to which the subject doesn't pull anything: masked ones, and those whose nearest
-/// point is farther than `reach` and on the border of an open surface, where the subject lacks the corresponding part.
+/// Returns the free vertices, (n), that the subject doesn't pull: masked vertices, and vertices whose nearest point is
+/// farther than `reach` and on the border of an open surface, where the subject lacks the corresponding part.
 pub(crate) fn free(template: &Template, vertices: &[Vec3], subject: &Subject, reach: f64) -> Vec<bool> {
     let lacks = |point: &Vec3| {
         let found = subject.tree.nearest(*point);

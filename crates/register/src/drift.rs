@@ -1,6 +1,6 @@
-//! Coherent point drift: points of the template are the centres of Gaussians of one width. Each of the subject's points
-//! is assigned to them by shares (responsibilities), and the centres move together, by a smooth displacement, towards
-//! the points assigned to them.
+//! Moves a template near a subject by coherent point drift. Points of the template are the centres of Gaussians of one
+//! width. Each of the subject's points is assigned to the centres by shares (responsibilities), and the centres move
+//! together, by a smooth displacement, towards the points assigned to them.
 //!
 //! A. Myronenko and X. Song, "Point set registration: coherent point drift", IEEE Trans. Pattern Anal. Mach. Intell. 32
 //! (2010), with a low-rank factor of the kernel (`v = F a`, [`crate::low_rank`]) instead of its eigenvectors, and with
@@ -13,8 +13,8 @@
 //!
 //! The subject's points are samples of its surface: they show its position, but not which points along it correspond.
 //! Each point of the template is therefore pulled towards `x` fully across the surface, but along it only by the share
-//! `(sigma / (2 sigma_0))^2`, with sigma_0 the first width. With a full pull along the surface, points scatter on
-//! surfaces that coincide: the variance of five boxes with a growing bump is ten times as large.
+//! `(sigma / (2 sigma_0))^2`, with sigma_0 the first width. With a full pull along the surface, points would scatter
+//! along surfaces that coincide: the variance of five registered boxes with a growing bump would be ten times as large.
 //!
 //! An iteration costs 25 flops for each pair within `CUT_OFF` sigma, and `n r^2` for the normal matrix.
 
@@ -37,17 +37,18 @@ use crate::template::{Stage, Template};
 
 /// Cut-off in units of sigma. Pairs beyond it, with responsibilities below 4e-4 of the largest, are ignored.
 const CUT_OFF: f64 = 5.0;
-/// Number of runs into which sums are divided, for any number of threads.
+/// Number of parts into which sums are divided. It doesn't depend on the number of threads, so that the result doesn't
+/// either.
 const RUNS: usize = 16;
 /// Number of iterations after which the template's normals are recomputed.
 const NORMALS: usize = 5;
 /// Sigma, relative to the first one, at which the pull along the surface is as strong as the pull across it.
 const ALONG: f64 = 2.0;
-/// Factor by which sigma is increased from one kernel to the next, narrower one.
+/// Factor by which sigma is increased when one kernel has converged and the next, narrower kernel starts.
 const AGAIN: f64 = 1.3;
 
-/// Returns the template's vertices moved near the subject by all stages of the drift; `free` vertices, (n), follow the
-/// others.
+/// Returns the template's vertices moved near the subject by all stages of the drift. Vertices that are `free`, (n),
+/// aren't pulled and follow the other vertices.
 ///
 /// # Errors
 ///
@@ -72,8 +73,8 @@ pub fn drift(
     Ok(mesh.vertices)
 }
 
-/// Sums of responsibilities. For each template point: the responsibilities, and the subject's points weighted by them.
-/// Over all points: |x|^2 weighted by them.
+/// Sums over the subject's points x. For each template point: the sum of responsibilities (`shares`), and the sum of x
+/// weighted by them (`weighted`). Over all template points: the sum of |x|^2 weighted by responsibilities.
 struct Sums {
     shares: Vec<f64>,
     weighted: Vec<Vec3>,
@@ -124,7 +125,7 @@ fn run_stage(
         if !next.is_finite() {
             return Err(RegisterError::Singular);
         }
-        // At a smaller sigma no pair would be within the cut-off, and the points are on the surface.
+        // At a smaller sigma no pair would be within the cut-off. The points are on the surface by then.
         let next = next.max(1e-4 * params.sigma * start_extent(low, high));
         let done = (next - sigma).abs() < params.drift_tolerance * sigma;
         sigma = next;
@@ -139,8 +140,8 @@ fn start_extent(low: Vec3, high: Vec3) -> f64 {
     (0..3).map(|k| high[k] - low[k]).fold(0.0, f64::max)
 }
 
-/// Landmarks: the rows of the kernel's factor at their places, (count, r), and the vectors from there to the subject's
-/// points, (count, 3).
+/// Landmarks: the rows of the kernel's factor at the landmarks on the template, (count, r), and the vectors from there
+/// to the corresponding points of the subject, (count, 3).
 struct Held {
     rows: Mat<f64>,
     off: Mat<f64>,
@@ -182,7 +183,8 @@ fn expectation(
     let n = points.len();
     let length = targets.points.len().div_ceil(RUNS).max(1);
     let runs = targets.points.par_chunks(length).zip(targets.normals.par_chunks(length)).map(|(xs, ns)| {
-        // In the order of the cells: the share, and x weighted by it.
+        // For each point in the order of the cells: the sum of x weighted by responsibilities, and the sum of
+        // responsibilities.
         let mut sums = vec![[0.0; 4]; kept.len()];
         let (mut squares, mut values, mut ranges) = (0.0, vec![0.0; kept.len()], Vec::new());
         for (x, normal) in xs.iter().zip(ns) {
@@ -221,8 +223,8 @@ fn expectation(
     found
 }
 
-/// Returns the point towards which each point is pulled, times its share, in place of `P x`: the part along the surface
-/// is scaled.
+/// Returns, in place of `P x`, the target of each template point times its share: the pull's part along the surface is
+/// multiplied by `along`.
 fn pulled(sums: &Sums, points: &[Vec3], normals: &[Vec3], along: f64) -> Vec<Vec3> {
     let of = |(((weighted, share), point), normal): (((&Vec3, &f64), &Vec3), &Vec3)| {
         let here = scale(*point, *share);

@@ -30,7 +30,7 @@ pub enum RegisterError {
         /// Number of values.
         found: usize,
     },
-    /// A landmark that isn't finite, or is at a vertex outside of the template's range.
+    /// A landmark with coordinates that aren't finite, or on a vertex that the template doesn't have.
     #[error(
         "landmark {index} of a registration: expected finite coordinates and a place on the template, which has {vertices} vertices"
     )]

@@ -1,4 +1,4 @@
-//! Exponentials for the pairs of one point with a range of others.
+//! Computes the exponentials for the pairs of one point with a range of other points.
 
 use multiversion::multiversion;
 
@@ -9,7 +9,7 @@ pub(crate) struct Columns {
     pub(crate) n: [Vec<f64>; 3],
 }
 
-/// A point and its unit normal, with the weights of both.
+/// A point and its unit normal, with the weights of distances and of normals.
 pub(crate) struct Probe {
     pub(crate) x: [f64; 3],
     pub(crate) n: [f64; 3],
@@ -30,7 +30,7 @@ pub(crate) fn exponentials(probe: &Probe, of: &Columns, from: usize, out: &mut [
         let along = nx[i] * probe.n[0] + ny[i] * probe.n[1] + nz[i] * probe.n[2];
         out[i] = exp(probe.kappa * (along - 1.0) - (dx * dx + dy * dy + dz * dz) * probe.sharpness);
     }
-    // Four independent sums, which may be computed in parallel.
+    // Four independent sums, which a processor can compute in parallel.
     let mut sums = [0.0; 4];
     let chunks = out.chunks_exact(4);
     let rest: f64 = chunks.remainder().iter().sum();
@@ -38,8 +38,8 @@ pub(crate) fn exponentials(probe: &Probe, of: &Columns, from: usize, out: &mut [
     (sums[0] + sums[1]) + (sums[2] + sums[3]) + rest
 }
 
-/// Returns e^t to a relative accuracy of 1e-13 for t from -700 to 700; beyond, the value at the bound. It uses
-/// arithmetic alone, so that compilers vectorise it.
+/// Returns e^t to a relative accuracy of 1e-13 for t from -700 to 700; t beyond this range is clamped to it. The
+/// function uses only arithmetic, so that compilers vectorise it.
 #[inline(always)]
 fn exp(t: f64) -> f64 {
     // Adding 1.5 2^52 rounds to an integer, which is then in the lowest bits of the sum.

@@ -1,9 +1,9 @@
-//! Landmarks that guide a registration: places of the template that are pulled to points of the subject.
+//! Landmarks that guide a registration: points of the template that are pulled to points of the subject.
 
 use spharm_surface::Place;
 use spharm_surface::geometry::Vec3;
 
-/// A place of the template, and the point of the subject that corresponds to it.
+/// A point on the template, and the point of the subject that corresponds to it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Guide {
     /// Position on the template.

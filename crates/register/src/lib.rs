@@ -1,17 +1,17 @@
 //! Registration in space: moves a template mesh onto the surface of each subject of a group.
 //!
 //! The subject's surface is only used as a target of nearest points: it may have handles, holes, several pieces, and
-//! triangles in any order. The template's triangles don't change, so all subjects get the same triangulation, and with
-//! it the same sphere. Subject and template must be in the same pose.
+//! triangles in any order. The template's triangles don't change, so that all subjects get the same triangulation, and
+//! therefore the same sphere. Subject and template must be in the same pose.
 //!
 //! # Steps
 //!
 //! 1. Coherent point drift ([`drift`](mod@drift)) with three Gaussian kernels, the widest first, brings the template
 //!    near the subject where the two differ after alignment.
-//! 2. Nearest points in both directions ([`snap`](mod@snap)), under a thin plate that becomes softer, bring it onto the
-//!    surface.
-//! 3. Its vertices are projected onto the surface, and evened within it around triangles that are turned over
-//!    ([`untangle`](mod@untangle)).
+//! 2. Nearest points in both directions ([`snap`](mod@snap)), under a thin plate that becomes softer, bring the
+//!    template onto the surface.
+//! 3. The template's vertices are projected onto the surface. Around triangles that are turned over, they are moved
+//!    within the surface towards their neighbours ([`untangle`](mod@untangle)).
 //! 4. [`Cover`] gives the distance of the subject's surface from the registered template, and the vertices of the
 //!    template that have no counterpart on the subject.
 //!

@@ -1,14 +1,14 @@
-//! A Gaussian kernel as a product of low rank: `k(y, y') = exp(-|y - y'|^2 / (2 w^2))`, `K = F F^T`.
+//! Computes a Gaussian kernel as a product of low rank: `k(y, y') = exp(-|y - y'|^2 / (2 w^2))`, `K = F F^T`.
 //!
-//! It is computed by a pivoted Cholesky factorisation that ends when no diagonal entry of the remainder exceeds a
+//! F is computed by a pivoted Cholesky factorisation that ends when no diagonal entry of the remainder exceeds a
 //! tolerance: N. Higham, "Analysis of the Cholesky decomposition of a semi-definite matrix" (1990). The rows of F at
-//! further places follow from the same pivots, so that a displacement `F a` of the points extends to all of space.
-//! Cost: `(n + m) r^2` flops, and `n + m` exponentials per column.
+//! further points (places) follow from the same pivots, so that a displacement `F a` of the points extends to all of
+//! space. Cost: `(n + m) r^2` flops, and `n + m` exponentials per column.
 
 use rayon::prelude::*;
 use spharm_surface::geometry::{Vec3, dot, sub};
 
-/// A factor at the points among which the pivots are chosen, and at further places.
+/// A factor of the kernel at the points among which the pivots are chosen, and at further points, the places.
 pub struct LowRank {
     /// Number of columns, r.
     pub rank: usize,
@@ -54,7 +54,7 @@ impl LowRank {
         Self { rank, points, places: rows.flatten().copied().collect() }
     }
 
-    /// Returns `F a` at the rows of a factor, for coefficients (r, 3).
+    /// Returns the displacements `F a` for rows of a factor F and coefficients a, (r, 3).
     #[must_use]
     pub fn displacements(rank: usize, rows: &[f64], coefficients: &[Vec3]) -> Vec<Vec3> {
         let row = |row: &[f64]| {

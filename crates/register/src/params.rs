@@ -1,13 +1,14 @@
 //! Settings of a registration.
 
-/// A stage of the drift: the kernel's width and stiffness, and the number of points.
+/// Settings of a stage of the drift: the kernel's width and stiffness, and the number of points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DriftStage {
     /// Standard deviation of the Gaussian kernel, as a share of the square root of the template's area.
     pub width: f64,
     /// Weight of the displacements' energy, lambda.
     pub stiffness: f64,
-    /// Number of points on the template, and on the subject: at most half the number of the template's vertices.
+    /// Number of points on the template and number of points on the subject, each at most half the number of the
+    /// template's vertices.
     pub points: usize,
 }
 
@@ -16,8 +17,9 @@ pub struct DriftStage {
 pub struct RegisterParams {
     /// Stages of the drift, the widest kernel first. Empty for surfaces that are already close.
     pub drift: Vec<DriftStage>,
-    /// Root mean square distance of the surfaces, in both directions, below which vertices are only projected, provided
-    /// that no distance exceeds `reach`. The drift would scatter points along surfaces that coincide.
+    /// Root mean square distance between template and subject, in both directions, below which vertices are only
+    /// projected, provided that no distance exceeds `reach`. The drift is skipped then, because it would scatter points
+    /// along surfaces that coincide.
     pub near: f64,
     /// Standard deviation of the distances at the start of the drift.
     pub sigma: f64,
@@ -25,7 +27,7 @@ pub struct RegisterParams {
     pub kappa: f64,
     /// Share of outliers that the drift expects.
     pub outliers: f64,
-    /// Most iterations of a stage of the drift.
+    /// Maximum number of iterations of a stage of the drift.
     pub drift_rounds: usize,
     /// Relative change of sigma below which a stage of the drift ends.
     pub drift_tolerance: f64,
@@ -42,9 +44,10 @@ pub struct RegisterParams {
     /// Distance beyond which a vertex of the template has no counterpart on the subject, and a point of the subject
     /// isn't reached by the template.
     pub reach: f64,
-    /// Weight of a guiding landmark, relative to one of the points in the drift, and to one of the vertices after it.
+    /// Weight of a guiding landmark, relative to a single point in the drift, and relative to a single vertex after the
+    /// drift.
     pub landmark: f64,
-    /// Most rounds of evening vertices around turned triangles.
+    /// Maximum number of rounds that move vertices around turned triangles towards their neighbours.
     pub untangle_rounds: usize,
 }
 

@@ -1,5 +1,6 @@
-//! The thin plate of a template's triangles: `|L v|^2`, where L is the graph Laplacian with each row divided by the
-//! number of neighbours; the triangles are nearly even.
+//! Computes the bending energy of a thin plate over a template's triangles: `|L v|^2`, where L is the graph Laplacian
+//! with each row divided by the number of neighbours. This weighs all neighbours equally, because the triangles have
+//! nearly equal sizes.
 
 use std::sync::Arc;
 
@@ -55,7 +56,7 @@ pub(crate) struct PlateMatrix<'a> {
     values: Vec<f64>,
 }
 
-/// The factor of such a matrix, applied to three columns at once.
+/// The Cholesky factor of a [`PlateMatrix`], applied to three columns at once.
 pub(crate) struct PlateFactor(Llt<usize, f64>);
 
 impl Plate {
@@ -104,7 +105,7 @@ impl Plate {
         self.of_vertices.row(v)
     }
 
-    /// Returns the plate's matrix times a stiffness.
+    /// Returns the plate's matrix `L^T L` times a stiffness.
     pub(crate) fn times(&self, stiffness: f64) -> PlateMatrix<'_> {
         PlateMatrix { plate: self, values: self.values.iter().map(|value| stiffness * value).collect() }
     }
@@ -121,7 +122,7 @@ impl Plate {
     }
 }
 
-/// Returns the position of an entry; the columns of each row are sorted.
+/// Returns the index of an entry in the pattern, whose rows have sorted columns.
 fn place(pattern: &Rows, row: u32, column: u32) -> Option<usize> {
     let range = pattern.range(row as usize);
     let at = pattern.columns[range.clone()].binary_search(&column).ok()?;
@@ -129,14 +130,14 @@ fn place(pattern: &Rows, row: u32, column: u32) -> Option<usize> {
 }
 
 impl PlateMatrix<'_> {
-    /// Adds to an entry within a triangle or on the diagonal.
+    /// Adds a value to an entry whose row and column are equal or belong to one triangle.
     pub(crate) fn add(&mut self, row: u32, column: u32, value: f64) {
         if let Some(at) = place(&self.plate.pattern, row, column) {
             self.values[at] += value;
         }
     }
 
-    /// Adds the product with columns, (n, 3), to `out`.
+    /// Adds the product of the matrix with columns, (n, 3), to `out`.
     pub(crate) fn add_product(&self, of: &[Vec3], out: &mut [Vec3]) {
         for (v, out) in out.iter_mut().enumerate() {
             for at in self.plate.pattern.range(v) {

@@ -26,7 +26,7 @@ pub struct Registered {
     pub turned: usize,
 }
 
-/// Moves a template onto a subject in the same pose. `guides` are corresponding places and points known in advance.
+/// Moves a template onto a subject in the same pose. `guides` are pairs of corresponding points known in advance.
 ///
 /// # Errors
 ///

@@ -2,16 +2,18 @@
 //!
 //! B. Amberg, S. Romdhani and T. Vetter, "Optimal step nonrigid ICP algorithms for surface registration", CVPR 2007.
 //! Points of the template have nearest points on the subject, by position and normal, and points of the subject have
-//! nearest points on the template. The latter pull the template into tips, which aren't nearest to any point of the
-//! template. Distances across the surface have full weight, and those along it a small one. Each round solves
+//! nearest points on the template. The points of the subject pull the template into tips, which aren't nearest to any
+//! point of the template. Distances across the surface have full weight, and distances along it a small weight. Each
+//! round solves
 //!
 //! ```text
 //! (S^T W S + stiffness / n L^T L) v = S^T W r,   W = w (n n^T + tangential I) a pair
 //! ```
 //!
-//! for the displacement v, where S interpolates within triangles and r are the pairs' differences. It uses conjugate
-//! gradients, with the factor of that matrix for `W = w (1/3 + tangential) I` as the preconditioner. A round costs that
-//! factor, and about 200 flops per pair and 2,000 per vertex for each iteration.
+//! for the displacement v, where S interpolates within triangles and r are the pairs' differences. The equations are
+//! solved by conjugate gradients. The preconditioner is the Cholesky factor of the matrix with `W = w (1/3 +
+//! tangential) I`. A round costs this factorisation, and about 200 flops per pair and 2,000 per vertex for each
+//! iteration.
 
 use spharm_monitor::Monitor;
 use spharm_surface::geometry::{Vec3, add, dot, scale as times, sub, unit};
@@ -27,11 +29,12 @@ use crate::template::{Template, doubled_normal, length};
 /// Residual, relative to the right-hand side, at which the iteration ends.
 const ACCURACY: f64 = 1e-2;
 const MOST_ITERATIONS: usize = 40;
-/// Number of points on the subject per vertex of the template: those that the template searches, and those that search
-/// the template.
+/// Numbers of points on the subject per vertex of the template: `SOUGHT` points among which the template's vertices
+/// find their nearest, and `SEEKING` points that find the nearest point of the template.
 const SOUGHT: usize = 4;
 const SEEKING: f64 = 1.5;
-/// Places in each triangle that points of the subject are matched to: the centres of its quarters.
+/// Barycentric coordinates of the points in each triangle with which points of the subject are paired: the centres of
+/// the triangle's four quarters.
 const QUARTERS: [[f64; 3]; 4] = [
     [1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0],
     [2.0 / 3.0, 1.0 / 6.0, 1.0 / 6.0],
@@ -88,7 +91,7 @@ pub fn snap(
     Ok(vertices)
 }
 
-/// Returns pairs that pull a landmark's place equally in all directions.
+/// Returns pairs that pull a landmark equally in all directions.
 fn of_guide(guide: &Guide, vertices: &[Vec3], weight: f64) -> [Pair; 3] {
     let off = sub(guide.point, guide.place.of(vertices));
     let Place { corners, shares } = guide.place;
@@ -102,8 +105,8 @@ fn of_guide(guide: &Guide, vertices: &[Vec3], weight: f64) -> [Pair; 3] {
 }
 
 /// Pairs each vertex with its nearest point of the subject, weighted by its share of the area. A vertex whose nearest
-/// point is on the border of an open surface gets no pair; otherwise the part that the subject lacks would be squeezed
-/// into the border.
+/// point is on the border of an open surface gets no pair; otherwise the part of the template that the subject lacks
+/// would be squeezed into the border.
 fn to_subject(
     template: &Template,
     vertices: &[Vec3],
@@ -130,7 +133,7 @@ fn to_subject(
     .collect()
 }
 
-/// Pairs each of the given points of the subject with its nearest place on the template.
+/// Pairs each of the given points of the subject with the nearest point of the template.
 fn to_template(
     template: &Template,
     vertices: &[Vec3],
@@ -173,7 +176,7 @@ fn inside(vertices: &[Vec3], face: [u32; 3], weights: [f64; 3]) -> Vec3 {
     std::array::from_fn(|k| weights[0] * a[k] + weights[1] * b[k] + weights[2] * c[k])
 }
 
-/// Returns unit normals of the vertices, and their thirds of the triangles' areas.
+/// Returns the unit normal of each vertex, and a third of the area of its triangles.
 pub(crate) fn normals_and_areas(vertices: &[Vec3], faces: &[[u32; 3]]) -> (Vec<Vec3>, Vec<f64>) {
     let (mut normals, mut areas) = (vec![[0.0; 3]; vertices.len()], vec![0.0; vertices.len()]);
     for face in faces {

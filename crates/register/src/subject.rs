@@ -60,7 +60,7 @@ fn open_edges(mesh: &Mesh) -> Vec<[bool; 3]> {
     open
 }
 
-/// A tree over points and their normals, with normals scaled to a length.
+/// A search tree over points and their normals; normals are multiplied by a length.
 pub(crate) struct PointTree {
     tree: ImmutableKdTree<f64, 6>,
     normal: f64,

@@ -39,7 +39,7 @@ pub(crate) struct Stage {
 
 impl Template {
     /// Prepares a template. `masked`, (n), marks vertices without a counterpart on subjects, such as the lids of filled
-    /// holes: nothing pulls at them.
+    /// holes: subjects don't pull these vertices.
     ///
     /// # Errors
     ///

@@ -1,9 +1,10 @@
 //! Projects vertices onto a surface without leaving triangles turned over.
 //!
-//! A triangle is turned over if its normal points against that of the subject's triangle nearest to its centre.
-//! Vertices around such triangles are moved halfway to the mean of their neighbours and projected again, several times.
-//! Remaining ones are treated vertex by vertex: each corner is tried at several positions towards its neighbours, and
-//! moved to the one with the fewest turned triangles around it. Free vertices stay where the thin plate left them.
+//! A triangle is turned over if its normal points against the normal of the subject's triangle that is nearest to its
+//! centre. Vertices around such triangles are moved halfway to the mean of their neighbours and projected again,
+//! several times. Triangles that are still turned over are then treated vertex by vertex: each corner is tried at
+//! several positions towards its neighbours, and moved to the position with the fewest turned triangles around it. Free
+//! vertices, which the subject doesn't pull, keep their positions.
 
 use rayon::prelude::*;
 use spharm_monitor::Monitor;
@@ -15,7 +16,7 @@ use crate::template::{Template, doubled_normal};
 
 /// Number of moves of the vertices in a round.
 const MOVES: usize = 12;
-/// Number of rings around turned triangles that are moved, by round.
+/// Number of rings of vertices around turned triangles that are moved, in each of the rounds.
 const RINGS: [usize; 6] = [1, 2, 1, 3, 2, 4];
 /// Number of sweeps over the corners of triangles that are still turned after the rounds.
 const SWEEPS: usize = 12;
@@ -114,7 +115,7 @@ fn project(vertices: &mut [Vec3], some: &[usize], subject: &Subject) {
     some.iter().zip(moved).for_each(|(v, to)| vertices[*v] = to);
 }
 
-/// Whether a triangle is turned over; one with a free corner isn't.
+/// Returns whether a triangle is turned over; a triangle with a free corner doesn't count as turned over.
 fn is_turned(face: [u32; 3], vertices: &[Vec3], free: &[bool], subject: &Subject) -> bool {
     if face.iter().any(|v| free[*v as usize]) {
         return false;
@@ -126,14 +127,14 @@ fn is_turned(face: [u32; 3], vertices: &[Vec3], free: &[bool], subject: &Subject
     dot(doubled_normal(vertices, face), theirs) < 0.0
 }
 
-/// Returns the triangles that are turned over, without free ones.
+/// Returns the triangles that are turned over, without those that have free corners.
 fn turned_faces(template: &Template, vertices: &[Vec3], free: &[bool], subject: &Subject) -> Vec<u32> {
     let faces = &template.mesh.faces;
     let all = (0..faces.len() as u32).into_par_iter();
     all.filter(|face| is_turned(faces[*face as usize], vertices, free, subject)).collect()
 }
 
-/// Returns the vertices of the given triangles and of a number of rings around them, without free ones, in order.
+/// Returns the vertices of the given triangles and of a number of rings around them, in order, without free vertices.
 fn around(template: &Template, faces: &[u32], free: &[bool], rings: usize) -> Vec<usize> {
     let mut near = vec![false; template.mesh.vertices.len()];
     let mut border: Vec<usize> =

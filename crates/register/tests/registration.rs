@@ -1,4 +1,4 @@
-//! The guarantees of a registration, on generated surfaces with known places.
+//! Tests registrations of generated surfaces whose correspondence is known.
 
 use spharm_monitor::Silent;
 use spharm_register::{
@@ -8,7 +8,7 @@ use spharm_surface::generate::icosphere;
 use spharm_surface::geometry::{Vec3, dot, sub};
 use spharm_surface::{Mesh, Place};
 
-/// A box with round edges and a bump on its top at `at`, from -1 to 1.
+/// A box with round edges and a bump on its top; `at`, from -1 to 1, is the bump's position along the box.
 fn with_bump(level: u32, at: f64, turn: f64) -> Mesh {
     let (s, c) = turn.sin_cos();
     let mesh = icosphere(level);
@@ -55,7 +55,7 @@ fn a_bump_that_moved_keeps_its_top() {
     let top =
         |vertices: &[Vec3]| (0..vertices.len()).max_by(|a, b| vertices[*a][2].total_cmp(&vertices[*b][2])).unwrap();
     let before = top(&template.vertices);
-    // The template's top has moved 3 along the box, with the bump.
+    // The highest vertex of the template has moved by 3 along the box, together with the bump.
     let after = found.vertices[before];
     assert!((after[0] - 1.5).abs() < 1.0 && after[1].abs() < 1.0, "{after:?}");
     assert!(found.cover.rms < 0.05 && found.turned == 0, "{:?} {}", found.cover, found.turned);
@@ -81,7 +81,7 @@ fn a_subject_inside_out_is_the_same_subject() {
     assert_eq!((one.turned, other.turned), (0, 0));
 }
 
-/// Half of the box is missing: the template's other half has no counterpart, and is marked so.
+/// Half of the box is missing: the template's other half has no counterpart, and is marked as such.
 #[test]
 fn places_that_a_subject_lacks_are_marked() {
     let whole = with_bump(4, 0.0, 0.0);
@@ -102,7 +102,7 @@ fn places_that_a_subject_lacks_are_marked() {
 fn masked_vertices_draw_nothing_and_arent_reached() {
     let mesh = with_bump(4, 0.0, 0.0);
     let mut original = mesh.clone();
-    // The template was made of a surface whose end is open, and closed by a lid.
+    // The template was made from a surface with an open end, which was closed by a lid.
     original.faces.retain(|face| face.iter().any(|v| mesh.vertices[*v as usize][0] < 12.0));
     let masked = without_counterpart(&mesh, &original, 0.5);
     assert!(masked.iter().any(|masked| *masked) && masked.iter().filter(|masked| **masked).count() < 400);
@@ -149,7 +149,7 @@ fn what_cant_be_registered_is_refused() {
 fn a_landmark_that_guides_is_where_it_is_said_to_be() {
     let template = with_bump(4, 0.0, 0.0);
     let subject = with_bump(5, 0.0, 0.3);
-    // A place of the flat bottom, which by its shape alone could be anywhere there.
+    // A point on the flat bottom, whose position on the bottom the shape alone doesn't determine.
     let place = Place::nearest(&template, &[[3.0, 1.0, -6.0]]).unwrap()[0];
     let guide = Guide { place, point: [5.0, -1.0, -6.0] };
     let (prepared, target) = (prepared(&template), Subject::new(&subject).unwrap());
