@@ -1,4 +1,4 @@
-//! A sequence of surfaces as an animated GIF.
+//! Draws a sequence of surfaces as an animated GIF.
 
 use std::io;
 use std::path::Path;
@@ -36,7 +36,7 @@ pub fn render_frames(meshes: &[Mesh], settings: &Settings) -> Result<Vec<Image>,
 ///
 /// # Errors
 ///
-/// [`RenderError::NoPanels`] for no frames, [`RenderError::Size`] for frames whose size differs from the first one's;
+/// [`RenderError::NoPanels`] for no frames, [`RenderError::Size`] for frames whose size differs from the first frame's;
 /// those of [`check_output`] and [`write_new`].
 pub fn write_gif(
     path: impl AsRef<Path>,

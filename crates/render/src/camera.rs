@@ -2,7 +2,7 @@
 
 use spharm_surface::geometry::{Vec3, add, bounds, cross, dot, scale, sub, unit};
 
-/// The camera's position, as a direction from the surface's centre, at which it looks.
+/// The camera's position, as a direction from the surface's centre. The camera looks at the centre.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
     /// Direction from the centre towards the camera; any length above 0.
@@ -61,7 +61,7 @@ impl Camera {
             up,
             towards,
             centre,
-            // A single point, or none, is drawn at an arbitrary zoom.
+            // If there is at most a single point, the zoom is arbitrary.
             zoom: if zoom.is_finite() { zoom } else { 1.0 },
             middle: (width / 2.0, height / 2.0),
         }
@@ -74,7 +74,7 @@ impl Camera {
         [self.middle.0 + x, self.middle.1 - y, depth]
     }
 
-    /// Returns the direction in space of a direction in the picture's axes (right, up, towards the camera).
+    /// Converts a direction in the picture's axes (right, up, towards the camera) to a unit vector in space.
     pub(crate) fn direction(&self, [right, up, towards]: Vec3) -> Vec3 {
         unit(add(add(scale(self.right, right), scale(self.up, up)), scale(self.towards, towards)))
     }

@@ -1,7 +1,7 @@
-//! Curves with bands over integers, such as measures over the number of modes: panels side by side.
+//! Draws panels of curves with bands over integers, such as measures over the number of modes.
 //!
-//! Shapes are anti-aliased: a curve's coverage of a pixel follows from its distance to the pixel's centre, a band's
-//! from the covered part of the pixel's column.
+//! Shapes are anti-aliased: a curve's coverage of a pixel follows from its distance to the pixel's centre, and a band's
+//! coverage from the covered part of the pixel's column.
 
 use crate::RenderError;
 use crate::image::Image;
@@ -10,11 +10,11 @@ use crate::text::Label;
 /// A curve over 1, 2, ..., m, and its band.
 #[derive(Clone, Copy, Debug)]
 pub struct Curve<'a> {
-    /// Its name in the legend.
+    /// The curve's name in the legend.
     pub label: &'a str,
     /// Values, (m).
     pub values: &'a [f64],
-    /// The lower and the upper bounds of its band, (m) each, or empty.
+    /// The lower and the upper bounds of the curve's band, (m) each, or empty.
     pub band: [&'a [f64]; 2],
 }
 
@@ -44,7 +44,7 @@ const HALF: f64 = 1.3;
 ///
 /// # Errors
 ///
-/// [`RenderError::NoPanels`]; [`RenderError::Size`] for more than 31.
+/// [`RenderError::NoPanels`]; [`RenderError::Size`] for more than 31 panels.
 pub fn render_curves(panels: &[CurvePanel<'_>]) -> Result<Image, RenderError> {
     if panels.is_empty() {
         return Err(RenderError::NoPanels);
@@ -157,7 +157,7 @@ impl Axes {
         places.iter().for_each(|place| stroke(picture, *place, *place, 4.0, color));
     }
 
-    /// Draws the legend in the empty corner: at the bottom if curves rise to the top.
+    /// Draws the legend in the empty corner at the right: at the bottom if curves rise, otherwise at the top.
     fn legend(&self, picture: &mut Image, panel: &CurvePanel<'_>) {
         let rising = panel.curves.first().is_some_and(|curve| curve.values.first() < curve.values.last());
         let count = panel.curves.len() as f64;
@@ -218,7 +218,7 @@ mod tests {
         assert_eq!((axes.top, axes.step), (10.0, 2.0));
         let at = |picture: &Image, x: f64, y: f64| picture.get(x as usize, y as usize);
         assert_eq!(at(&picture, axes.x(2.5), axes.y(5.0)), COLORS[0]);
-        // Points within the band only, and outside of both.
+        // A point within the band but not on the curve, and a point outside of both.
         let [band, above] = [4.5, 7.5].map(|value| at(&picture, axes.x(2.6), axes.y(value)));
         assert!(band[0] < 230 && band[2] > band[0] && band != COLORS[0], "{band:?}");
         assert_eq!(above, [255; 3]);

@@ -28,9 +28,9 @@ pub enum RenderError {
     /// A colour bar whose ends aren't finite.
     #[error("the range of a colour bar must be two finite numbers, found {low} and {high}")]
     Range {
-        /// The value at its lower end.
+        /// The value at the bar's lower end.
         low: f64,
-        /// The value at its upper end.
+        /// The value at the bar's upper end.
         high: f64,
     },
     /// The file can't be written.

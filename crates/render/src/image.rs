@@ -1,4 +1,4 @@
-//! Images, and PNG files of them.
+//! Images, and functions that write them as PNG files.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -27,12 +27,12 @@ impl Image {
         (x < self.width && y < self.height).then(|| y * self.width + x)
     }
 
-    /// Returns the colour of a pixel; black outside.
+    /// Returns the colour of a pixel; black for a position outside of the image.
     pub(crate) fn get(&self, x: usize, y: usize) -> [u8; 3] {
         self.index(x, y).map_or([0; 3], |i| self.pixels[i])
     }
 
-    /// Sets a pixel; ignored outside.
+    /// Sets the colour of a pixel; a position outside of the image is ignored.
     pub(crate) fn set(&mut self, x: usize, y: usize, color: [u8; 3]) {
         if let Some(i) = self.index(x, y) {
             self.pixels[i] = color;
@@ -65,7 +65,7 @@ pub fn write_png(path: impl AsRef<Path>, image: &Image, options: &WriteOptions) 
 ///
 /// # Errors
 ///
-/// Those of `out`, and an error for a picture of more than 2^32 - 1 pixels on a side.
+/// The errors of `out`, and an error for a picture of more than 2^32 - 1 pixels on a side.
 pub fn encode_png(image: &Image, out: &mut dyn Write) -> io::Result<()> {
     let size = |n: usize| u32::try_from(n).map_err(io::Error::other);
     let mut encoder = png::Encoder::new(out, size(image.width)?, size(image.height)?);

@@ -1,4 +1,4 @@
-//! Pictures of meshes: a small z-buffer renderer that needs no window or graphics card.
+//! Draws pictures of meshes by a small z-buffer renderer that needs no window or graphics card.
 //!
 //! [`render`] draws panels, each a mesh with a caption, in a grid with one orthographic camera, and [`write_png`] saves
 //! the picture. [`render_curves`] draws curves with bands.
@@ -106,13 +106,14 @@ impl Settings {
     /// Returns the bytes that [`render`] and [`encode_png`] take for `panels` panels with meshes of at most `vertices`
     /// vertices, including the picture.
     ///
-    /// Three per pixel of the picture, twice while it is compressed; 80 per pixel of one panel, which is drawn at twice
-    /// the resolution in linear light with its depth, one panel after another; 128 per vertex of the panel's mesh.
+    /// The sum has 3 bytes per pixel of the picture, twice because of the compressed copy; 80 bytes per pixel of one
+    /// panel, because panels are drawn one after another, in linear light, at twice the resolution and with their
+    /// depth; and 128 bytes per vertex of a panel's mesh.
     #[must_use]
     pub fn bytes(&self, panels: usize, vertices: usize) -> u64 {
         const BYTES_PER_VERTEX: u64 = 128;
         let columns = if self.columns == 0 { panels } else { self.columns.min(panels) };
-        // An incomplete last row is as large as the others.
+        // An incomplete last row takes as much memory as a complete row.
         let places = columns as u64 * panels.div_ceil(columns.max(1)) as u64;
         let pixels = (self.width as u64).saturating_mul(self.height as u64);
         pixels.saturating_mul(raster::BYTES_PER_PIXEL + 6 * places) + BYTES_PER_VERTEX * vertices as u64
@@ -176,7 +177,7 @@ fn check(panels: &[Panel<'_>], settings: &Settings) -> Result<(), RenderError> {
     if panels.is_empty() {
         return Err(RenderError::NoPanels);
     }
-    // Checked before their product can overflow.
+    // Width and height are checked before their products with numbers of panels can overflow.
     if settings.width > LARGEST || settings.height > LARGEST {
         return Err(RenderError::Size { width: settings.width, height: settings.height });
     }

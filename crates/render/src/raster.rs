@@ -1,4 +1,4 @@
-//! Rasterisation of triangles: a z-buffer at twice the resolution, averaged down.
+//! Rasterises triangles into a z-buffer at twice the picture's resolution, and averages it down.
 
 use std::ops::Range;
 
@@ -13,7 +13,7 @@ const FINE: usize = 2;
 /// Bytes of the depth and colour of a pixel's samples.
 pub(crate) const BYTES_PER_PIXEL: u64 = (FINE * FINE * 20) as u64;
 /// Lights in the picture's axes (right, up, towards the camera) and their strengths: a key light from the upper left,
-/// a weak one from the right that keeps the shadow side legible.
+/// and a weak light from the right that keeps the shadow side legible.
 const LIGHTS: [(Vec3, f64); 2] = [([-0.5, 0.7, 0.8], 0.78), ([0.9, -0.1, 0.4], 0.22)];
 const AMBIENT: f64 = 0.14;
 
@@ -22,7 +22,7 @@ pub(crate) struct Raster {
     width: usize,
     height: usize,
     depth: Vec<f64>,
-    /// Colour in linear light, and coverage.
+    /// Colour of each sample, in linear light.
     color: Vec<[f32; 3]>,
 }
 
@@ -41,8 +41,8 @@ impl Raster {
         Self { width, height, depth: vec![f64::NEG_INFINITY; samples], color: vec![[0.0; 3]; samples] }
     }
 
-    /// Draws a mesh with a colour (sRGB) at each vertex. Triangles that face away are drawn too, lit from behind, so
-    /// that an open or inverted surface is recognisable.
+    /// Draws a mesh with a colour (sRGB) at each vertex. Triangles that face away are drawn too, lit as if seen from
+    /// their front, so that the inside of an open or inverted surface is visible.
     pub(crate) fn draw(&mut self, mesh: &Mesh, colors: &[[u8; 3]], camera: &Camera) {
         let lights = LIGHTS.map(|(direction, strength)| (camera.direction(direction), strength));
         let normals = vertex_normals(mesh);
@@ -122,7 +122,8 @@ impl Raster {
     }
 }
 
-/// Returns the columns in which a triangle may have samples in the row at y: for a sliver, few of those in its box.
+/// Returns the columns in which a triangle may have samples in the row at y. A narrow triangle covers only few columns
+/// of its bounding box.
 fn columns_of(corners: [Vec3; 3], y: f64, across: &Range<usize>) -> Range<usize> {
     /// Bound of the rounding error, in samples.
     const SLACK: f64 = 1e-3;

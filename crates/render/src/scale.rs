@@ -1,12 +1,12 @@
-//! Scaling of panels to each other, and of values to a range of colours.
+//! Scales panels to each other, and values to a range of colours.
 
 use spharm_surface::Mesh;
 
-/// Values beyond this percentile get the last colour: otherwise a few large ones would use up the range of colours.
+/// Values beyond this percentile get the last colour: otherwise a few large values would use up the range of colours.
 const PERCENTILE: usize = 99;
 
-/// Returns a mesh scaled and moved to the place of another: with the same largest extent, and the same centre of the
-/// bounding box.
+/// Returns a mesh that is scaled and moved so that its bounding box has the same largest extent and the same centre as
+/// the bounding box of another mesh.
 #[must_use]
 pub fn fit_into(mesh: &Mesh, other: &Mesh) -> Mesh {
     let span = |mesh: &Mesh, axis: usize| {
@@ -37,8 +37,8 @@ pub fn is_probability(name: &str) -> bool {
     name == "p" || name == "q" || name.starts_with("p-")
 }
 
-/// Returns -log10 of p values, and their range from 0 to the largest one, but at least to 1: significant values have
-/// the last colours.
+/// Returns -log10 of p values, and their range from 0 to the largest one, but at least to 1: significant values thus
+/// have the colours at the end of the scale.
 #[must_use]
 pub fn significance(p: &[f64]) -> (Vec<f64>, (f64, f64)) {
     let values: Vec<f64> = p.iter().map(|p| if p.is_nan() { *p } else { -p.max(1e-300).log10() }).collect();

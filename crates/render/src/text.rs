@@ -1,4 +1,4 @@
-//! Text in pictures.
+//! Draws text in pictures.
 
 use ab_glyph::{Font, FontRef, PxScale, ScaleFont, point};
 
@@ -17,8 +17,8 @@ impl<'a> Label<'a> {
         Self {
             text,
             scale: PxScale::from(size as f32),
-            // Ubuntu Light, from the crate that packages it: no font has to be installed. It is valid; if parsing ever
-            // failed, a picture without text would be better than none.
+            // Ubuntu Light comes with a crate, so that no font has to be installed. The font is valid; if parsing ever
+            // failed, pictures would be drawn without text.
             font: FontRef::try_from_slice(epaint_default_fonts::UBUNTU_LIGHT).ok(),
         }
     }

@@ -23,11 +23,11 @@ fn covered(image: &Image) -> f64 {
 fn a_ball_covers_a_disc() {
     let ball = icosphere(4);
     let image = render(&[Panel::new(&ball, "")], &small()).unwrap();
-    // 92 of 100 pixels across.
+    // The ball's diameter is 92 of the picture's 100 pixels.
     let disc = std::f64::consts::PI * 0.46 * 0.46;
     assert!((covered(&image) - disc).abs() < 0.02, "{}", covered(&image));
     assert_eq!(at(&image, 1, 1), [255; 3]);
-    // Lit from the upper left.
+    // The ball is lit from the upper left.
     let brightness = |p: [u8; 3]| p.iter().map(|&c| u32::from(c)).sum::<u32>();
     assert!(brightness(at(&image, 32, 28)) > brightness(at(&image, 68, 75)) + 60);
 }
