@@ -1,7 +1,7 @@
-//! Assets of a page: script, WebAssembly and style sheet.
+//! Provides the assets of a page: script, WebAssembly and style sheet.
 //!
-//! `./run report-assets` builds the first two from `viewer/` and `crates/viewer`, and writes the hashes of their
-//! sources to `assets/sources.txt`; a test compares these.
+//! `./run report-assets` builds the script from `viewer/` and the WebAssembly from `crates/viewer`, and writes the
+//! hashes of their sources to `assets/sources.txt`. A test compares these hashes with the current sources.
 
 use std::io::Read;
 
@@ -9,7 +9,7 @@ use flate2::read::GzDecoder;
 
 use crate::ReportError;
 
-/// The page's script, gzipped: `viewer/src` and three.js, including the latter's licence.
+/// The page's script, gzipped: `viewer/src` and three.js, including the licence of three.js.
 const SCRIPT: &[u8] = include_bytes!("../assets/page.js.gz");
 /// `crates/viewer` as WebAssembly, gzipped.
 pub(crate) const WASM: &[u8] = include_bytes!("../assets/viewer.wasm.gz");
@@ -35,7 +35,7 @@ mod tests {
 
     use super::*;
 
-    /// Returns the files under a folder, sorted, without those of package managers.
+    /// Returns the files under a folder, sorted, without `node_modules`.
     fn files(folder: &Path) -> Vec<PathBuf> {
         let mut entries: Vec<PathBuf> = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
         entries.sort();
@@ -44,7 +44,7 @@ mod tests {
         all.flatten().collect()
     }
 
-    /// A published package lacks the sources of the script, because its build doesn't need them.
+    /// The comparison is skipped in a published package, which doesn't contain the sources of the script.
     #[test]
     fn the_assets_are_built_from_these_sources() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");

@@ -1,8 +1,8 @@
-//! Vertical axes of charts.
+//! Computes vertical axes of charts.
 
 use crate::text::number;
 
-/// Range in decades below the largest value; smaller values are rounding errors and left out.
+/// Range in decades below the largest value; smaller values are rounding errors and aren't shown.
 const DECADES: f64 = 18.0;
 
 /// The scale of an axis.
@@ -30,13 +30,13 @@ pub(crate) struct Axis {
     scale: Scale,
     /// The smallest value shown.
     floor: f64,
-    /// The ends, in the units of the scale.
+    /// The lower end of the axis, in the units of the scale; `upper` is the upper end.
     bottom: f64,
     upper: f64,
 }
 
 impl Axis {
-    /// Returns the axis for values that can be shown on the scale; `None` if none is above 0.
+    /// Returns the axis for values that can be shown on the scale; `None` if no value is above 0.
     pub(crate) fn new<I: Iterator<Item = f64>>(scale: Scale, values: impl Fn() -> I) -> Option<Self> {
         let top = values().fold(0.0_f64, f64::max);
         if top <= 0.0 {
@@ -60,7 +60,7 @@ impl Axis {
         shown.then(|| ((self.scale.of(y) - self.bottom) / (self.upper - self.bottom)).min(1.0))
     }
 
-    /// Returns round values, at most seven: their positions, and their labels as SVG.
+    /// Returns at most seven ticks at round values: their positions from 0 to 1, and their labels as SVG.
     pub(crate) fn ticks(&self) -> Vec<(f64, String)> {
         let span = self.upper - self.bottom;
         let step = if self.scale == Scale::Logarithmic { (span / 6.0).ceil().max(1.0) } else { step(self.upper) };
@@ -73,7 +73,7 @@ impl Axis {
     }
 }
 
-/// Returns a round step of which three to six reach from 0 to a value.
+/// Returns a round step between ticks, such that three to six steps reach from 0 to `top`.
 fn step(top: f64) -> f64 {
     let power = 10f64.powf((top / 6.0).log10().floor());
     [1.0, 2.0, 5.0, 10.0]

@@ -1,4 +1,4 @@
-//! Arrays in a page: split into byte planes, gzipped, in base64.
+//! Encodes arrays in a page: they are split into byte planes, gzipped, and written in base64.
 //!
 //! The first bytes of all numbers come first, then the second ones, and so on: exponents and high bytes are similar to
 //! each other, and this order halves the compressed size.
@@ -39,7 +39,8 @@ impl Blocks {
         self.add("i16", 2, &bytes)
     }
 
-    /// Adds triangles as differences from the preceding one: neighbours in a file are mostly neighbours on the surface.
+    /// Adds triangles, each as the differences of its vertices from the preceding triangle's. The differences compress
+    /// well, because triangles that follow each other in a file are mostly neighbours on the surface.
     pub(crate) fn faces(&mut self, faces: &[[u32; 3]]) -> Block {
         let mut before = [0u32; 3];
         let mut bytes = Vec::with_capacity(12 * faces.len());

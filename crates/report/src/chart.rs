@@ -1,5 +1,5 @@
-//! Line charts as SVG without their own scripts or styles: the page's style sheet defines the lines' colours, for light
-//! and dark mode.
+//! Draws line charts as SVG without scripts or styles of their own: the page's style sheet defines the lines' colours,
+//! for light and dark mode.
 
 use std::fmt::Write;
 
@@ -16,9 +16,9 @@ const MARGINS: [f64; 4] = [52.0, 12.0, 12.0, 38.0];
 pub(crate) struct Line {
     pub(crate) class: &'static str,
     pub(crate) name: String,
-    /// x and y; points whose y can't be shown on the axis are skipped.
+    /// Points (x, y); points whose y can't be shown on the axis are skipped.
     pub(crate) points: Vec<[f64; 2]>,
-    /// x, and the lowest and the highest y of the line's band; may be empty.
+    /// The line's band: x, and the lowest and the highest y at x. May be empty.
     pub(crate) band: Vec<[f64; 3]>,
 }
 
@@ -78,7 +78,7 @@ impl Chart<'_> {
                 axis.share(of[k]).map(|share| format!("{:.1},{:.1}", at_x(of[0]), on_height(share)))
             };
             let (low, high) = (line.band.iter().map(|of| edge(1, of)), line.band.iter().rev().map(|of| edge(2, of)));
-            // The band is drawn completely or not at all.
+            // The band is drawn only if all of its corners can be shown.
             if let Some(corners) = low.chain(high).collect::<Option<Vec<_>>>().filter(|corners| !corners.is_empty()) {
                 put(format_args!("<polygon class=\"{}\" points=\"{}\"/>", line.class, corners.join(" ")));
             }

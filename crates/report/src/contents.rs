@@ -82,8 +82,8 @@ pub struct Quality {
 /// Settings of a page.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Params {
-    /// Maximum number of vertices of a mesh in the page. A model over more is evaluated on an icosphere. Default
-    /// 163,842.
+    /// Maximum number of vertices of a mesh in the page. A model whose sphere has more vertices is evaluated on an
+    /// icosphere. Default 163,842.
     pub max_vertices: usize,
 }
 

@@ -1,4 +1,4 @@
-//! The charts of a model: power by degree, truncation error by degree, and convergence of the fit.
+//! Creates the charts of a model: power by degree, truncation error by degree, and convergence of the fit.
 
 use serde_json::Value;
 use spharm_harmonics::Coefficients;
@@ -44,7 +44,7 @@ pub(crate) fn detail(coefficients: &Coefficients) -> Option<String> {
     Chart { title: "Detail left out", x: "highest degree", y, lines, scale: Scale::Logarithmic, marks: false }.html()
 }
 
-/// Returns the power of a degree, for one channel or (3) in total.
+/// Returns the power of a degree, for channel 0, 1 or 2, or in total for `channel` 3.
 fn power(coefficients: &Coefficients, l: usize, channel: usize) -> f64 {
     let rows = l * l..(l + 1) * (l + 1);
     let values = coefficients.values();

@@ -9,7 +9,7 @@ use spharm_surface::SurfaceError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReportError {
-    /// A page without contents.
+    /// The page has no contents.
     #[error("a page needs a model, modes, a test, a quality or a table; found none")]
     Empty,
     /// A map whose number of values differs from the number of vertices.

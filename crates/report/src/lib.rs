@@ -1,12 +1,14 @@
-//! Models as a page for the browser: a single self-contained HTML file, which evaluates the models at any degree.
+//! Writes models as a page for the browser: a single self-contained HTML file, which evaluates the models at any
+//! degree.
 //!
 //! [`page()`] creates it from [`Contents`]: models compared with the surfaces to which they were fitted, modes of a
 //! group, maps of a test, tables of status. The page contains coefficients, directions and triangles as arrays;
-//! WebAssembly from `crates/viewer` evaluates them and `viewer/` draws. Without scripts or WebGL, pictures replace the
-//! views.
+//! WebAssembly from `crates/viewer` evaluates the models, and the script from `viewer/` draws them. Without scripts or
+//! WebGL, the page shows pictures instead of views.
 //!
 //! A surface with the triangles of its model's sphere is stored as offsets from the model, in steps of 1/32,767 of the
-//! largest, so that distances in the page are accurate to 3e-5 of the largest one. Coefficients and directions are f32.
+//! largest offset, so that distances in the page are accurate to 3e-5 of the largest distance. Coefficients and
+//! directions are f32.
 //!
 //! # Modules
 //!

@@ -1,4 +1,4 @@
-//! Maps of a test in a page.
+//! Prepares the maps of a test for a page.
 
 use serde::Serialize;
 use spharm_render::{Paint, Panel, is_probability, scale_label, significance, symmetric_range};
@@ -48,7 +48,7 @@ impl MapsItem {
                 return Err(ReportError::ValueCount { name, map, expected, found });
             }
         }
-        // Same colours as in the script.
+        // The picture uses the same ranges of colours as the script.
         let painted: Vec<(Vec<f64>, (f64, f64), String)> = test
             .maps
             .iter()
@@ -106,7 +106,8 @@ pub(crate) fn rows(test: &Maps) -> Vec<(String, String)> {
     rows
 }
 
-/// Returns a range symmetric about 0 if values have both signs, else from the smallest to the largest.
+/// Returns a range symmetric about 0 if values have both signs, otherwise the range from the smallest to the largest
+/// value.
 fn range(values: &[f64]) -> (f64, f64) {
     let finite = || values.iter().copied().filter(|value| value.is_finite());
     let (low, high) = finite().fold((f64::MAX, f64::MIN), |(low, high), x| (low.min(x), high.max(x)));

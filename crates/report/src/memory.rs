@@ -5,12 +5,14 @@ use spharm_model::Model;
 use crate::contents::{Contents, Params};
 use crate::grid::vertices_for;
 
-/// Bytes per vertex of a mesh in the page: positions and triangles as evaluated, in binary, and as text, twice while
-/// the text grows. Measured: 270 for a model of 40,962 vertices and its surface, each.
+/// Bytes per vertex of a mesh in the page: positions and triangles as evaluated, in binary, and as text, which needs
+/// twice its size while it grows. Measured: 270 bytes per vertex for a model of 40,962 vertices, and as many for its
+/// surface.
 const BYTES_PER_VERTEX: u64 = 320;
-/// Bytes per vertex of the search tree for distances from a surface with other triangles, of one model at a time.
+/// Bytes per vertex of the search tree for distances from a surface with other triangles, which exists for one model at
+/// a time.
 const TREE: u64 = 520;
-/// Bytes common to all pages, and of a picture while it is drawn.
+/// Bytes that every page takes, including those of a picture while it is drawn.
 const FIXED: u64 = 12 << 20;
 
 impl Contents {
@@ -29,7 +31,7 @@ impl Contents {
             add(shown.surface.as_ref().map_or(0, |(_, mesh)| mesh.vertices.len()));
         }
         for (_, group) in &self.modes {
-            // A model of each mode's degree, and the modes' coefficients as text.
+            // The page has a model of the modes' degree, and the modes' coefficients as text.
             add(vertices_for(group.modes.mean.nrows().isqrt(), most));
             add(group.modes.modes.len() / 16);
         }

@@ -1,4 +1,4 @@
-//! A model in a page: coefficients, the grid for evaluation, and the surface for comparison.
+//! Prepares a model for a page: coefficients, the grid for evaluation, and the surface for comparison.
 
 use serde::Serialize;
 use spharm_model::Model;
@@ -24,7 +24,7 @@ pub(crate) struct ModelItem {
     reference: Reference,
 }
 
-/// The object with which the model is compared.
+/// The reference from which the page shows the model's distances.
 #[derive(Debug, Serialize)]
 #[serde(tag = "kind", rename_all = "lowercase")]
 enum Reference {
@@ -32,8 +32,8 @@ enum Reference {
     Model,
     /// The surface, vertex by vertex: its offset from the model at its highest degree, in steps.
     Vertices { name: String, offsets: Block, step: f64 },
-    /// A surface with other triangles: the distance of each vertex of the model at its highest degree from the nearest
-    /// point; NaN for vertices that aren't part of the surface.
+    /// A surface with other triangles: the distance of each vertex of the model, at its highest degree, from the
+    /// nearest point of the surface. The distance is NaN for vertices without a counterpart on the surface.
     Surface { name: String, mesh: Option<Drawn>, distances: Block },
 }
 
@@ -86,7 +86,7 @@ impl ModelItem {
                 reference = Reference::Vertices { name: surface_name, offsets: blocks.i16(offsets), step };
             } else {
                 found = distances_to_surface(surface, &mesh.vertices, monitor).map_err(of_surface)?;
-                // The fillings of cut handles aren't part of the surface.
+                // Vertices that fill cut handles have no counterpart on the surface.
                 if let Some(seam) = &sphere.seam {
                     found.iter_mut().skip(seam.vertices + seam.copies.len()).for_each(|distance| *distance = f64::NAN);
                 }
@@ -121,8 +121,8 @@ impl ModelItem {
     }
 }
 
-/// Returns the model's own sphere if it has triangles and isn't too large, else an icosphere. A surface whose handles
-/// were cut always has its own sphere, and is shown with the cuts.
+/// Returns the model's own sphere if it has triangles and at most `max_vertices` vertices, otherwise an icosphere. A
+/// surface whose handles were cut always has its own sphere, and is shown with the cuts.
 fn sphere_of(model: &Model, max_vertices: usize) -> Sphere {
     match &model.sphere {
         Some(own) if !own.faces.is_empty() && own.directions.len() <= max_vertices => own.clone(),

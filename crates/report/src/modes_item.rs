@@ -1,4 +1,4 @@
-//! Modes of a group in a page: the mean and the shapes along modes, which the page evaluates.
+//! Prepares the modes of a group for a page, which evaluates the mean and the shapes along modes.
 
 use serde::Serialize;
 use spharm_harmonics::Coefficients;
@@ -28,7 +28,7 @@ pub(crate) struct ModesItem {
     modes: Block,
     /// Standard deviation along each mode.
     deviations: Vec<f64>,
-    /// Share of the total variance of each mode.
+    /// Share of each mode in the total variance.
     shares: Vec<f64>,
     members: Vec<Member>,
 }
@@ -41,8 +41,8 @@ struct Member {
 }
 
 impl ModesItem {
-    /// Creates the item and its picture: the mean, and three standard deviations along the first mode in both
-    /// directions.
+    /// Creates the item and its picture, which shows the mean and the shapes at three standard deviations along the
+    /// first mode in both directions.
     pub(crate) fn new(
         name: &str,
         shapes: &ShapeModel,

@@ -1,7 +1,7 @@
-//! The page: a single self-contained HTML file.
+//! Creates the page: a single self-contained HTML file.
 //!
-//! The content security policy in its head allows only this script and this style sheet, by their hashes, so that names
-//! can't inject code.
+//! The content security policy in the page's head allows only the page's own script and style sheet, by their hashes,
+//! so that names from files can't inject code.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -23,7 +23,7 @@ use crate::quality;
 use crate::table::{Table, pairs};
 use crate::text::{escape, json, name, number};
 
-/// Colours from blue to red through grey, of symmetric lightness: for values about 0.
+/// Colours from blue through grey to red, of symmetric lightness, for values on both sides of 0.
 const DIVERGING: [[u8; 3]; 9] = [
     [33, 75, 155],
     [74, 118, 189],
@@ -65,7 +65,7 @@ pub fn page(contents: &Contents, params: Params, monitor: &dyn Monitor) -> Resul
         return Err(ReportError::Empty);
     }
     let (mut blocks, mut items, mut sections) = (Blocks::default(), Vec::new(), String::new());
-    // A single item has no heading besides the page's.
+    // A single item with the page's title has no heading of its own.
     let alone = models.len() + modes.len() + tests.len() == 1;
     let mut section = |name: &str, still: &[u8], details: &str| {
         let heading = if alone && name == title.as_str() { None } else { Some(name) };
@@ -138,12 +138,12 @@ fn warning_list(warnings: &[String]) -> String {
     format!("<section class=\"warnings\" aria-label=\"Warnings\"><h2>{heading}</h2>\n<ul>\n{rows}</ul></section>\n")
 }
 
-/// Returns a hash in the form used by policies.
+/// Returns a hash in the form used by content security policies.
 fn hash(text: &str) -> String {
     format!("sha256-{}", STANDARD.encode(Sha256::digest(text.as_bytes())))
 }
 
-/// Returns the HTML of an item besides its view; the picture is removed once the view exists.
+/// Returns the HTML of an item without its view, which the script creates; the picture is removed once the view exists.
 fn item(heading: Option<&str>, title: &str, still: &[u8], details: &str) -> String {
     let png = STANDARD.encode(still);
     let heading = heading.map_or_else(String::new, |heading| format!("<h2>{}</h2>", name(heading)));

@@ -1,11 +1,11 @@
-//! Origin of a model, as readable rows.
+//! Lists the origin of a model as readable rows.
 
 use serde_json::Value;
 use spharm_model::Model;
 
 use crate::text::number;
 
-/// Returns names and values of a model's provenance; unknown ones are left out.
+/// Returns names and values of a model's provenance; unknown values are left out.
 pub(crate) fn rows(model: &Model) -> Vec<(String, String)> {
     let mut rows: Vec<(String, String)> = Vec::new();
     let mut add = |key: &str, value: Option<String>| rows.extend(value.map(|value| (key.to_owned(), value)));
@@ -47,7 +47,8 @@ pub(crate) fn rows(model: &Model) -> Vec<(String, String)> {
     rows
 }
 
-/// Returns a value that is a single word or number; others are meant for programs.
+/// Returns the text of a value that is a string, a number or a boolean; `None` for lists and objects, which are meant
+/// for programs.
 fn plain(value: &Value) -> Option<String> {
     match value {
         Value::String(text) => Some(text.clone()),

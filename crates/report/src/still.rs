@@ -1,10 +1,10 @@
-//! Pictures that replace a page's views without scripts or WebGL.
+//! Draws the pictures that a page shows instead of views if scripts or WebGL aren't available.
 
 use spharm_render::{Panel, Settings, encode_png, render};
 
 use crate::ReportError;
 
-/// Side of a panel in pixels: three panels fill a narrow page, and take a few tens of kilobytes.
+/// Side of a panel in pixels: three panels fill a narrow page, and a picture takes a few tens of kilobytes.
 const SIDE: usize = 280;
 
 /// Draws panels in a row; returns the bytes of a PNG.

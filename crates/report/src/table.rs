@@ -3,7 +3,7 @@
 use crate::ReportError;
 use crate::text::{escape, name};
 
-/// A table: of models, or of a cohort's status.
+/// A table, such as the list of models or a cohort's status.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Table {
     /// Title of the table.
@@ -51,7 +51,7 @@ impl Table {
     }
 }
 
-/// Returns rows of names and values as an HTML definition list.
+/// Returns rows of names and values as an HTML table.
 pub(crate) fn pairs(title: &str, rows: &[(String, String)]) -> String {
     let row = |(key, value): &(String, String)| {
         format!("<tr><th scope=\"row\">{}</th><td>{}</td></tr>", escape(key), name(value))

@@ -1,9 +1,9 @@
-//! Paths of the surfaces and references that tests compare with.
+//! Locates the surfaces and references with which tests compare.
 //!
 //! References in `tests/data/reference` are part of every clone. Public surfaces, and results of other packages for
-//! them, are beside the checkout, in `../shared/data`, or in the folder that `SPHARM_SHARED_DATA` names. If such a file
-//! is missing, a test that needs it fails, unless `SPHARM_WITHOUT_SHARED_DATA` is set. Thus no test passes merely
-//! because nothing was compared.
+//! these surfaces, are beside the checkout, in `../shared/data`, or in the folder that `SPHARM_SHARED_DATA` names. If
+//! such a file is missing, a test that needs it fails, unless `SPHARM_WITHOUT_SHARED_DATA` is set. Thus no test passes
+//! merely because nothing was compared.
 
 use std::env;
 use std::path::{Path, PathBuf};
