@@ -2,13 +2,14 @@
 
 mod readers;
 
-/// Gives an input to the reader of a name, in a folder of this process.
+/// Passes an input to the reader called `name`, which writes files to a folder of this process.
 ///
 /// # Panics
 ///
-/// Where the reader doesn't keep a promise.
+/// If the reader doesn't keep a promise.
 pub fn run(name: &str, input: &[u8]) {
-    // As programs do; less than the fuzzer lets a reader have.
+    // Programs set such a limit of memory too. It is below the fuzzer's own limit, so that readers refuse large files
+    // first.
     spharm_surface::io::ask_for_free_memory(|| 256 << 20);
     readers::run(name, readers::scratch(), input);
 }

@@ -1,4 +1,4 @@
-//! Files of a group's alignment.
+//! Fuzzes the reader of the journal of a group's alignment.
 
 use std::fs;
 use std::path::Path;
@@ -10,15 +10,15 @@ use spharm_shape::procrustes::{Journal, ProcrustesParams, procrustes_with};
 
 use super::{choice, file, mend};
 
-/// The bytes of a record, its check sum among them.
+/// Number of bytes of a record, including its check sum.
 const RECORD: usize = 196;
 
-/// Kinds of inputs. Only those of the last two are aligned with: that takes ten milliseconds, and reading takes
-/// microseconds.
+/// Number of kinds of inputs. Only the journals of the last two kinds are used for an alignment, because an alignment
+/// takes ten milliseconds and reading takes microseconds.
 const KINDS: usize = 64;
 
-/// The input is a file as it is, or the numbers of records, which get the start and the check sums that they need:
-/// poses that nobody computed. An alignment that goes on with them ends all the same.
+/// The input is a complete file, or only the numbers of its records, to which a valid header and check sums are added.
+/// Such records hold poses that no alignment has computed. An alignment that resumes from them must still end.
 pub(super) fn journals(folder: &Path, input: &[u8]) {
     let Some((kind, bytes)) = choice(input, KINDS) else { return };
     let (members, params) = (members(), ProcrustesParams::default());

@@ -1,4 +1,5 @@
-//! Check sums, lengths and places made to fit what was changed, so that changes reach what lies behind them.
+//! Corrects check sums, lengths and offsets after the fuzzer changed bytes, so that the changes reach the code behind
+//! these checks.
 
 use std::io::{Cursor, Write};
 
@@ -19,8 +20,8 @@ fn u64_at(bytes: &[u8], at: usize) -> u64 {
     bytes.get(at..at + 8).map_or(0, |eight| u64::from_le_bytes(eight.try_into().expect("8 bytes")))
 }
 
-/// A basis file or a factor. Bits of `kind`: 1 the hash of the header, 2 root and hash of the footer, 4 the chunks' CRC
-/// and hash, 8 the places in the footer, 16 the places in the table.
+/// Corrects a basis file or a factor. The bits of `kind` choose what is corrected: 1 the hash of the header, 2 root and
+/// hash of the footer, 4 the chunks' CRC and hash, 8 the offsets in the footer, 16 the offsets in the table.
 pub(super) fn container(bytes: &[u8], kind: usize, root_context: &str) -> Vec<u8> {
     let mut bytes = bytes.to_vec();
     if bytes.len() < HEADER + ENTRY + FOOTER {
@@ -63,7 +64,7 @@ pub(super) fn container(bytes: &[u8], kind: usize, root_context: &str) -> Vec<u8
     bytes
 }
 
-/// Moments: the length, and the hashes of the header and of all.
+/// Corrects a file of moments: its length, the hash of the header and the hash of the file.
 pub(super) fn moments(bytes: &mut [u8]) {
     let len = bytes.len();
     // The header's hash follows its fields, of which version 1 has fewer.
@@ -78,7 +79,7 @@ pub(super) fn moments(bytes: &mut [u8]) {
     put(bytes, len - 32, hash.as_bytes());
 }
 
-/// A varint, and what follows.
+/// Reads a number of variable length at `at`, and advances `at` behind it.
 fn varint(bytes: &[u8], at: &mut usize) -> Option<u64> {
     let mut value = 0;
     for shift in (0..64).step_by(7) {
@@ -92,7 +93,7 @@ fn varint(bytes: &[u8], at: &mut usize) -> Option<u64> {
     None
 }
 
-/// A compressed model: the CRCs of the segments, as far as they can be found, and of the head.
+/// Corrects a compressed model: the CRC of the header, and the CRCs of the segments as far as these can be found.
 pub(super) fn sphz(bytes: &mut [u8]) {
     let Some(four) = bytes.get(6..10) else { return };
     let head = u32::from_le_bytes(four.try_into().expect("4 bytes")) as usize;
@@ -126,7 +127,8 @@ fn segments(bytes: &mut [u8], head: usize) -> Option<()> {
     Some(())
 }
 
-/// An archive of what follows each other in `bytes`: a byte for the name, two for the length, and the member.
+/// Creates an archive of the members in `bytes`. Each member has one byte for its name, two for its length, and then
+/// its content.
 pub(super) fn archive(mut bytes: &[u8], deflated: bool) -> Vec<u8> {
     const NAMES: [&str; 13] = [
         "coefficients",
@@ -150,7 +152,7 @@ pub(super) fn archive(mut bytes: &[u8], deflated: bool) -> Vec<u8> {
     while let [name, low, high, rest @ ..] = bytes {
         let (member, rest) = rest.split_at(usize::from(u16::from_le_bytes([*low, *high])).min(rest.len()));
         let name = usize::from(*name) % NAMES.len();
-        // The writer refuses a second member of a name.
+        // The writer refuses a second member with the same name.
         if !std::mem::replace(&mut there[name], true) {
             zip.start_file(format!("{}.npy", NAMES[name]), options).expect("a new member");
             zip.write_all(member).expect("memory");
@@ -160,7 +162,8 @@ pub(super) fn archive(mut bytes: &[u8], deflated: bool) -> Vec<u8> {
     zip.finish().expect("an archive").into_inner()
 }
 
-/// A file of a group's alignment with this start, and records of these numbers, 192 bytes each.
+/// Creates the journal of a group's alignment from the header `start` and the records' numbers, 192 bytes for each
+/// record.
 pub(super) fn journal(start: &[u8], numbers: &[u8]) -> Vec<u8> {
     let mut bytes = start.to_vec();
     for (number, record) in numbers.chunks(192).enumerate() {

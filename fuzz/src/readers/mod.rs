@@ -1,8 +1,8 @@
-//! Every reader as a function of bytes: whatever they are, it ends with a value that keeps the reader's promises, or
-//! with an error. libFuzzer calls these, and `./run test` does over the files of `tests/data/hostile`.
+//! Calls every reader with arbitrary bytes. A reader must return a value that keeps the reader's promises, or an error.
+//! libFuzzer calls these functions, and `./run test` calls them with the files of `tests/data/hostile`.
 //!
-//! The last byte of an input chooses the name of the file, or which check sums are mended before it is read, so that
-//! the rest are the bytes of a file.
+//! The last byte of an input chooses the name of the file, or which check sums are corrected before the file is read.
+//! The other bytes are the content of the file.
 
 mod journals;
 mod mend;
@@ -24,10 +24,10 @@ use spharm_surface::io::{read_input, read_signal_with_gaps};
 use spharm_surface::topology::Topology;
 use spharm_surface::{Input, Mesh};
 
-/// A reader: a folder for its files, and the input.
+/// A function that calls a reader, given a folder for its files and the input.
 type Reader = fn(&Path, &[u8]);
 
-/// Every reader by its name, which is that of the folder of its corpus, too.
+/// Every reader by its name, which is also the name of its corpus's folder.
 pub(crate) const READERS: [(&str, Reader); 13] = [
     ("surfaces", surfaces),
     ("volumes", volumes),
@@ -44,17 +44,18 @@ pub(crate) const READERS: [(&str, Reader); 13] = [
     ("landmarks", landmarks),
 ];
 
-/// Gives an input to a reader.
+/// Passes an input to a reader.
 ///
 /// # Panics
 ///
-/// Where there is no such reader, or it doesn't keep a promise.
+/// If there is no such reader, or it doesn't keep a promise.
 pub(crate) fn run(name: &str, folder: &Path, input: &[u8]) {
     let (_, reader) = READERS.iter().find(|(known, _)| *known == name).expect("a reader");
     reader(folder, input);
 }
 
-/// The folder of this process: `SPHARM_FUZZ_FOLDER`, best in memory, which who sets it removes.
+/// Returns a folder for the files of this process, in the folder that `SPHARM_FUZZ_FOLDER` names (preferably in memory)
+/// or in the system's temporary folder. The caller who sets the variable has to remove the files.
 #[allow(dead_code)]
 pub(crate) fn scratch() -> &'static Path {
     static FOLDER: std::sync::OnceLock<PathBuf> = std::sync::OnceLock::new();
@@ -73,7 +74,7 @@ fn file(folder: &Path, name: &str, bytes: &[u8]) -> PathBuf {
     path
 }
 
-/// The last byte, as a choice of `count`, and the bytes before.
+/// Returns the last byte modulo `count`, and the bytes before it.
 fn choice(input: &[u8], count: usize) -> Option<(usize, &[u8])> {
     input.split_last().map(|(&last, bytes)| (usize::from(last) % count, bytes))
 }
@@ -143,8 +144,8 @@ fn models(folder: &Path, input: &[u8]) {
     read_model(folder, input);
 }
 
-/// The members of an archive, each by the number of its name and its length: the archive's own check sums and places
-/// are right whatever they hold.
+/// The input lists the members of an archive, each by the number of its name, its length and its content. The archive's
+/// own check sums and offsets are therefore always valid.
 fn archives(folder: &Path, input: &[u8]) {
     if let Some((kind, bytes)) = choice(input, 2) {
         read_model(folder, &mend::archive(bytes, kind == 1));

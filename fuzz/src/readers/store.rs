@@ -1,4 +1,5 @@
-//! Files of a store: what opens keeps to its header, and what is verified can be read.
+//! Fuzzes the readers of a store's files: a file that opens must agree with its header, and a verified file must be
+//! readable.
 
 use std::path::Path;
 
@@ -7,7 +8,7 @@ use spharm_store::{DegreeFile, FactorFile};
 
 use super::{choice, file, mend};
 
-/// Most bytes that a file of a few kilobytes is decoded into here; the format allows chunks of 4 GiB.
+/// Maximum number of bytes to which a chunk is decoded here; the format allows chunks of 4 GiB.
 const MOST: u64 = 64 << 20;
 
 pub(super) fn basis(folder: &Path, input: &[u8]) {
