@@ -1,4 +1,4 @@
-//! The readers as fuzz targets; `tests/corpus.rs` includes the same files.
+//! Provides the readers as fuzz targets; `tests/corpus.rs` includes the same source files.
 
 mod readers;
 

@@ -42,7 +42,7 @@ const CUT_OFF: f64 = 5.0;
 const RUNS: usize = 16;
 /// Number of iterations after which the template's normals are recomputed.
 const NORMALS: usize = 5;
-/// Sigma, relative to the first one, at which the pull along the surface is as strong as the pull across it.
+/// Sigma, relative to the sigma at the start, at which the pull along the surface is as strong as the pull across it.
 const ALONG: f64 = 2.0;
 /// Factor by which sigma is increased when one kernel has converged and the next, narrower kernel starts.
 const AGAIN: f64 = 1.3;

@@ -65,8 +65,8 @@ impl Plate {
         let rings = Rows::from_pairs(edges.collect(), n);
         let corners = (0..).zip(faces).flat_map(|(index, face)| face.map(|v| (v, index)));
         let of_vertices = Rows::from_pairs(corners.collect(), n);
-        // L has -1 on its diagonal and 1 / degree at neighbours. An entry of L^T L is a sum over the rows that contain
-        // both columns.
+        // L has -1 on its diagonal and 1 / degree at neighbours. An entry (v, w) of L^T L is a sum over the rows of L
+        // that have entries in both columns v and w.
         let row = |v: usize| {
             let ring = rings.row(v);
             let weight = 1.0 / ring.len().max(1) as f64;

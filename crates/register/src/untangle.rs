@@ -127,7 +127,7 @@ fn is_turned(face: [u32; 3], vertices: &[Vec3], free: &[bool], subject: &Subject
     dot(doubled_normal(vertices, face), theirs) < 0.0
 }
 
-/// Returns the triangles that are turned over, without those that have free corners.
+/// Returns the triangles that are turned over, without triangles that have free corners.
 fn turned_faces(template: &Template, vertices: &[Vec3], free: &[bool], subject: &Subject) -> Vec<u32> {
     let faces = &template.mesh.faces;
     let all = (0..faces.len() as u32).into_par_iter();

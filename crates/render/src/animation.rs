@@ -13,7 +13,7 @@ use crate::{Image, Panel, RenderError, Settings, render};
 ///
 /// # Errors
 ///
-/// Those of [`render`].
+/// The errors of [`render`].
 pub fn render_frames(meshes: &[Mesh], settings: &Settings) -> Result<Vec<Image>, RenderError> {
     let panels: Vec<Panel<'_>> = meshes.iter().map(|mesh| Panel::new(mesh, "")).collect();
     let columns = (meshes.len() as f64).sqrt().ceil().max(1.0) as usize;
@@ -37,7 +37,7 @@ pub fn render_frames(meshes: &[Mesh], settings: &Settings) -> Result<Vec<Image>,
 /// # Errors
 ///
 /// [`RenderError::NoPanels`] for no frames, [`RenderError::Size`] for frames whose size differs from the first frame's;
-/// those of [`check_output`] and [`write_new`].
+/// the errors of [`check_output`] and [`write_new`].
 pub fn write_gif(
     path: impl AsRef<Path>,
     frames: &[Image],

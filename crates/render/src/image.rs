@@ -54,7 +54,7 @@ impl Image {
 ///
 /// # Errors
 ///
-/// Those of [`check_output`] and [`write_new`].
+/// The errors of [`check_output`] and [`write_new`].
 pub fn write_png(path: impl AsRef<Path>, image: &Image, options: &WriteOptions) -> Result<(), RenderError> {
     let path = path.as_ref();
     check_output(path, Output::Ending(&[".png"]))?;

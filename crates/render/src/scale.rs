@@ -37,8 +37,8 @@ pub fn is_probability(name: &str) -> bool {
     name == "p" || name == "q" || name.starts_with("p-")
 }
 
-/// Returns -log10 of p values, and their range from 0 to the largest one, but at least to 1: significant values thus
-/// have the colours at the end of the scale.
+/// Returns -log10 of p values, and their range, from 0 to the largest value or to 1 if that is larger: significant
+/// values thus have the colours at the end of the scale.
 #[must_use]
 pub fn significance(p: &[f64]) -> (Vec<f64>, (f64, f64)) {
     let values: Vec<f64> = p.iter().map(|p| if p.is_nan() { *p } else { -p.max(1e-300).log10() }).collect();

@@ -34,7 +34,7 @@ fn a_ball_covers_a_disc() {
 
 #[test]
 fn what_is_nearer_hides_what_is_farther_in_any_order() {
-    // Two squares across the line of sight (y), the nearer one smaller.
+    // Two squares across the line of sight (y); the nearer square is smaller.
     let square = |y: f64, half: f64| [[-half, y, -half], [half, y, -half], [half, y, half], [-half, y, half]];
     let vertices = [square(0.0, 2.0), square(1.0, 1.0)].concat();
     let (far, near) = ([[0, 1, 2], [0, 2, 3]], [[4, 5, 6], [4, 6, 7]]);

@@ -1,7 +1,7 @@
 //! Encodes arrays in a page: they are split into byte planes, gzipped, and written in base64.
 //!
-//! The first bytes of all numbers come first, then the second ones, and so on: exponents and high bytes are similar to
-//! each other, and this order halves the compressed size.
+//! The first bytes of all numbers come first, then the second bytes of all numbers, and so on. Bytes at the same
+//! position, such as exponents, are similar in all numbers, so that this order halves the compressed size.
 
 use std::io::Write;
 

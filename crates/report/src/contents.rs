@@ -21,7 +21,7 @@ pub struct Contents {
     pub modes: Vec<(String, ShapeModel)>,
     /// Maps of tests.
     pub tests: Vec<Maps>,
-    /// Quality of several alignments of one group, for comparison; the first is the main one.
+    /// Quality of several alignments of one group, for comparison; the first is the main alignment.
     pub quality: Vec<Quality>,
     /// Tables of status, and other tables.
     pub tables: Vec<Table>,
@@ -67,7 +67,7 @@ pub struct Quality {
     pub variance: f64,
     /// Share of the variance along the first modes.
     pub compactness: Curve,
-    /// Distance of a member from the modes of the others.
+    /// Distance of a member from the modes of the other members.
     pub generalisation: Curve,
     /// Distance of a random shape from the nearest member.
     pub specificity: Curve,

@@ -12,7 +12,7 @@ const BYTES_PER_VERTEX: u64 = 320;
 /// Bytes per vertex of the search tree for distances from a surface with other triangles, which exists for one model at
 /// a time.
 const TREE: u64 = 520;
-/// Bytes that every page takes, including those of a picture while it is drawn.
+/// Bytes that every page takes, including a picture while it is drawn.
 const FIXED: u64 = 12 << 20;
 
 impl Contents {

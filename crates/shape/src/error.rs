@@ -20,7 +20,7 @@ pub enum ShapeError {
         /// Column of the value, from 0.
         column: usize,
     },
-    /// The number of subjects is too small or differs from the expected one.
+    /// The number of subjects is too small or differs from the expected number.
     #[error("{what}: expected {expected} subjects{}, found {found}", if *.what == "covariates" || *.expected == 0 { "" } else { " or more, one row each" })]
     Subjects {
         /// Name of the array or table.
@@ -86,7 +86,7 @@ pub enum ShapeError {
         /// Its value.
         found: f64,
     },
-    /// Models of different degrees where equal ones are required.
+    /// Models of different degrees, although equal degrees are required.
     #[error("model {}: expected {expected} coefficients per coordinate, as in the first model, found {found}", .index + 1)]
     Degrees {
         /// Index of the model.

@@ -30,8 +30,8 @@ impl Evaluated {
         Ok(Self { sphere, transform, degree })
     }
 
-    /// Returns the surface of coefficients of the evaluator's degree or a higher one, (K, 3); `None` for a point or a
-    /// line.
+    /// Returns the surface of coefficients, (K, 3), whose degree must be at least the evaluator's; `None` for a point
+    /// or a line.
     pub(crate) fn surface(&self, coefficients: ArrayView2<'_, f64>) -> Result<Option<PoseSurface>, ShapeError> {
         let rows = self.transform.synthesis(coefficients.slice_move(s![..basis_size(self.degree), ..]))?;
         let vertices = rows.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect();

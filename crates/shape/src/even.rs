@@ -61,7 +61,7 @@ pub struct EvenSphere {
 ///
 /// # Errors
 ///
-/// Those of [`extent`]; [`ShapeError::Setting`] if the sphere has no triangles or `steps` is 0;
+/// The errors of [`extent`]; [`ShapeError::Setting`] if the sphere has no triangles or `steps` is 0;
 /// [`ShapeError::Transform`], [`ShapeError::Interrupted`].
 pub fn even_sphere(
     coefficients: &Coefficients,

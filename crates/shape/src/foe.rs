@@ -6,8 +6,8 @@
 //! the ellipsoid is x, the shortest z, in space and in the parameters. R and Q are rotations; if F mirrors, the third
 //! diagonal element is negative.
 //!
-//! The frame is determined up to half turns about the axes, the same ones in the parameters and in space. It is
-//! undetermined if two of the singular values are equal. Half turns are chosen by the sign of the surface's skewness
+//! The frame is determined up to half turns about the axes, with the same half turn in the parameters and in space. It
+//! is undetermined if two of the singular values are equal. Half turns are chosen by the sign of the surface's skewness
 //! along x and y, `int f_c^3 du`, so that the frame rotates with the surface.
 
 use ndarray::Array2;

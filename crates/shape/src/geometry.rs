@@ -151,7 +151,7 @@ pub fn tangent_frame(u: Vec3) -> [Vec3; 2] {
 ///
 /// # Errors
 ///
-/// Those of [`extent`], [`ShapeError::Transform`], [`ShapeError::Interrupted`].
+/// The errors of [`extent`], [`ShapeError::Transform`], [`ShapeError::Interrupted`].
 pub fn local_geometry(
     coefficients: &Coefficients,
     directions: &Directions,

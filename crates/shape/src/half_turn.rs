@@ -64,7 +64,7 @@ impl Workspace {
         }
         for i in 0..=l {
             let (p, count) = (i % 2, rows(l, i % 2, WIDTH));
-            // Sums over t of parity 0 are those over k with the parity of l.
+            // The sums over even t = l - k are the sums over k with the parity of l.
             let reads_cos = p == l % 2;
             let [same, other] = if reads_cos { [0, 1] } else { [1, 0] };
             let same_sign = if p == 1 { -scale(i) } else { scale(i) };

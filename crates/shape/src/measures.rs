@@ -126,8 +126,7 @@ impl fmt::Display for MeasureWarning {
 ///
 /// # Errors
 ///
-/// Those of [`extent`], [`ShapeError::Setting`], [`ShapeError::Transform`],
-/// [`ShapeError::Interrupted`].
+/// The errors of [`extent`], [`ShapeError::Setting`], [`ShapeError::Transform`], [`ShapeError::Interrupted`].
 pub fn measure(
     coefficients: &Coefficients,
     params: &MeasureParams,

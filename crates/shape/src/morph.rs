@@ -37,7 +37,7 @@ impl Morph {
     ///
     /// # Errors
     ///
-    /// Those of [`align()`]; [`ShapeError::Setting`] if the pose is kept and the alignment is mirrored, because no
+    /// The errors of [`align()`]; [`ShapeError::Setting`] if the pose is kept and the alignment is mirrored, because no
     /// rotation connects the two poses.
     pub fn new(
         from: &Coefficients,
@@ -118,7 +118,7 @@ fn portion(rotation: &Rotation, share: f64) -> Result<Rotation, ShapeError> {
 ///
 /// # Errors
 ///
-/// Those of [`measure`].
+/// The errors of [`measure`].
 pub fn volume_ratio(morph: &Morph, monitor: &dyn Monitor) -> Result<f64, ShapeError> {
     let volume =
         |surface: &Coefficients| Ok::<_, ShapeError>(measure(surface, &MeasureParams::default(), monitor)?.volume);

@@ -9,8 +9,8 @@
 //!
 //! with MAD the median of the distances from the median, and 1.4826 the factor that makes s the standard deviation for
 //! normally distributed values. If more than half of the values are equal, s is 1.2533 times the mean distance from the
-//! median. (Among seven or more values, a single value that differs from equal ones is then an outlier.) B. Iglewicz
-//! and D. Hoaglin, "How to Detect and Handle Outliers" (1993).
+//! median. (If a single one of seven or more values differs from all others, which are equal, it is then an outlier.)
+//! B. Iglewicz and D. Hoaglin, "How to Detect and Handle Outliers" (1993).
 
 use std::collections::HashMap;
 

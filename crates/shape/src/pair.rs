@@ -1,10 +1,10 @@
 //! Searches the rotations of the parameters and of space jointly for a pair of surfaces.
 //!
 //! Without row 0, `|Q R f - g|^2 = |f|^2 + |g|^2 - 2 tr Q^T M(R)` with `M_ij(R) = <g_i, R f_j>`. The best Q of a given
-//! R has a closed form ([`kabsch`](spharm_surface::kabsch)), so that one [grid](crate::so3_grid) of R searches both
-//! rotations. Its best local maxima are [refined](mod@crate::refine), and so are the four rotations that give both
-//! surfaces' [first-order ellipsoids](crate::foe) the same axes: optima that are half turns apart may be nearly equal.
-//! If mirror images are allowed, Q may be a reflection, and f(-u) is searched in addition to f(u).
+//! R has a closed form ([`kabsch`](spharm_surface::kabsch)), so that a search over one [grid](crate::so3_grid) of R
+//! finds both rotations. Its best local maxima are [refined](mod@crate::refine), and so are the four rotations that
+//! give both surfaces' [first-order ellipsoids](crate::foe) the same axes: optima that are half turns apart may be
+//! nearly equal. If mirror images are allowed, Q may be a reflection, and f(-u) is searched in addition to f(u).
 
 use rayon::prelude::*;
 use spharm_harmonics::{Coefficients, basis_size};

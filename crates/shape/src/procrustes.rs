@@ -68,7 +68,7 @@ pub fn procrustes(
 ///
 /// # Errors
 ///
-/// Those of [`procrustes`]; [`ShapeError::Journal`] if the file can't be written.
+/// The errors of [`procrustes`]; [`ShapeError::Journal`] if the file can't be written.
 pub fn procrustes_with(
     members: &[Coefficients],
     params: &ProcrustesParams,
@@ -119,7 +119,7 @@ fn brought_together(
         let start = group.brought_to(template)?;
         let (round, rounds, change) = group.settle(start)?;
         ends.push(TemplateEnd { template, spread: round.spread, rounds });
-        // Spreads that agree to the tolerance count as equal: the first start that reached one is kept.
+        // Spreads that agree to the tolerance count as equal: the first of the starts that reached it is kept.
         let much = 10.0 * params.tolerance;
         if best.as_ref().is_none_or(|best| round.spread < best.spread * (1.0 - much)) {
             best = Some(round);
@@ -257,7 +257,7 @@ impl<'a> Group<'a> {
             let fit = plan.continued(unit, &target, now.fit.rotation, self.space(mirror), &OnlyCancel(self.monitor));
             let continued = Pose { fit, antipodal: now.antipodal };
             let searched = anew.then(|| self.searched(index, &target, mirror));
-            // A search that ends in the same pose doesn't move the member.
+            // A new search that ends in the same pose doesn't replace the member's pose.
             searched.filter(|pose| pose.fit.distance < fit.distance * (1.0 - 1e-9)).unwrap_or(continued)
         })
     }

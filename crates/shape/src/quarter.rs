@@ -128,7 +128,7 @@ pub(crate) enum Hidden {
 pub(crate) struct Rows<const W: usize> {
     /// `-2i`.
     pub(crate) order: [f64; W],
-    /// The stored values at t and at t - 1.
+    /// The stored values at t; `before` holds the values at t - 1.
     pub(crate) now: [f64; W],
     pub(crate) before: [f64; W],
     exponents: [i32; W],
@@ -145,7 +145,7 @@ impl<const W: usize> Rows<W> {
         Self { order, now, before: [0.0; W], exponents }
     }
 
-    /// Advances one step; `first` and `second` are those of the [`Quarter`].
+    /// Advances one step, with the factors `first` and `second` from the [`Quarter`].
     #[inline(always)]
     pub(crate) fn step(&mut self, first: f64, second: f64) {
         for lane in 0..W {

@@ -79,7 +79,7 @@ pub(crate) enum Space {
 }
 
 impl Space {
-    /// Returns [`Self::Mirrored`] if `mirror`, else [`Self::Turned`].
+    /// Returns [`Self::Mirrored`] if `mirror`, otherwise [`Self::Turned`].
     pub(crate) fn free(mirror: bool) -> Self {
         if mirror { Self::Mirrored } else { Self::Turned }
     }
@@ -191,7 +191,7 @@ impl Model {
         let trace = |m: &Matrix3| -> f64 { (0..3).map(|i| dot(&q[i], &m[i])).sum() };
         let own = generators(&state.rows);
         let mut model = Self { gradient: [0.0; 6], hessian: [[0.0; 6]; 6], metric: [0.0; 6] };
-        // N = sum g (Q R f)^T, symmetric because Q is the best one.
+        // N = sum g (Q R f)^T, which is symmetric because Q is the best rotation.
         let n = product(&state.correlation, &transposed(q));
         let total = n[0][0] + n[1][1] + n[2][2];
         let norms: [f64; 3] = std::array::from_fn(|c| state.rows.iter().map(|row| dot(&q[c], row).powi(2)).sum());

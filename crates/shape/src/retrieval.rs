@@ -60,7 +60,7 @@ impl Library {
     /// # Errors
     ///
     /// - [`ShapeError::Setting`]: there are no models, or a model has no degree above 0.
-    /// - [`ShapeError::Differ`]: a model's number of channels differs from the first one's.
+    /// - [`ShapeError::Differ`]: a model's number of channels differs from the first model's.
     pub fn new<'a>(models: impl IntoIterator<Item = &'a Descriptors>, unit_size: bool) -> Result<Self, ShapeError> {
         let models: Vec<&Descriptors> = models.into_iter().collect();
         let degree = models.iter().map(|model| model.max_degree()).min().unwrap_or(0);
@@ -98,8 +98,8 @@ impl Library {
         self.degree
     }
 
-    /// Returns the `count` models whose singular values are nearest to those of a query by `metric`, nearest first;
-    /// ties are in the library's order.
+    /// Returns the `count` models whose singular values are nearest to the query's by `metric`, nearest first; ties are
+    /// in the library's order.
     ///
     /// # Errors
     ///
@@ -125,7 +125,7 @@ impl Library {
     ///
     /// # Errors
     ///
-    /// Those of [`nearest`](Self::nearest), and the first error of `align`.
+    /// The errors of [`nearest`](Self::nearest), and the first error of `align`.
     pub fn refined<E: From<ShapeError>>(
         &self,
         query: &Descriptors,

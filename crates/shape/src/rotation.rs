@@ -197,8 +197,9 @@ impl Mul for Rotation {
 
 type Number = DoubleDouble<false>;
 
-/// Cosine and sine of an angle, in double-double. Those of m times the angle, computed from them by powers, are then
-/// accurate to one rounding error, whereas `cos(m t)` of a rounded angle t is off by m rounding errors.
+/// Cosine and sine of an angle, in double-double. The cosine and the sine of m times the angle, computed from them by
+/// powers, are then accurate to one rounding error, whereas `cos(m t)` of a rounded angle t is off by m rounding
+/// errors.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Turn {
     cos: Number,

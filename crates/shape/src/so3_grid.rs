@@ -92,7 +92,7 @@ impl So3Grid {
         let mut peaks: Vec<Peak> = Vec::new();
         for (score, at) in found {
             let rotation = self.rotation(at);
-            // Near be = 0 and pi many points are nearly the same rotation.
+            // Near be = 0 and pi many points of the grid are nearly the same rotation.
             if peaks.iter().all(|peak| (peak.rotation.inverse() * rotation).angle() > near) {
                 peaks.push(Peak { rotation, score });
             }

@@ -140,9 +140,9 @@ pub enum TestWarning {
         narrow: String,
         /// Number of subjects in this group.
         narrow_subjects: usize,
-        /// The larger variance over the smaller one, each summed over all vertices.
+        /// The larger variance divided by the smaller one; each is summed over all vertices.
         ratio: f64,
-        /// Whether the design has other columns than those of the two groups.
+        /// Whether the design has columns in addition to the two groups' columns.
         covariates: bool,
     },
     /// The relabellings are too few for any result to be significant.
@@ -152,7 +152,7 @@ pub enum TestWarning {
         if *.exact { "more subjects are needed" } else { "more relabellings are needed" }
     )]
     Floor {
-        /// The smallest possible p.
+        /// The smallest possible p value.
         floor: f64,
         /// Number of relabellings.
         relabellings: usize,

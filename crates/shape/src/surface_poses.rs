@@ -42,7 +42,7 @@ pub const FAR: f64 = 2.0;
 /// than a mean's: the ratio is 2.0 to 2.3 for surfaces whose coefficients differ by noise alone, and 2.1 for
 /// hippocampi.
 pub const FAR_FROM_A_MEMBER: f64 = 2.5;
-/// Distances of a group's surfaces from that of their mean.
+/// Distances of a group's surfaces from the surface of their mean.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SurfacePoses {
     /// Root mean square distance between each member's surface and the mean's, in both directions, in the surfaces'
@@ -56,7 +56,7 @@ pub struct SurfacePoses {
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum SurfacePoseWarning {
-    /// Rotating a member would bring its surface much nearer to the others.
+    /// Rotating a member would bring its surface much nearer to the other surfaces.
     Turned {
         /// Index of the member, from 0.
         member: usize,
@@ -108,8 +108,8 @@ impl fmt::Display for SurfacePoseWarning {
     }
 }
 
-/// Compares the surfaces of members in the group's pose, (K, 3) each, with that of their mean. A member's degree must
-/// be at least the mean's; higher degrees are ignored. Members in `except`, such as known mirror images, give no
+/// Compares the surfaces of members in the group's pose, (K, 3) each, with the surface of their mean. A member's degree
+/// must be at least the mean's; higher degrees are ignored. Members in `except`, such as known mirror images, give no
 /// warnings.
 ///
 /// # Panics

@@ -4,8 +4,8 @@
 //! members are first aligned. In groups of up to [`ALL`] members each member is tried as a template. In larger groups
 //! the templates are the medoid, whose distances from the others have the smallest sum after one alignment, and four
 //! more members, evenly spaced in the order of these sums. In groups above 500 members distances are measured only from
-//! every second, third, ... member. For one alignment of all members to a first member, which the distances need, the
-//! choice of templates depends on the order of the members.
+//! every second, third, ... member. The distances need an alignment of all members to a first member. Through this
+//! first member alone, the choice of templates depends on the order of the members.
 
 use rayon::prelude::*;
 

@@ -14,7 +14,7 @@ fn uniform(seed: u64, k: u64) -> f64 {
     ((x ^ (x >> 33)) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
 }
 
-/// A generated shape of degree L: an ellipsoid with bumps whose power decays like that of smooth surfaces.
+/// A generated shape of degree L: an ellipsoid with bumps, whose power decays with the degree as for smooth surfaces.
 fn shape(max_degree: usize, seed: u64) -> Array2<f64> {
     let mut values = Array2::from_shape_fn((basis_size(max_degree), 3), |(k, c)| {
         let l = degree_order(k).0 as f64;

@@ -31,7 +31,8 @@ pub enum Method {
 pub struct AlignParams {
     /// The method; by default [`Method::Joint`].
     pub method: Method,
-    /// Highest degree compared; by default the lower one of the two surfaces. All degrees are transformed.
+    /// Highest degree compared; by default the lower of the two surfaces' degrees. All degrees of the moving surface
+    /// are transformed.
     pub max_degree: Option<usize>,
     /// Whether the moving surface may be scaled; by default no.
     pub scale: bool,
@@ -84,7 +85,7 @@ pub enum AlignWarning {
     /// A surface is a single point: no rotation was determined.
     Point,
     /// The rotation of space is undetermined about an axis, because one of the surfaces lies on a line or because the
-    /// two are uncorrelated.
+    /// two surfaces are uncorrelated.
     ObjectUndetermined,
     /// The rotations of space and of the parameters can change together without changing the distance, as for a surface
     /// of revolution.

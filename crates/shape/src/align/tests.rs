@@ -230,7 +230,7 @@ fn poses_by_surfaces_dont_depend_on_the_parameters() {
 fn mirrored_poses_by_surfaces_keep_the_outside_outside() {
     let target = blob(6, 1);
     let params = AlignParams { method: Method::Surfaces, mirror: true, ..AlignParams::default() };
-    // An inside-out surface, and one whose sphere is mirrored with it.
+    // A surface that is inside out, and a surface whose sphere is mirrored too.
     let inside_out = reflected(&target);
     let turned = Transform { antipodal: true, ..Transform::default() }.apply(&inside_out, &Silent).unwrap();
     for (moving, antipodal) in [(inside_out, false), (turned, true)] {

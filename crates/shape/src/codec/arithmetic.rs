@@ -1,4 +1,5 @@
-//! A binary arithmetic coder: 32-bit bounds, no carry, one byte of output for each byte that both bounds share.
+//! Implements a binary arithmetic coder: 32-bit bounds, no carry, one byte of output for each byte that both bounds
+//! share.
 //!
 //! The interval is `low..=high`. A decision whose probability of being 1 is p / 65,536 splits it at `middle = low +
 //! ((high - low) p >> 16)`: 1 takes `low..=middle`, 0 the rest above. While the top bytes of `low` and `high` are
@@ -91,7 +92,7 @@ pub(super) struct Decoder<'a> {
     high: u32,
     window: u32,
     bytes: &'a [u8],
-    /// Number of bytes read, including those beyond the end.
+    /// Number of bytes read, including the zeros beyond the end.
     read: usize,
 }
 

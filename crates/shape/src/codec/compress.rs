@@ -1,4 +1,4 @@
-//! Compression of models.
+//! Compresses models.
 
 use serde_json::{Map, Value};
 use spharm_model::{Model, Provenance};
@@ -47,7 +47,7 @@ pub struct CompressParams {
 }
 
 impl CompressParams {
-    /// Returns the parameters for a target, with defaults for all others.
+    /// Returns the parameters for a target, with defaults for all other parameters.
     #[must_use]
     pub fn new(target: Target) -> Self {
         Self { target, levels: None, provenance: true }
@@ -60,7 +60,8 @@ impl CompressParams {
 pub struct Compressed {
     /// Content of the file.
     pub bytes: Vec<u8>,
-    /// Root mean square distance between the model and the compressed model, see [`Target::Tolerance`].
+    /// Root mean square distance between the model and the compressed model, a relative length as in
+    /// [`Target::Tolerance`].
     pub distance: f64,
     /// The step, a relative length.
     pub step: f64,

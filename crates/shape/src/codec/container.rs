@@ -149,7 +149,7 @@ impl Head {
     }
 }
 
-/// Reader of the variable-length fields after the fixed ones.
+/// Reader of the header's fields of variable length, which follow the fields of fixed length.
 struct Fields<'a> {
     rest: &'a [u8],
     flags: u8,

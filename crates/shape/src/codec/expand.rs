@@ -1,4 +1,4 @@
-//! Expansion of compressed models.
+//! Expands compressed models.
 
 use serde_json::{Map, Value, json};
 use spharm_harmonics::{Coefficients, basis_size};
@@ -62,7 +62,7 @@ pub struct Expanded {
     pub bytes: usize,
 }
 
-/// Expands a file, or a prefix of one.
+/// Expands a file, or a prefix of a file.
 ///
 /// All bytes used are verified first. Memory grows with the content of the stream, not with the header's claims.
 ///

@@ -4,8 +4,8 @@
 //! and order; a single step for all coefficients then minimises it. A fraction is rounded up from 0.62 instead of 0.5,
 //! which makes a dead zone around 0 and a bias towards 0, because a smaller magnitude takes fewer bits (Sullivan,
 //! "Efficient scalar quantization of exponential and Laplacian random variables", IEEE Transactions on Information
-//! Theory 42, 1996). A reconstructed magnitude is the mean of the values that were rounded to it: one mean for
-//! magnitude 1, and one common shift for magnitudes of 2 and more.
+//! Theory 42, 1996). Magnitudes are reconstructed as the mean of the values that were rounded to them. The shift from a
+//! magnitude to this mean is stored once for magnitude 1, and once for all magnitudes of 2 and more.
 //!
 //! Degree 0, the surface's position, is rounded to the nearest multiple, with as many digits as it needs.
 
@@ -30,7 +30,7 @@ pub(super) struct Quantised {
     /// Amounts by which the reconstructed values of the magnitudes 1, and of 2 and more, are reduced, in 256ths of a
     /// step.
     pub(super) shifts: [i8; 2],
-    /// All rows, (K, c); those of degree 0 are 0.
+    /// Integers of all rows, (K, c); the row of degree 0 holds zeros.
     pub(super) values: Vec<i32>,
 }
 

@@ -12,7 +12,7 @@ pub(super) struct Trial<T> {
     pub(super) result: T,
 }
 
-/// Returns the best acceptable step among those tried: the coarsest if the excess grows with the step (`rising`),
+/// Returns the best acceptable one of the steps tried: the coarsest if the excess grows with the step (`rising`),
 /// otherwise the finest. Returns `None` if no acceptable step is found before the excess becomes infinite or the range
 /// of steps is left.
 ///

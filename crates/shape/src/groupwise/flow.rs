@@ -86,7 +86,7 @@ impl Flow {
     ///
     /// # Errors
     ///
-    /// Those of [`apply`](Self::apply).
+    /// The errors of [`apply`](Self::apply).
     pub fn inverse(&self, directions: &[Vec3]) -> Result<Vec<Vec3>, ShapeError> {
         let mut at = Directions::from_unit_vectors(directions.to_vec())?.as_slice().to_vec();
         for potentials in self.steps.iter().rev() {

@@ -38,7 +38,7 @@ impl FinishedGroup {
     ///
     /// # Errors
     ///
-    /// Those of [`groupwise`](super::groupwise()).
+    /// The errors of [`groupwise`](super::groupwise()).
     pub fn new(
         members: &[ArrayView2<'_, f64>],
         sphere: &Sphere,
@@ -80,7 +80,7 @@ impl FinishedGroup {
     ///
     /// # Errors
     ///
-    /// [`ShapeError::Differ`] if the number of coefficients differs; those of [`groupwise`](super::groupwise()).
+    /// [`ShapeError::Differ`] if the number of coefficients differs; the errors of [`groupwise`](super::groupwise()).
     pub fn refine(
         &self,
         member: ArrayView2<'_, f64>,

@@ -13,7 +13,7 @@
 //! modes of variance cost less than many. Points stay on their surfaces exactly, and no triangle of the sphere is
 //! inverted. Unit normals, multiplied by a length, are channels beside the positions: without them points slide along
 //! the surfaces to where members differ least, which makes the group compact but the correspondence wrong. Stages
-//! proceed from models and fields of low degree to those of high degree.
+//! proceed from low to high degrees of models and fields.
 //!
 //! | module | contents |
 //! |---|---|
@@ -95,8 +95,8 @@ pub struct Groupwise {
 ///
 /// [`ShapeError::TooFewMembers`] below two; [`ShapeError::Differ`] if a member's array shape differs from the first
 /// member's, or the mask's length from the number of directions; [`ShapeError::Member`] with the error of one member:
-/// those of [`extent`], or no area where the mask isn't 0; [`ShapeError::Setting`] for settings out of range, a sphere
-/// without triangles or with clockwise ones, or a mask below 0; [`ShapeError::NotFiniteValue`];
+/// the errors of [`extent`], or no area where the mask isn't 0; [`ShapeError::Setting`] for settings out of range, a
+/// sphere without triangles or with clockwise ones, or a mask below 0; [`ShapeError::NotFiniteValue`];
 /// [`ShapeError::Interrupted`].
 pub fn groupwise(
     members: &[ArrayView2<'_, f64>],

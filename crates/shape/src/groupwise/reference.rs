@@ -24,7 +24,7 @@ use crate::product::product;
 
 /// Modes whose variance is below this fraction of delta are left to the residual term.
 const LEAST: f64 = 0.02;
-/// Maximum number of modes; those of the largest variance are kept.
+/// Maximum number of modes; the modes of the largest variance are kept.
 const MODES: usize = 64;
 
 /// The group at one stage.

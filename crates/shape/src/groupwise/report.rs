@@ -18,7 +18,7 @@ pub struct Distortion {
 /// The outcome of a stage.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StageReport {
-    /// The stage that was run; the degree of the models is at most that of the members.
+    /// The stage that was run; its degree of models is at most the members' degree.
     pub stage: StageParams,
     /// Number of steps.
     pub steps: usize,

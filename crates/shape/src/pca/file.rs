@@ -32,17 +32,17 @@ pub struct ShapeModel {
 }
 
 impl ShapeModel {
-    /// Writes the file atomically; replaces an existing one if `overwrite`.
+    /// Writes the file atomically; replaces an existing file if `overwrite`.
     ///
     /// # Errors
     ///
-    /// Those of [`write_arrays`].
+    /// The errors of [`write_arrays`].
     pub fn write(&self, path: &Path, overwrite: bool) -> Result<(), ModelError> {
         let Modes { mean, modes, variances, scores, total_variance } = &self.modes;
         let variances =
             ArrayView2::from_shape((variances.len(), 1), variances).map_err(|error| invalid(path, error))?;
         let total = Array2::from_elem((1, 1), *total_variance);
-        // Names must be one line each.
+        // Each name must be a single line.
         let members: Vec<String> = self.members.iter().map(|name| name.replace(['\n', '\r'], " ")).collect();
         let members = members.join("\n");
         write_arrays(

@@ -19,8 +19,8 @@ use crate::ShapeError;
 /// Generalisation and specificity of the first k modes, k = 1 to m.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Quality {
-    /// Mean distance of a member from the model of the others, (m). Without the member the group has only n - 2 modes:
-    /// the value for n - 1 modes equals the value for n - 2.
+    /// Mean distance of a member from the model of the other members, (m). Without the member the group has only n - 2
+    /// modes: the value for n - 1 modes equals the value for n - 2.
     pub generalisation: Vec<f64>,
     /// Mean distance of a random shape from the nearest member, (m).
     pub specificity: Vec<f64>,
@@ -77,7 +77,7 @@ pub fn quality(modes: &Modes, samples: usize, seed: u64, monitor: &dyn Monitor) 
     Ok(Quality { generalisation, specificity })
 }
 
-/// Returns the distances of a member from the modes of the others, by the number of modes.
+/// Returns the distances of a member from the modes of the other members, by the number of modes.
 fn left_by_others(scores: &Array2<f64>, member: usize) -> Result<Vec<f64>, ShapeError> {
     let (n, m) = scores.dim();
     let others: Vec<usize> = (0..n).filter(|i| *i != member).collect();
@@ -134,7 +134,8 @@ mod tests {
         let modes = Modes::new(&views, 7).unwrap();
         let found = quality(&modes, 300, 5, &Silent).unwrap();
         for k in [1, 3, 6] {
-            // Directly from the coefficients: each member against the model of the others.
+            // The expected value is computed from the coefficients: the distance of each member from the model of the
+            // others.
             let left: f64 = (0..8)
                 .map(|i| {
                     let others: Vec<_> = (0..8).filter(|j| *j != i).map(|j| group[j].view()).collect();

@@ -85,7 +85,7 @@ fn decompose(centred: &Array2<f64>) -> Result<(Array2<f64>, Vec<f64>), ShapeErro
     Ok((Array2::from_shape_fn((rows, count), |(i, k)| u[(i, k)]), singular))
 }
 
-/// A left-out member relative to the modes of the others.
+/// A left-out member relative to the modes of the other members.
 pub(super) struct Left {
     /// Distance from the first k modes of the others, (m); for k above the others' number of modes, the distance from
     /// all of their modes.

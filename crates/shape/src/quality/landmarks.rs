@@ -44,8 +44,8 @@ pub struct LandmarkErrors {
 ///
 /// # Errors
 ///
-/// [`ShapeError::Differ`] if the number of members or of landmarks differs; [`ShapeError::NotFiniteValue`]; those of
-/// [`extent`](crate::extent::extent), in [`ShapeError::Member`]; [`ShapeError::Interrupted`].
+/// [`ShapeError::Differ`] if the number of members or of landmarks differs; [`ShapeError::NotFiniteValue`]; the errors
+/// of [`extent`](crate::extent::extent), in [`ShapeError::Member`]; [`ShapeError::Interrupted`].
 pub(super) fn landmark_errors(
     members: &[Coefficients],
     landmarks: &[Vec<Vec3>],

@@ -55,7 +55,7 @@ pub struct GroupQuality {
     pub variances: Vec<f64>,
     /// Share of the variance along the first k modes.
     pub compactness: Curve,
-    /// Mean distance of a member from the modes of the others.
+    /// Mean distance of a member from the modes of the other members.
     pub generalisation: Curve,
     /// Mean distance of a random shape from the nearest member.
     pub specificity: Curve,
@@ -78,7 +78,7 @@ const STAGE: Stage = Stage::counted("quality", "members");
 ///
 /// # Errors
 ///
-/// [`ShapeError::TooFewMembers`]; [`ShapeError::Setting`] for zero modes or samples; those of
+/// [`ShapeError::TooFewMembers`]; [`ShapeError::Setting`] for zero modes or samples; the errors of
 /// [`extent`](crate::extent::extent), in [`ShapeError::Member`]; [`ShapeError::Differ`] if the number of landmarks or
 /// of their members differs, or the mask is of another icosphere; [`ShapeError::NotFiniteValue`] for a landmark that
 /// isn't finite; [`ShapeError::NoDecomposition`], [`ShapeError::Interrupted`].

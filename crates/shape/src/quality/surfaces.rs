@@ -1,5 +1,5 @@
 //! Computes generalisation and specificity by the distance between surfaces: the area-weighted mean of the distances
-//! from each surface's points to the nearest point of the other one, both ways.
+//! from each surface's points to the nearest point of the other surface, in both directions.
 
 use rayon::prelude::*;
 use spharm_monitor::{Monitor, Stage};
@@ -37,7 +37,7 @@ impl Side {
         self.vertices.iter().zip(&self.shares).map(|(p, share)| share * distance(p)).sum()
     }
 
-    /// Returns the mean distance, averaged over both directions.
+    /// Returns the mean of the mean distances from each of the two surfaces to the other.
     fn distance(&self, other: &Self) -> f64 {
         0.5 * (self.mean_to(other) + other.mean_to(self))
     }

@@ -201,7 +201,8 @@ fn distances_between_surfaces_are_those_of_the_surfaces() {
     }
 }
 
-/// Unit spheres whose directions are rotated about the pole: the distance of the same landmark is a chord.
+/// Unit spheres whose directions are rotated about the pole: the distance between the points of one landmark is then a
+/// chord of the circle.
 #[test]
 fn landmarks_tell_how_far_directions_slide() {
     let sphere = ellipsoid([1.0, 1.0, 1.0]);

@@ -101,7 +101,7 @@ impl Arrangements {
         found
     }
 
-    /// Returns the original labels at index 0, else a random relabelling.
+    /// Returns the original labels for index 0, otherwise a random relabelling.
     fn random(&self, index: usize) -> Relabelling {
         let mut relabelling = self.identity();
         if index == 0 {

@@ -58,7 +58,7 @@ impl Design {
     ///
     /// # Errors
     ///
-    /// Those of [`new`](Self::new), and [`ShapeError::Subjects`] if the number of rows differs.
+    /// The errors of [`new`](Self::new), and [`ShapeError::Subjects`] if the number of rows differs.
     pub fn with_covariates(&self, covariates: ArrayView2<'_, f64>, names: &[String]) -> Result<Self, ShapeError> {
         let (n, p) = self.matrix.dim();
         if covariates.nrows() != n {

@@ -64,7 +64,7 @@ pub struct FamilyWise {
     pub relabellings: usize,
     /// Whether these are all relabellings.
     pub exact: bool,
-    /// The smallest possible p.
+    /// The smallest possible p value.
     pub floor: f64,
 }
 

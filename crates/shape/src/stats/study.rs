@@ -94,7 +94,8 @@ pub struct Question {
 /// # Errors
 ///
 /// [`ShapeError::Subjects`] for columns of different lengths, [`ShapeError::Levels`] for an effect of one level or an
-/// `order` that doesn't list all levels, [`ShapeError::Constant`] for numbers that are all equal; those of [`Design`].
+/// `order` that doesn't list all levels, [`ShapeError::Constant`] for numbers that are all equal; the errors of
+/// [`Design`].
 pub fn question(
     (name, effect): (&str, &Column),
     order: &[String],
@@ -146,7 +147,7 @@ pub fn question(
 ///
 /// # Errors
 ///
-/// Those of [`question`].
+/// The errors of [`question`].
 pub fn mean_question(subjects: usize, covariates: &[(String, Column)]) -> Result<Question, ShapeError> {
     let (columns, names) = columns_of(subjects, covariates)?;
     let base = Design::new(Array2::ones((subjects, 1)), vec!["mean".to_owned()])?;

@@ -183,7 +183,7 @@ fn a_beginning_is_a_coarser_model() {
 fn signals_are_compressed_by_their_spread() {
     let mut model = model(16, 5, Kind::Signal, 3);
     let mut values = model.coefficients.values().clone();
-    // A signal in other units, a constant one, and a zero one.
+    // The model has a signal in other units, a constant signal, and a signal of zeros.
     values.column_mut(1).mapv_inplace(|value| 1e9 * value);
     values.column_mut(3).iter_mut().skip(1).for_each(|value| *value = 0.0);
     values.column_mut(4).fill(0.0);
