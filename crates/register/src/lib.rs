@@ -1,6 +1,6 @@
-//! Registration in space: moves a template mesh onto the surface of each subject of a group.
+//! Registers surfaces in space: moves a template mesh onto the surface of each subject of a group.
 //!
-//! The subject's surface is only used as a target of nearest points: it may have handles, holes, several pieces, and
+//! The subject's surface is only searched for nearest points. It may therefore have handles, holes, several pieces, and
 //! triangles in any order. The template's triangles don't change, so that all subjects get the same triangulation, and
 //! therefore the same sphere. Subject and template must be in the same pose.
 //!

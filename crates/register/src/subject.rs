@@ -1,4 +1,4 @@
-//! A subject's surface, the target of nearest points.
+//! Prepares a subject's surface for searches of nearest points.
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use spharm_surface::geometry::Vec3;

@@ -1,4 +1,4 @@
-//! A template: the data shared by the registrations to all subjects of a group.
+//! Prepares a template: the data shared by the registrations to all subjects of a group.
 
 use rayon::prelude::*;
 use spharm_monitor::Monitor;
@@ -14,7 +14,7 @@ use crate::plate::Plate;
 
 /// Largest number of columns of a kernel's factor.
 const RANK: usize = 200;
-/// Largest diagonal entry of the remainder of a kernel's factorisation.
+/// A kernel's factorisation ends when no diagonal entry of the remainder exceeds this.
 const LEFT: f64 = 1e-3;
 
 /// A mesh to be moved onto subjects, with the factors of its kernels and its thin plate.

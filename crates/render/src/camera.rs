@@ -1,4 +1,4 @@
-//! The orthographic camera.
+//! Projects points to a picture by an orthographic camera.
 
 use spharm_surface::geometry::{Vec3, add, bounds, cross, dot, scale, sub, unit};
 

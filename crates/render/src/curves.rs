@@ -64,9 +64,9 @@ pub fn render_curves(panels: &[CurvePanel<'_>]) -> Result<Image, RenderError> {
 struct Axes {
     /// Pixels: left, right, top, bottom.
     area: [f64; 4],
-    /// The last integer along x.
+    /// The last integer on the x axis.
     last: usize,
-    /// The highest value, and the step of the ticks.
+    /// The highest value on the y axis; `step` is the distance between ticks.
     top: f64,
     step: f64,
 }

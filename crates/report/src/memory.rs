@@ -1,4 +1,4 @@
-//! Memory requirements of a page, for planning.
+//! Estimates the memory that creating a page needs.
 
 use spharm_model::Model;
 

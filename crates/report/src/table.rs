@@ -1,4 +1,4 @@
-//! Text tables, which the page's script can sort.
+//! Writes text tables as HTML, which the page's script can sort.
 
 use crate::ReportError;
 use crate::text::{escape, name};

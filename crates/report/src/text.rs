@@ -1,4 +1,4 @@
-//! Escaping of text for HTML and scripts. Names come from files, and are always treated as text.
+//! Escapes text for HTML and scripts. Names come from files, and are always treated as text.
 
 use serde::Serialize;
 

@@ -1,4 +1,4 @@
-//! Alignment of one surface to another.
+//! Aligns one surface to another.
 //!
 //! The moving surface f is rotated in its parameters and in space, translated, and scaled if requested, such that its
 //! root mean square distance over the sphere from the target g, [`rmsd`], is smallest. By default the rotations of the

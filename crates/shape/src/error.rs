@@ -136,7 +136,7 @@ pub enum ShapeError {
         /// Rank of the coefficients without degree 0.
         rank: usize,
     },
-    /// Coefficients of a signal where a surface is needed.
+    /// Coefficients of a signal, although a surface is needed.
     #[error("expected a surface, whose coefficients have 3 columns, found a signal of {channels} channels")]
     NotASurface {
         /// Number of channels found.

@@ -1,4 +1,4 @@
-//! Validation of the coefficients of a surface, before anything is computed from them.
+//! Validates the coefficients of a surface before anything is computed from them.
 
 use ndarray::{Axis, Slice};
 use spharm_harmonics::Coefficients;

@@ -1,4 +1,4 @@
-//! The members of a group during its alignment, and their mean.
+//! Holds the members of a group during its alignment, and computes their mean.
 
 use crate::half_turn::Workspace;
 use crate::matrix3::determinant;

@@ -65,7 +65,7 @@ impl HeatKernel {
         4.0 * (self.time * LN_2).sqrt()
     }
 
-    /// Returns the factor of a degree.
+    /// Returns the factor by which the kernel multiplies the coefficients of a degree.
     #[must_use]
     pub fn factor(&self, degree: usize) -> f64 {
         let l = degree as f64;

@@ -1,4 +1,4 @@
-//! Memory requirements of group analyses, for planning. K = (L + 1)^2.
+//! Estimates the memory that analyses of groups need. K = (L + 1)^2.
 
 use spharm_harmonics::basis_size;
 use spharm_transform::{FINEST, Transform, TransformParams};
@@ -55,9 +55,9 @@ impl GroupSizes {
 
     /// Returns the bytes that the quality of `modes` modes takes in addition to the coefficients, at `directions`
     /// directions V: members as points, twice, `48 n V`, and with their search trees, `360 n V`; inner products and
-    /// decompositions, `64 n^2` and `48 n^2` per thread; the nearest shapes of 200 members, `1600 n m`, and of the
-    /// random ones, `40 m` each, for the group and for each thread of a draw; the transform of a member, and landmarks
-    /// at four times the directions.
+    /// decompositions, `64 n^2` and `48 n^2` per thread; the nearest shapes of 200 members, `1600 n m`, and data of the
+    /// random shapes, `40 m` each, for the group and for each thread of a draw; the transform of a member, and
+    /// landmarks at four times the directions.
     #[must_use]
     pub fn quality(self, directions: u64, modes: usize, samples: usize, threads: usize) -> u64 {
         let (n, m) = (self.models as u64, (modes.min(self.models)) as u64);

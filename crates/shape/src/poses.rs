@@ -46,7 +46,7 @@ impl PosesDiffer {
         if largest == 0.0 || !largest.is_finite() {
             return None;
         }
-        // Scaled, so that squares neither overflow nor underflow.
+        // Matrices are scaled, so that squares neither overflow nor underflow.
         let (mut sum, mut values) = (Matrix3::default(), [0.0; 3]);
         for matrix in group.iter().map(|matrix| matrix.map(|row| row.map(|v| v / largest))) {
             sum.as_flattened_mut().iter_mut().zip(matrix.as_flattened()).for_each(|(sum, v)| *sum += v);

@@ -165,7 +165,7 @@ impl<const W: usize> Rows<W> {
         }
     }
 
-    /// Returns 1 for visible rows and 0 for hidden ones.
+    /// Returns 1 for visible rows and 0 for hidden rows.
     #[inline(always)]
     pub(crate) fn visible(&self) -> [f64; W] {
         self.exponents.map(|e| if e == 0 { 1.0 } else { 0.0 })

@@ -26,7 +26,7 @@ pub struct Transform {
     /// Whether each direction is replaced by its opposite first, which mirrors the sphere. A surface that is mirrored
     /// in space keeps its normals outward only if its sphere is mirrored too.
     pub antipodal: bool,
-    /// Similarity applied in space afterwards.
+    /// Similarity applied in space after the rotation of the parameters.
     pub similarity: Similarity,
 }
 

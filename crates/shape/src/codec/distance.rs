@@ -3,9 +3,9 @@
 //! For surfaces the distance is the larger of two root mean squares, divided by the scale that makes the bounding box's
 //! volume 1:
 //!
-//! - the distance from points all over each surface to the nearest point of the other surface, in both directions
+//! - of the distances from points all over each surface to the nearest point of the other surface, in both directions
 //!   ([`surface_distance`]), regardless of which points correspond;
-//! - the displacement along the normal, averaged over the area, which equals the former to first order.
+//! - of the displacement along the normal, over the area, which equals the former to first order.
 //!
 //! Both are measured on one icosphere of at least 8 vertices per basis function. Its flat triangles smooth out some of
 //! the error at its vertices: the distances are up to 7 % below the displacements (8 % with 4 vertices per function at

@@ -1,4 +1,4 @@
-//! The probability of a decision, mixed from several adaptive estimates in integer arithmetic.
+//! Mixes the probability of a decision from several adaptive estimates, in integer arithmetic.
 //!
 //! Each estimate is a probability that moves towards the decisions in its context: after n decisions, the next one
 //! moves it by 1 / (n + 8) of the difference. Logistic mixing (Mahoney, "Adaptive weighing of context models for

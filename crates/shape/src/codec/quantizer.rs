@@ -1,4 +1,4 @@
-//! Quantisation of coefficients to integer multiples of a step, and the inverse.
+//! Quantises coefficients to integer multiples of a step, and reconstructs them.
 //!
 //! Harmonics are orthonormal, so that an error of a coefficient adds the same to the mean square error at any degree
 //! and order; a single step for all coefficients then minimises it. A fraction is rounded up from 0.62 instead of 0.5,

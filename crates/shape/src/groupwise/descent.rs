@@ -25,9 +25,10 @@ use crate::groupwise::params::{GroupwiseParams, StageParams};
 use crate::groupwise::report::{Distortion, StageReport};
 use crate::groupwise::state::{Group, State};
 
-/// Largest move of a first step, in radians.
+/// Largest angle, in radians, by which a step moves a direction while L-BFGS has no stored pairs, as at the start of a
+/// stage.
 const FIRST: f64 = 0.03;
-/// Largest move of a step, in radians.
+/// Largest angle by which a step moves a direction, in radians.
 const FARTHEST: f64 = 0.15;
 /// Largest difference of neighbours' displacements, relative to their distance.
 const STRETCH: f64 = 0.5;

@@ -1,4 +1,5 @@
-//! Cost of stretching the sphere: the elastic energy of a map of a triangulated sphere to itself, and its gradient.
+//! Computes the cost of stretching the sphere: the elastic energy of a map of a triangulated sphere to itself, and its
+//! gradient.
 //!
 //! ```text
 //! E(phi) = sum_T share_T (1 + e^s) / 2 psi(s),    s = log(a_T(phi) / a_T)

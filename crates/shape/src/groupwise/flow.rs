@@ -1,4 +1,4 @@
-//! A diffeomorphism of the sphere as a composition of steps along tangent fields, and its inverse.
+//! Applies a diffeomorphism of the sphere, a composition of steps along tangent fields, and its inverse.
 //!
 //! ```text
 //! phi = exp(w_T) o ... o exp(w_1),    w_t = grad A_t + u x grad B_t

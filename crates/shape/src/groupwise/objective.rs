@@ -12,7 +12,7 @@
 //! "Shape modeling and analysis with entropy-based particle systems", IPMI 2007). Weights follow the members' areas, so
 //! that C depends on the surfaces, not on the density of directions, and doesn't change if all members are
 //! reparameterised in the same way. The weights are differentiated as well: if they were held fixed, a descent would
-//! gather directions where members agree, which gains nothing. With `B = (G + delta 1)^-1` and y = x - m,
+//! gather directions where members agree, which doesn't decrease C. With `B = (G + delta 1)^-1` and y = x - m,
 //!
 //! ```text
 //! q(u) = dC/dw(u) = 1/N sum_ij B_ij y_i . y_j,    dC/dx_i = 2/N w sum_j B_ij y_j + sum_u q(u) dw(u)/dx_i

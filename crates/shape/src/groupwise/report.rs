@@ -1,4 +1,4 @@
-//! Report of a refinement, by stage.
+//! Reports the outcome of a refinement, by stage.
 
 use crate::groupwise::elastic::Elastic;
 use crate::groupwise::params::StageParams;

@@ -57,8 +57,8 @@ impl Judged {
 }
 
 impl Group<'_> {
-    /// Returns warnings for the members that are nearer to the others as mirror images. If there are none, also returns
-    /// whether the reason is that members and mirror images hardly differ.
+    /// Returns warnings for the members whose mirror images are nearer to the other members. If there are no such
+    /// members, also returns whether the reason is that members and their mirror images hardly differ.
     pub(super) fn mirrored(&self, round: &Round) -> Result<(Vec<ProcrustesWarning>, bool), ShapeError> {
         if self.units.len() < LEAST {
             return Ok((Vec::new(), false));

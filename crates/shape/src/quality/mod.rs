@@ -17,9 +17,9 @@
 //! - *generalisation*: the mean distance of a member from its nearest shape in the modes of all others;
 //! - *specificity*: the mean distance of a random shape of the modes from the nearest member.
 //!
-//! M. A. Styner et al., "Evaluation of 3D correspondence methods for model building", IPMI 2003. All three improve when
-//! directions slide to where members differ least, so that none of them proves correspondence. A proof needs external
-//! knowledge, such as landmarks, see [`landmarks`].
+//! M. A. Styner et al., "Evaluation of 3D correspondence methods for model building", IPMI 2003. All three measures
+//! improve if directions slide to where members differ least, so that no measure proves correspondence. A proof needs
+//! external knowledge, such as landmarks, see [`landmarks`].
 //!
 //! *Between surfaces*, generalisation and specificity are measured by nearest points too, as the area-weighted mean in
 //! both directions: the part of a distance that sliding along the surface can't reduce.

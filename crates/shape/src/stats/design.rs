@@ -1,4 +1,4 @@
-//! The linear model of a study and the hypothesis to test.
+//! Defines the linear model of a study and the hypothesis to test.
 
 use ndarray::{Array2, ArrayView2};
 

@@ -1,4 +1,4 @@
-//! Tail probabilities of Student's t and Fisher's F, and quantiles of t.
+//! Computes tail probabilities of Student's t and Fisher's F, and quantiles of t.
 //!
 //! Each tail is computed directly as a regularised incomplete beta function, never as one minus the other tail, so that
 //! small p values keep their precision.

@@ -94,7 +94,7 @@ pub(crate) fn check(
             found: format!("{rows} rows"),
         });
     }
-    // Hotelling's T^2 needs v - d + 1 > 0.
+    // Hotelling's T^2 needs v - d + 1 > 0, with v the degrees of freedom and d the components.
     let least = p + components;
     if n < least {
         return Err(ShapeError::Subjects { what: "the values", expected: least, found: n });
