@@ -193,7 +193,7 @@ fn at(u: Vec3, vector: impl Fn(usize) -> Vec3) -> LocalGeometry {
         add(add(terms[0], terms[1]), terms[2])
     };
     let tangents = [sum(e2), sum(e1.map(|x| -x))];
-    // a' S b, over the six columns of the symmetric S.
+    // Computes a' S b from the six columns of the symmetric matrix S.
     let form = |a: Vec3, b: Vec3| {
         PAIRS.iter().enumerate().fold([0.0; 3], |total, (column, &[i, j])| {
             let weight = if i == j { a[i] * b[i] } else { a[i] * b[j] + a[j] * b[i] };

@@ -48,7 +48,7 @@ impl Workspace {
         }
     }
 
-    /// Applies J to `cos` and `sin`, of one to three columns.
+    /// Applies the half turn J to `cos` and `sin`, which have one to three columns.
     pub(crate) fn half_turn(&mut self, quarter: &Quarter, columns: usize) {
         let l = quarter.degree;
         for k in 0..=l {

@@ -223,7 +223,7 @@ pub struct ProcrustesReport {
 /// An aligned group.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Procrustes {
-    /// Transform of each member to the mean, which applies to all its degrees.
+    /// Transform that aligns each member, at all its degrees, to the mean.
     pub transforms: Vec<Transform>,
     /// The mean at the highest degree compared, (K, 3), centred.
     pub mean: Coefficients,

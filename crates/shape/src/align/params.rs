@@ -54,7 +54,7 @@ impl Default for AlignParams {
 const BANDWIDTH: usize = 8;
 
 impl AlignParams {
-    /// Returns the plan for surfaces of a degree.
+    /// Returns the plan of the search for surfaces of a degree.
     pub(crate) fn plan(&self, degree: usize) -> Result<Plan, ShapeError> {
         let refuse =
             |name, found: usize, expected| Err(ShapeError::Setting { name, found: found.to_string(), expected });

@@ -55,7 +55,7 @@ pub(super) struct Surface {
 }
 
 impl<'a> Reference<'a> {
-    /// Prepares the measurement against coefficients, (K, c).
+    /// Prepares the original, given its coefficients, (K, c).
     pub(super) fn new(coefficients: &'a Coefficients, surface: bool) -> Result<Self, CodecError> {
         if !surface {
             return Ok(Self::Signal(coefficients.values().view()));

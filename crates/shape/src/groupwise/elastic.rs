@@ -46,7 +46,7 @@ impl<'a> Elastic<'a> {
         terms.sum()
     }
 
-    /// Adds the gradient times `weight` to covectors.
+    /// Adds the energy's gradient times `weight` to the covectors.
     pub(super) fn add_gradient(&self, at: &[Vec3], weight: f64, covectors: &mut [Vec3]) {
         for ((face, s), share) in self.faces.iter().zip(self.logarithms(at)).zip(&self.shares) {
             let [a, b, c] = face.map(|v| at[v as usize]);

@@ -46,7 +46,7 @@ pub(super) struct Objective<'a> {
     pub(super) mask: &'a [f64],
 }
 
-/// The group at one state of its maps.
+/// Covariance of the group at one state of its maps, with the data for its derivatives.
 pub(super) struct Covariance {
     /// The members' values minus their mean, y, (N, n C).
     pub(super) centred: Array2<f64>,

@@ -150,7 +150,7 @@ fn direction(tree: &TriangleTree, sphere: &Mesh, member: &Coefficients, p: Vec3)
     Ok((best.0, best.1))
 }
 
-/// Returns the band of the mean over pairs of different members.
+/// Returns the 95 % band of the mean error over pairs of different members, from a bootstrap over the members.
 fn band(n: usize, of_pair: &impl Fn(usize, usize) -> f64, params: &QualityParams) -> Option<[f64; 2]> {
     let mut means: Vec<f64> = (0..params.bands)
         .map(|index| {

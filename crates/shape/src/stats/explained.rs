@@ -11,7 +11,7 @@ use crate::product::{COLUMNS, product};
 
 /// Evaluator of the fraction of the scatter that the effect explains.
 pub(crate) struct Explained<'a> {
-    /// Residuals of the reduced model, whitened, (n, V d).
+    /// Residuals of the reduced model, (n, V d), whitened so that the components of a vertex are uncorrelated.
     whitened: Array2<f64>,
     components: usize,
     model: &'a Projection,

@@ -11,7 +11,7 @@ use super::design::{Contrast, Design, orthonormalise};
 use crate::ShapeError;
 use crate::product::product;
 
-/// Orthonormal bases of the two parts, and the errors' degrees of freedom.
+/// Orthonormal bases of a design's tested part and of the rest, and the errors' degrees of freedom.
 #[derive(Debug, Clone)]
 pub(crate) struct Projection {
     /// The tested part, (n, q).
