@@ -1,4 +1,4 @@
-//! The contents of a store: listing its schemes and files, verifying them, and removing the leftovers of killed builds.
+//! Lists the schemes and files of a store, summarises and verifies them, and removes the leftovers of killed builds.
 
 use std::path::{Path, PathBuf};
 
@@ -14,11 +14,7 @@ use crate::{folder, temporary};
 
 pub use crate::basis::degrees;
 
-/// Lists the schemes of a store, by key. The list is empty for a folder that isn't a store.
-///
-/// # Errors
-///
-/// [`StoreError::Io`] when the store can't be listed.
+/// Lists the keys of the schemes in a store, in ascending order. The list is empty for a folder that isn't a store.
 pub fn schemes(store: &Path) -> Result<Vec<SchemeKey>, StoreError> {
     folder::schemes(store)
 }
@@ -47,23 +43,23 @@ pub fn find_schemes(store: &Path, digits: Option<&str>) -> Result<Vec<SchemeKey>
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct SchemeSummary {
-    /// The scheme.
+    /// Key of the scheme.
     pub key: SchemeKey,
-    /// Number of directions, if a sound file exists.
+    /// Number of directions, read from an intact basis file or factor; `None` if the scheme has neither.
     pub rows: Option<usize>,
-    /// Scalar type of the basis, if a sound basis file exists.
+    /// Scalar type of the basis, read from an intact basis file; `None` if the scheme has no such file.
     pub scalar: Option<Scalar>,
-    /// Codec of the lowest degree's file.
+    /// Codec of the intact basis file of the lowest degree.
     pub codec: Option<Codec>,
     /// Number of basis files.
     pub degrees: usize,
-    /// Highest degree up to which all basis files exist and are sound.
+    /// Highest degree L for which the basis files of all degrees 0 to L exist and are intact.
     pub complete_to: Option<usize>,
     /// Number of factors.
     pub factors: usize,
-    /// Number of files, of both kinds, that couldn't be opened.
+    /// Number of basis files and factors that couldn't be opened.
     pub damaged: usize,
-    /// Total size of the sound files in bytes.
+    /// Total size in bytes of the basis files and factors that could be opened.
     pub bytes: u64,
 }
 
@@ -96,7 +92,7 @@ pub fn summarize(store: &Path, key: SchemeKey) -> Result<SchemeSummary, StoreErr
 #[derive(Debug)]
 #[non_exhaustive]
 pub struct Verification {
-    /// Number of files checked, basis files and factors.
+    /// Number of basis files and factors checked.
     pub files: usize,
     /// Total size in bytes of the files that could be opened.
     pub bytes: u64,
@@ -105,7 +101,7 @@ pub struct Verification {
 }
 
 /// Checks every byte of the basis files and factors of the given schemes against their hashes, on the rayon pool of the
-/// caller, in a stage `verify` counted in bytes. Each thread holds a megabyte.
+/// caller, in a stage `verify` counted in bytes. Each thread uses a buffer of 1 MiB.
 ///
 /// # Errors
 ///
@@ -127,7 +123,7 @@ pub fn verify(store: &Path, keys: &[SchemeKey], monitor: &dyn Monitor) -> Result
     Ok(Verification { files: count, bytes, damaged })
 }
 
-/// A file of either kind.
+/// An open basis file or factor.
 enum AnyFile {
     Degree(DegreeFile),
     Factor(FactorFile),

@@ -1,7 +1,7 @@
 //! Errors and warnings of the store.
 //!
-//! Messages name the file, the expected and the actual value, and the remedy if it is the same for every program.
-//! Programs add the options that help, which they derive from the fields.
+//! A message names the file, the expected and the actual value, and the remedy if the remedy doesn't depend on the
+//! program. Programs derive advice on their own options from the fields of an error.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -15,17 +15,17 @@ use crate::scheme::{Scalar, SchemeKey};
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum StoreError {
-    /// An operation that the operating system refused.
+    /// The operating system refused an operation.
     #[error("{}: {action}: {source}", .path.display())]
     Io {
         /// The file or folder.
         path: PathBuf,
         /// The attempted operation.
         action: &'static str,
-        /// The system's reason.
+        /// Error of the operating system.
         source: io::Error,
     },
-    /// The path of a basis file or factor holds something other than a regular file.
+    /// The path of a basis file or factor names something other than a regular file.
     #[error("{}: expected a regular file, found {found}; move it away and build it again", .path.display())]
     NotAFile {
         /// The path.
@@ -33,7 +33,7 @@ pub enum StoreError {
         /// Kind found: folder, symbolic link, FIFO, ...
         found: &'static str,
     },
-    /// A field that violates the format.
+    /// A field or check of the file violates the format.
     #[error("{}: damaged or not a file of a basis store: {what}: expected {expected}, found {found}; delete it and build it again", .path.display())]
     Corrupt {
         /// The file.
@@ -45,7 +45,7 @@ pub enum StoreError {
         /// Value in the file.
         found: String,
     },
-    /// A chunk whose bytes don't match their checksum.
+    /// The bytes of a chunk don't match its checksum.
     #[error("{}: chunk {chunk} is damaged ({what} differs from the table); delete the file and build it again", .path.display())]
     ChunkDamaged {
         /// The file.
@@ -55,7 +55,7 @@ pub enum StoreError {
         /// The check that failed.
         what: &'static str,
     },
-    /// A tile of a factor whose bytes don't match their checksum.
+    /// The bytes of a factor's tile don't match its checksum.
     #[error("{}: tile ({row}, {column}) is damaged ({what} differs from the table); delete the file and build it again", .path.display())]
     TileDamaged {
         /// The file.
@@ -67,7 +67,7 @@ pub enum StoreError {
         /// The check that failed.
         what: &'static str,
     },
-    /// A factor other than the requested one.
+    /// An opened factor differs from the requested one.
     #[error("{}: the factor has a different {what}: expected {expected}, found {found}", .path.display())]
     FactorDiffers {
         /// The file.
@@ -79,7 +79,7 @@ pub enum StoreError {
         /// Value in the file.
         found: String,
     },
-    /// The store has no such factor.
+    /// The store has no factor with the requested degree, weights and smoothness.
     #[error("{}: no factor of {wanted} for scheme {key}; {}", .store.display(), factors_there(.available))]
     FactorMissing {
         /// The store.
@@ -88,10 +88,10 @@ pub enum StoreError {
         key: SchemeKey,
         /// The requested degree, weights and smoothness.
         wanted: String,
-        /// Names of the factors of the scheme that exist.
+        /// File names of the scheme's existing factors.
         available: Vec<String>,
     },
-    /// A factor that exceeds the limits of the format.
+    /// A factor exceeds the limits of the format.
     #[error(
         "a factor of {size} columns in tiles of {tile}: expected tiles of a multiple of 8 from 8 to {MAX_TILE}, and at most {MAX_TILES} of them; choose a lower degree"
     )]
@@ -101,7 +101,7 @@ pub enum StoreError {
         /// Rows and columns of a tile.
         tile: usize,
     },
-    /// A format version that this program doesn't know.
+    /// The file has a format version that this program can't read.
     #[error("{}: store format version {found}, this program reads version {expected}; use the program that wrote it, or build a new store", .path.display())]
     Version {
         /// The file.
@@ -111,7 +111,7 @@ pub enum StoreError {
         /// The version found.
         found: u32,
     },
-    /// A file that shrank, changed or failed to be read while it was in use.
+    /// A file was truncated or changed, or couldn't be read any more, after it had been opened.
     #[error("{}: truncated, changed or unreadable while it was being read; verify the store and build the damaged files again", .path.display())]
     ChangedWhileRead {
         /// The file.
@@ -124,16 +124,16 @@ pub enum StoreError {
         store: PathBuf,
         /// The requested key.
         key: SchemeKey,
-        /// Keys that the store has.
+        /// Keys of the schemes in the store.
         available: Vec<SchemeKey>,
     },
-    /// A folder without any scheme.
+    /// A folder contains no schemes.
     #[error("{}: this folder holds no schemes", .store.display())]
     NoSchemes {
         /// The folder.
         store: PathBuf,
     },
-    /// Digits with which no key, or more than one, begins.
+    /// No scheme key, or more than one, begins with the given digits.
     #[error("{}: {} with {digits}", .store.display(), keys_begin(*.found))]
     KeyDigits {
         /// The store.
@@ -143,7 +143,7 @@ pub enum StoreError {
         /// Number of schemes whose key begins with the digits.
         found: usize,
     },
-    /// The store holds the scheme, but not up to the requested degree.
+    /// The store has the scheme, but lacks a basis file of some degree up to the requested one.
     #[error("{}: scheme {key} holds {}, degree {missing} is missing", .store.display(), degrees_there(.complete_to))]
     DegreeMissing {
         /// The store.
@@ -152,36 +152,36 @@ pub enum StoreError {
         key: SchemeKey,
         /// Scalar type of the scheme's files, if degree 0 exists.
         scalar: Option<Scalar>,
-        /// Highest degree up to which all degrees exist.
+        /// Highest degree L for which the basis files of all degrees 0 to L exist.
         complete_to: Option<usize>,
-        /// The first degree that is missing.
+        /// The lowest missing degree.
         missing: usize,
         /// The requested degree.
         wanted: usize,
     },
-    /// Files of one scheme that can't be read together because their chunks have different sizes.
+    /// Two basis files of a scheme have different numbers of rows per chunk, so they can't be read together.
     #[error("{}: chunks of {found} rows, the other degrees have {expected}; delete it and build it again", .path.display())]
     ChunkRowsDiffer {
         /// The file.
         path: PathBuf,
-        /// Rows per chunk of degree 0.
+        /// Rows per chunk of the scheme's first basis file.
         expected: usize,
         /// Rows per chunk of this file.
         found: usize,
     },
-    /// The disk has too little free space, or the files are so large that they need explicit permission.
+    /// The disk has too little free space, or the files exceed 64 GiB and large files aren't allowed.
     #[error("{}: the {what} needs {needed} bytes ({:.1} GB), the disk has {free} free ({:.1} GB)", .path.display(), *.needed as f64 / 1e9, *.free as f64 / 1e9)]
     Space {
         /// The store.
         path: PathBuf,
-        /// What would be written: `basis` or `factor`.
+        /// Kind of file that would be written: `basis` or `factor`.
         what: &'static str,
         /// Bytes that would be written.
         needed: u64,
-        /// Bytes that are free.
+        /// Free bytes on the disk.
         free: u64,
     },
-    /// A memory budget too small for the work.
+    /// The memory budget is too small for the computation.
     #[error("a memory budget of {budget} bytes is too small; the smallest that works is {needed} bytes ({} MiB)", needed.div_ceil(1 << 20))]
     Budget {
         /// The budget in bytes.
@@ -189,24 +189,24 @@ pub enum StoreError {
         /// The smallest budget that works, in bytes.
         needed: usize,
     },
-    /// The work was interrupted; finished files are kept.
+    /// The computation was cancelled; finished files are kept.
     #[error("interrupted; finished files are kept")]
     Interrupted(#[from] Interrupted),
-    /// A request that the harmonics don't support.
+    /// The harmonics crate rejected the request.
     #[error(transparent)]
     Harmonics(#[from] spharm_harmonics::HarmonicsError),
-    /// A chunk size that the format doesn't allow.
+    /// The format doesn't allow this number of rows per chunk.
     #[error("chunks of {found} rows: expected a multiple of {ROW_MULTIPLE} from {ROW_MULTIPLE} to {MAX_CHUNK_ROWS}")]
     ChunkRows {
         /// The requested number of rows.
         found: usize,
     },
-    /// Chunks that are too many or too large for the format.
+    /// The file would have more chunks, or larger ones, than the format allows.
     #[error(
         "degree {degree} of {rows} directions in chunks of {chunk_rows} rows: a file holds at most {MAX_CHUNKS} chunks of {MAX_CHUNK_LEN} bytes; choose another number of rows a chunk"
     )]
     Layout {
-        /// Number of directions.
+        /// Degree of the file.
         rows: usize,
         /// Highest degree.
         degree: usize,
@@ -219,7 +219,7 @@ pub enum StoreError {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum StoreWarning {
-    /// A damaged file, which has been removed and written again.
+    /// A file was damaged; the build has removed and rewritten it.
     #[error("a damaged file was replaced: {0}")]
     Replaced(StoreError),
 }
@@ -272,7 +272,7 @@ fn degrees_there(complete_to: &Option<usize>) -> String {
 mod tests {
     use super::*;
 
-    /// What there is in place of what was asked for, as a person reads it.
+    /// The messages list the keys, factors or degrees that the store has in place of the requested ones.
     #[test]
     fn messages_name_what_is_there() {
         let store = || PathBuf::from("store");

@@ -11,17 +11,18 @@ use spharm_monitor::{Level, Monitor};
 use crate::error::StoreError;
 use crate::scheme::SchemeKey;
 
-/// Returns the folder of a scheme.
+/// Returns the path of a scheme's folder in a store.
 pub(crate) fn of_scheme(store: &Path, key: SchemeKey) -> PathBuf {
     store.join(key.to_string())
 }
 
-/// Lists the schemes of a store, by key.
+/// Lists the keys of the schemes in a store, in ascending order.
 pub(crate) fn schemes(store: &Path) -> Result<Vec<SchemeKey>, StoreError> {
     list(store, "cannot open the store", |name| name.parse().ok())
 }
 
-/// Lists a folder: returns the sorted results of `parse` on its file names, without names for which that is `None`.
+/// Applies `parse` to the file names in a folder. Returns the results in ascending order; names for which `parse`
+/// returns `None` are skipped.
 pub(crate) fn list<T: Ord>(
     folder: &Path,
     action: &'static str,
@@ -36,7 +37,7 @@ pub(crate) fn list<T: Ord>(
     Ok(found)
 }
 
-/// Creates the folder of a scheme, and that of the store if it doesn't exist.
+/// Creates the folder of a scheme, and the folder of the store if it doesn't exist.
 pub(crate) fn create(store: &Path, folder: &Path) -> Result<(), StoreError> {
     if !folder.is_dir() {
         std::fs::create_dir_all(folder).map_err(StoreError::io(folder, "cannot create"))?;
@@ -45,35 +46,37 @@ pub(crate) fn create(store: &Path, folder: &Path) -> Result<(), StoreError> {
     Ok(())
 }
 
-/// Makes the creation and removal of names in a folder durable.
+/// Syncs a folder to disk, so that created and removed files in it survive a power failure.
 pub(crate) fn sync(folder: &Path) -> Result<(), StoreError> {
     let failed = |error| StoreError::io(folder, "cannot write to disk")(error);
     match File::open(folder).map_err(failed)?.sync_all() {
-        // Some network file systems can't sync a folder; their servers do so by themselves.
+        // Some network file systems can't sync a folder (EINVAL). Their servers make changes durable on their own.
         Err(error) if error.kind() == io::ErrorKind::InvalidInput => Ok(()),
         result => result.map_err(failed),
     }
 }
 
-/// Removes a damaged file before it is written again.
+/// Removes a damaged file, so that it can be written again.
 pub(crate) fn remove_damaged(path: &Path) -> Result<(), StoreError> {
     match std::fs::remove_file(path) {
-        // Another builder, which has no lock either, removed it first.
+        // Another builder, working without a lock, removed the file first.
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
         removed => removed.map_err(StoreError::io(path, "cannot remove")),
     }
 }
 
-/// Waits until no other process builds this scheme; the returned file holds the lock. The lock only avoids duplicate
-/// work: builders are also safe without one (`None`, if the file system has no locks).
+/// Waits until no other process builds this scheme, and returns the locked lock file. The lock only prevents duplicate
+/// work. Builders are also safe without it, so the result is `None` if the file system doesn't support locks or the
+/// lock file can't be created.
 pub(crate) fn lock(folder: &Path, monitor: &dyn Monitor) -> Result<Option<File>, StoreError> {
     let path = folder.join(".lock");
     let open = |write: bool| {
         let flags = libc::O_NOFOLLOW | libc::O_NONBLOCK;
         std::fs::OpenOptions::new().read(true).write(write).create(write).custom_flags(flags).open(&path)
     };
-    // If another user created the lock file, it may only be opened for reading, which is enough. If it can't be
-    // created, continue without: a folder that can't be written to causes an error when the first file is created.
+    // If another user created the lock file, this process may only open it for reading; that is enough for locking. If
+    // the lock file can't be created, the build continues without a lock: if the folder isn't writable, creating the
+    // first basis file will report it.
     let Ok(file) = open(true).or_else(|_| open(false)) else { return Ok(None) };
     let mut noted = false;
     loop {
@@ -91,10 +94,10 @@ pub(crate) fn lock(folder: &Path, monitor: &dyn Monitor) -> Result<Option<File>,
     }
 }
 
-/// Size in bytes above which a build needs explicit permission.
+/// Size in bytes (64 GiB) above which writing files needs explicit permission.
 pub(crate) const LARGE: u64 = 64 << 30;
 
-/// Fails if `needed` bytes don't fit the disk, or if they exceed [`LARGE`].
+/// Fails if `needed` bytes exceed the free disk space or [`LARGE`].
 pub(crate) fn check_space(store: &Path, what: &'static str, needed: u64) -> Result<(), StoreError> {
     let free = free_space(store)?;
     if is_too_much(needed, free) {
@@ -107,9 +110,9 @@ fn is_too_much(needed: u64, free: u64) -> bool {
     needed > free || needed > LARGE
 }
 
-/// Returns the free bytes of the disk that holds, or will hold, a store.
+/// Returns the free bytes of the disk on which the store is, or will be created.
 fn free_space(store: &Path) -> Result<u64, StoreError> {
-    // The folder may not exist yet: use its nearest existing ancestor.
+    // The store's folder may not exist yet: ask its nearest existing ancestor for its free space.
     let existing = store.ancestors().find(|path| path.exists()).unwrap_or(Path::new("."));
     let existing = if existing.as_os_str().is_empty() { Path::new(".") } else { existing };
     let statistics =
@@ -130,14 +133,15 @@ mod tests {
         match check_space(&folder.path().join("not/yet"), "basis", u64::MAX) {
             Err(StoreError::Space { path, what: "basis", needed: u64::MAX, free }) => {
                 assert_eq!(path, folder.path().join("not/yet"));
-                // A tenth more or less, since others write meanwhile.
+                // Other processes may write to the disk between the two measurements: allow a deviation of 10 % plus 1
+                // GB.
                 let here = rustix::fs::statvfs(folder.path()).unwrap();
                 let bytes = (here.f_bavail * here.f_frsize) as f64;
                 assert!((free as f64 - bytes).abs() <= 0.1 * bytes + 1e9, "{free} of {bytes}");
             }
             other => panic!("{other:?}"),
         }
-        // The folder that the process is in has no name here.
+        // A relative path without a folder name: its only existing ancestor is the empty path, the current directory.
         check_space(Path::new("not-yet"), "basis", 1).unwrap();
     }
 

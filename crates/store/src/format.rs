@@ -1,22 +1,23 @@
-//! Versions and limits of the format: "Limits" and "Versions" in `store-format.md`.
+//! Versions and limits of the store format; see "Limits" and "Versions" in `store-format.md`.
 
-/// The version of basis files written, and the only one read.
+/// Format version of basis files. Basis files are written in this version, and other versions can't be read.
 pub const VERSION: u32 = 1;
-/// The version of factors written, and the only one read.
+/// Format version of factors. Factors are written in this version, and other versions can't be read.
 pub const FACTOR_VERSION: u32 = 1;
 
-/// Maximum number of rows (directions): more than a file can hold, and small enough that no product of a header's
-/// numbers overflows.
+/// Maximum number of rows (directions). No file can hold this many, and no product of the numbers in a header
+/// overflows.
 pub const MAX_ROWS: u64 = 1 << 40;
 /// Maximum number of rows in a chunk.
 pub const MAX_CHUNK_ROWS: usize = 1 << 20;
-/// The number of rows in a chunk is a multiple of this, so that columns of f64 start at multiples of 64 bytes.
+/// The number of rows in a chunk must be a multiple of this, so that each column of f64 values starts at a multiple of
+/// 64 bytes.
 pub const ROW_MULTIPLE: usize = 8;
-/// Maximum number of chunks in a file; bounds the memory of the file's table.
+/// Maximum number of chunks in a basis file; limits the memory of the file's table.
 pub const MAX_CHUNKS: u64 = 1 << 22;
 /// Maximum size of a decoded chunk in bytes.
 pub const MAX_CHUNK_LEN: u64 = 1 << 32;
-/// Maximum number of rows and columns in a tile of a factor; both are multiples of 8.
+/// Maximum number of rows, and of columns, in a tile of a factor; each number is a multiple of 8.
 pub const MAX_TILE: usize = 1024;
-/// Maximum number of tiles in a factor; bounds the memory of the factor's table.
+/// Maximum number of tiles in a factor; limits the memory of the factor's table.
 pub const MAX_TILES: u64 = 1 << 22;

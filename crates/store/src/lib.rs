@@ -1,26 +1,27 @@
-//! The disk-backed basis store: precomputed once for a sampling scheme, shared by every fit on it.
+//! Stores the harmonics of a sampling scheme on disk, computed once and shared by every fit on that scheme.
 //!
-//! A store is a folder. Each sampling scheme has a folder in it, named by the scheme's [key](SchemeKey), and in that
-//! folder one file for each degree, `A_<l>`, which holds the block `A_l`, (n, 2 l + 1), in chunks of rows:
+//! A store is a folder with one subfolder for each sampling scheme, named by the scheme's [key](SchemeKey). The
+//! subfolder has one basis file for each degree l, `A_<l>`. The file holds the matrix `A_l` of the harmonics of degree
+//! l, (n, 2 l + 1) for n directions, in chunks of rows:
 //!
 //! ```text
 //! STORE/<key>/A_0   header | chunk 0 | chunk 1 | ... | table | footer
 //!             A_1   header | chunk 0 | ...
 //! ```
 //!
-//! Files are immutable. A file is valid when its footer is sound and its name is final; there is no manifest that could
-//! become inconsistent. A store built to degree 60 is extended to 100 by adding files. `store-format.md` is the
-//! authority on bytes.
+//! Files are immutable. A file is valid if its footer passes all checks and it has its final name; there is no separate
+//! manifest that could contradict the files. A store built to degree 60 is extended to 100 by adding files.
+//! `store-format.md` is the authority on bytes.
 //!
-//! Any number of processes may build and read a store at the same time. A file that is damaged, or truncated while it
-//! is read, gives an error that names it, never a signal or a wrong number.
+//! Any number of processes may build and read a store at the same time. If a file is damaged, or truncated while it is
+//! read, the reader returns an error that names the file; it neither crashes nor returns wrong values.
 //!
-//! Long functions take a [`Monitor`](spharm_monitor::Monitor) as their last argument and run on the caller's rayon
-//! pool.
+//! Long-running functions take a [`Monitor`](spharm_monitor::Monitor) as their last argument and run on the caller's
+//! rayon pool.
 //!
 //! | module | what |
 //! |---|---|
-//! | [`scheme`] | the key: what a basis depends on, hashed |
+//! | [`scheme`] | key of a sampling scheme: a hash of everything that its basis depends on |
 //! | [`basis`] | basis files: building them, opening a scheme, reading chunks |
 //! | [`factor`] | the Cholesky factor of a scheme's normal equations, beside its basis |
 //! | [`catalog`] | listing the contents of a store, verifying it, removing leftovers |

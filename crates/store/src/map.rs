@@ -1,18 +1,20 @@
 //! Read-only memory windows on files: the only `unsafe` code of the store.
 //!
-//! A memory map has two dangers that reading doesn't have. The file may change while it is mapped, and touching a page
-//! that the file no longer has (because it was truncated, or the disk fails) raises SIGBUS, which kills the process.
-//! Both are handled here:
+//! A memory map has two risks that reading with system calls doesn't have. First, the file may change while it is
+//! mapped. Second, access to a page that the file no longer has (because the file was truncated, or the disk failed)
+//! raises SIGBUS, which kills the process. This module handles both risks:
 //!
 //! - Every window is entered into a table of address ranges. A SIGBUS handler, installed with the first window, looks
-//!   up the faulting address. If it lies in a window, the handler maps a page of zeros there and marks the window; the
-//!   reader continues and learns of the fault at the end. If it lies outside all windows, the handler restores the
-//!   previous one and lets the fault repeat.
+//!   up the faulting address. If it lies in a window, the handler maps a page of zeros at the address and marks the
+//!   window. The reader continues, and [`Window::check`] reports the fault afterwards. If the address lies outside all
+//!   windows, the handler restores the previous SIGBUS handler and returns, so that the access faults again under the
+//!   previous handler.
 //! - [`Window::check`] fails after use if a page was missing or the file's size or modification time has changed.
 //!   Results computed from a window are valid only once this check has passed.
 //!
-//! Windows hand out bytes and numbers for which every bit pattern is valid. So a file that changes while it is mapped
-//! leads to wrong numbers, which the check rejects, but never to an invalid value.
+//! A window gives access only to types for which every bit pattern is valid: bytes, integers and floating-point
+//! numbers. If a file changes while it is mapped, the values may be wrong, and the check then rejects them; they are
+//! never undefined behaviour.
 
 #![allow(unsafe_code)]
 
@@ -52,12 +54,13 @@ impl Window {
         &self.map
     }
 
-    /// Asks the system to start reading a range of the window. Advice only.
+    /// Asks the system to start reading a range of the window from disk. A hint: failure is ignored.
     pub(crate) fn will_need(&self, offset: usize, len: usize) {
         let _ = self.map.advise_range(Advice::WillNeed, offset, len);
     }
 
-    /// Maps the pages of a range at once, which costs less than a fault for each. Advice only.
+    /// Maps all pages of a range with one system call, which costs less than one page fault per page. A hint: failure
+    /// is ignored.
     #[cfg(target_os = "linux")]
     pub(crate) fn populate(&self, offset: usize, len: usize) {
         let _ = self.map.advise_range(Advice::PopulateRead, offset, len);
@@ -68,7 +71,7 @@ impl Window {
         self.will_need(offset, len);
     }
 
-    /// Fails if a page was missing or the file has changed since it was opened.
+    /// Fails if a page was missing when it was accessed, or if the file has changed since it was opened.
     pub(crate) fn check(&self, source: &Source) -> Result<(), StoreError> {
         if SLOTS[self.slot].faulted.load(Ordering::Acquire) {
             return Err(StoreError::ChangedWhileRead { path: source.path().to_path_buf() });
@@ -79,13 +82,15 @@ impl Window {
 
 impl Drop for Window {
     fn drop(&mut self) {
-        // Release the slot before the memory is unmapped and its addresses may be reused; `map` is dropped after this.
+        // Release the slot first: once the memory is unmapped, the system may reuse its addresses. `map` is dropped
+        // after this function.
         SLOTS[self.slot].release();
     }
 }
 
-/// Prefetches into the L2 cache as many bytes as these values have, starting `ahead` bytes after their beginning. The
-/// processor's own prefetcher doesn't cross the pages of a map. Advice only; the prefetched range need not be mapped.
+/// Prefetches a range of memory into the L2 cache. The range has the size of `values` and starts `ahead` bytes after
+/// the beginning of `values`. Useful because the processor's own prefetcher stops at page boundaries. A hint: the range
+/// need not be mapped.
 #[inline(always)]
 pub fn prefetch<T>(values: &[T], ahead: isize) {
     #[cfg(target_arch = "x86_64")]
@@ -102,9 +107,10 @@ pub fn prefetch<T>(values: &[T], ahead: isize) {
     let _ = (values, ahead);
 }
 
-/// One mapped range, for the signal handler: atomics only, no locks and no allocation.
+/// One mapped range, as read by the signal handler. Signal handlers must not lock or allocate, so all fields are
+/// atomics.
 struct Slot {
-    /// 0 if free, 1 while being set up, otherwise the first address.
+    /// 0 if the slot is free, 1 while it is being set up, otherwise the first address of the range.
     start: AtomicUsize,
     end: AtomicUsize,
     faulted: AtomicBool,
@@ -112,7 +118,8 @@ struct Slot {
 
 const FREE: usize = 0;
 const CLAIMED: usize = 1;
-/// Enough for a window for each of 64 threads and 500 degrees; systems allow about 65,000 maps per process.
+/// Enough for 64 threads with one window for each of 500 degrees. Operating systems allow about 65,000 maps per
+/// process.
 const SLOT_COUNT: usize = 32_768;
 
 static SLOTS: [Slot; SLOT_COUNT] =
@@ -142,7 +149,7 @@ fn claim_slot(start: usize, end: usize) -> Option<usize> {
 
 static INSTALL: Once = Once::new();
 static PAGE: AtomicUsize = AtomicUsize::new(4096);
-/// The previous handler of SIGBUS; leaked on purpose, because our handler may run at any time.
+/// The SIGBUS handler installed before ours. It is never freed, because our handler may run at any time.
 static PREVIOUS: std::sync::atomic::AtomicPtr<libc::sigaction> =
     std::sync::atomic::AtomicPtr::new(std::ptr::null_mut());
 
@@ -176,8 +183,8 @@ extern "C" fn on_bus_error(_signal: libc::c_int, info: *mut libc::siginfo_t, _co
         }
     }
     let previous = PREVIOUS.load(Ordering::Acquire);
-    // SAFETY: `previous` was stored by sigaction before this handler was installed. Once it is restored, the access is
-    // repeated and faults as it would have without us.
+    // SAFETY: `previous` was stored by sigaction before this handler was installed. After it is restored, the faulting
+    // access is repeated and handled by the previous handler.
     unsafe { libc::sigaction(libc::SIGBUS, previous, std::ptr::null_mut()) };
 }
 

@@ -1,4 +1,4 @@
-//! The key of a sampling scheme: a hash of everything that a store's contents depend on.
+//! Computes the key of a sampling scheme: a hash of everything that its files in a store depend on.
 //!
 //! See "Key" in `store-format.md`.
 
@@ -12,7 +12,7 @@ use spharm_harmonics::Directions;
 pub enum Scalar {
     /// IEEE double precision.
     F64,
-    /// IEEE single precision: half the bytes, values rounded to a relative 6e-8.
+    /// IEEE single precision: half the size of double precision, values rounded to a relative error of at most 6e-8.
     F32,
 }
 
@@ -33,7 +33,7 @@ impl Scalar {
         }
     }
 
-    /// Returns the code of the type in a header.
+    /// Returns the code of the scalar type in file headers.
     pub(crate) const fn code(self) -> u32 {
         match self {
             Self::F64 => 1,
@@ -60,7 +60,7 @@ const CONTEXT: &str = "spharm-rs 2026-11 sampling scheme key v1";
 const PART: usize = 1 << 18;
 
 impl SchemeKey {
-    /// Computes the key of harmonics of type `scalar` at `directions`, (n) unit vectors in order.
+    /// Computes the key of the harmonics of type `scalar` at `directions`, (n) unit vectors whose order matters.
     pub fn of(directions: &Directions, scalar: Scalar) -> Self {
         let mut hasher = blake3::Hasher::new_derive_key(CONTEXT);
         let head = |hasher: &mut blake3::Hasher, tag: &str, bytes: usize| {
@@ -84,7 +84,7 @@ impl SchemeKey {
         let mut bytes = vec![0; 8 * coordinates.len().min(PART)];
         for part in coordinates.chunks(PART) {
             let bytes = &mut bytes[..8 * part.len()];
-            // -0 becomes +0; Directions has no NaN and no infinity.
+            // Adding 0 turns -0 into +0. `Directions` contains neither NaN nor infinity.
             let (words, _) = bytes.as_chunks_mut();
             words.iter_mut().zip(part).for_each(|(word, &c)| *word = (c + 0.0).to_bits().to_le_bytes());
             // Outside of a pool the global one would be used, which a forked process doesn't have.
@@ -96,7 +96,7 @@ impl SchemeKey {
         Self(*hasher.finalize().as_bytes())
     }
 
-    /// Returns the first 12 digits, enough to distinguish schemes at a glance.
+    /// Returns the first 12 hexadecimal digits, for display.
     pub fn short(&self) -> String {
         self.to_string()[..12].to_owned()
     }
@@ -108,7 +108,7 @@ impl fmt::Display for SchemeKey {
     }
 }
 
-/// Error of parsing a [`SchemeKey`] from a text that isn't 64 lower-case hexadecimal digits.
+/// The text isn't a [`SchemeKey`]: 64 lower-case hexadecimal digits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("expected 64 hexadecimal digits")]
 pub struct NotAKey;

@@ -1,4 +1,4 @@
-//! An open file for reading and mapping, and the check that it hasn't changed since it was opened.
+//! Opens regular files for reading and mapping, and checks that they haven't changed since they were opened.
 
 use std::fs::{File, Metadata, OpenOptions};
 use std::io;
@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use crate::error::StoreError;
 
-/// An open regular file, and its state at the time of opening.
+/// An open regular file, and its size and modification time when it was opened.
 #[derive(Debug)]
 pub(crate) struct Source {
     path: PathBuf,
@@ -15,8 +15,8 @@ pub(crate) struct Source {
     stamp: Stamp,
 }
 
-/// Size and modification time, which reveal that a file was written to or truncated. (The change time isn't used,
-/// because a hard link or a new owner changes it as well.)
+/// Size and modification time of a file. A change of either reveals that the file was written to or truncated. The
+/// change time (ctime) isn't compared, because creating a hard link or changing the owner also updates it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Stamp {
     len: u64,
@@ -31,7 +31,7 @@ impl Stamp {
 }
 
 impl Source {
-    /// Opens a regular file. Never waits for the other end of a FIFO, never follows a symbolic link.
+    /// Opens a regular file. Never blocks on a FIFO, and rejects symbolic links.
     pub(crate) fn open(path: &Path) -> Result<Self, StoreError> {
         let flags = libc::O_NOFOLLOW | libc::O_NONBLOCK | libc::O_CLOEXEC;
         let not_a_file = |found| StoreError::NotAFile { path: path.to_path_buf(), found };
@@ -74,7 +74,7 @@ impl Source {
         })
     }
 
-    /// Fails if the file has changed since it was opened.
+    /// Fails if the file's size or modification time has changed since it was opened.
     pub(crate) fn check(&self) -> Result<(), StoreError> {
         match self.file.metadata() {
             Ok(metadata) if Stamp::of(&metadata) == self.stamp => Ok(()),

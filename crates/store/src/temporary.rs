@@ -1,6 +1,6 @@
-//! Temporary files in a scheme's folder: creating one, and finding those that killed builds left behind.
+//! Creates temporary files in a scheme's folder, and finds the temporary files of killed builds.
 //!
-//! A builder holds a lock on every temporary file that it writes. A file whose lock is free is abandoned.
+//! A builder holds a lock on every temporary file that it writes. A temporary file that isn't locked is abandoned.
 
 use std::fs::{File, Permissions, TryLockError};
 use std::io;
@@ -12,22 +12,23 @@ use tempfile::NamedTempFile;
 
 use crate::error::StoreError;
 
-/// Prefixes of temporary names: those of basis files and of factors.
+/// Prefixes of the names of temporary files: `.A_` for basis files, `.factor_` for factors.
 const PREFIXES: [&str; 2] = [".A_", ".factor_"];
 const SUFFIX: &str = ".tmp";
 
-/// Creates a temporary file and locks it, so that other processes see that it is in use. If locks don't work, other
-/// processes judge by its age.
+/// Creates a temporary file and locks it, so that other processes see that it is in use. On file systems without locks,
+/// other processes decide by the file's age.
 pub(crate) fn create(folder: &Path, prefix: &str) -> io::Result<NamedTempFile> {
     debug_assert!(PREFIXES.iter().any(|known| prefix.starts_with(known)), "{prefix}");
     loop {
         let temporary = tempfile::Builder::new()
             .prefix(prefix)
             .suffix(SUFFIX)
-            .permissions(Permissions::from_mode(0o666)) // minus the umask: a store is meant to be shared
+            .permissions(Permissions::from_mode(0o666)) // minus the umask: other users may read a store
             .tempfile_in(folder)?;
         match temporary.as_file().try_lock() {
-            // Another process removed it as a leftover between its creation and the lock, or is about to.
+            // Between the file's creation and its lock, another process mistook it for a leftover: it has removed the
+            // file, or holds the lock in order to remove it. Try again with a new file.
             Ok(()) if temporary.as_file().metadata()?.nlink() == 0 => {}
             Err(TryLockError::WouldBlock) => {}
             Ok(()) | Err(TryLockError::Error(_)) => return Ok(temporary),
@@ -35,14 +36,14 @@ pub(crate) fn create(folder: &Path, prefix: &str) -> io::Result<NamedTempFile> {
     }
 }
 
-/// Lists the temporary files of a folder that no process is writing any longer.
+/// Lists the temporary files in a folder that no process is writing to any more.
 pub(crate) fn abandoned(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
     let mut found = Vec::new();
     for_each_abandoned(folder, &mut |path| found.push(path.to_path_buf()))?;
     Ok(found)
 }
 
-/// Removes the abandoned files and returns their paths. Files that can't be removed are left for the next builder.
+/// Removes the abandoned temporary files and returns their paths. Files that can't be removed are skipped.
 pub(crate) fn remove_abandoned(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
     let mut removed = Vec::new();
     for_each_abandoned(folder, &mut |path| {
@@ -53,8 +54,8 @@ pub(crate) fn remove_abandoned(folder: &Path) -> Result<Vec<PathBuf>, StoreError
     Ok(removed)
 }
 
-/// Calls `visit` with each abandoned file while its lock is held, so that a builder that has just created the file
-/// notices.
+/// Calls `visit` with each abandoned temporary file while holding the file's lock. If a builder has just created the
+/// file, it fails to get the lock and thereby notices that the file is being removed.
 fn for_each_abandoned(folder: &Path, visit: &mut dyn FnMut(&Path)) -> Result<(), StoreError> {
     for item in std::fs::read_dir(folder).map_err(StoreError::io(folder, "cannot list"))? {
         let item = item.map_err(StoreError::io(folder, "cannot list"))?;
@@ -64,7 +65,7 @@ fn for_each_abandoned(folder: &Path, visit: &mut dyn FnMut(&Path)) -> Result<(),
         if !regular || !PREFIXES.iter().any(|prefix| name.starts_with(prefix)) || !name.ends_with(SUFFIX) {
             continue;
         }
-        // The file may have been finished or removed since it was listed.
+        // The file may have been published or removed since the folder was listed.
         let Ok(file) = File::open(item.path()) else { continue };
         let free = match file.try_lock() {
             Ok(()) => true,
@@ -78,9 +79,9 @@ fn for_each_abandoned(folder: &Path, visit: &mut dyn FnMut(&Path)) -> Result<(),
     Ok(())
 }
 
-/// Returns whether a file was last written to so long ago that it must be abandoned.
+/// Returns whether a file was last written to more than 24 hours ago.
 fn is_old(item: &std::fs::DirEntry) -> bool {
-    /// If locks don't work, a file this old without a write counts as abandoned.
+    /// Age since the last write from which a file counts as abandoned, on file systems without locks.
     const OLD: Duration = Duration::from_secs(24 * 3600);
     let modified = item.metadata().and_then(|metadata| metadata.modified());
     modified.is_ok_and(|time| time.elapsed().is_ok_and(|age| age > OLD))
@@ -101,7 +102,7 @@ mod tests {
             is_old(&std::fs::read_dir(folder.path()).unwrap().next().unwrap().unwrap())
         };
         assert!(!old_after(0) && !old_after(23) && old_after(25));
-        // One of the future isn't.
+        // A file with a modification time in the future isn't old.
         file.set_modified(SystemTime::now() + Duration::from_secs(90_000)).unwrap();
         assert!(!is_old(&std::fs::read_dir(folder.path()).unwrap().next().unwrap().unwrap()));
     }

@@ -1,10 +1,11 @@
-//! Building the basis of a scheme: every missing `A_l` up to a degree.
+//! Builds the basis of a scheme: writes every missing file `A_<l>` up to a degree.
 //!
-//! Threads take runs of rows (chunks) and evaluate the recurrence degree by degree, so that memory doesn't grow with n:
-//! a thread holds the recurrence state of one run and one chunk. Degrees are built in groups. The files of a group are
-//! open together, and while one group is computed, the files of the previous one are brought to disk and given their
-//! names. An interrupted build thus keeps all groups except the last two. The price is that each group repeats the
-//! recurrence over the degrees below it, at a quarter of the cost of computing them.
+//! Each thread takes one chunk (a run of rows) at a time and evaluates the recurrence degree by degree. It holds the
+//! recurrence state and the values of one chunk, so the memory doesn't grow with the number of directions, n. Degrees
+//! are built in groups. All files of a group are open at the same time. While one group is computed, the files of the
+//! previous group are synced to disk and given their final names. An interrupted build thus keeps all groups except the
+//! last two. In return, each group repeats the recurrence for all degrees below the group, at a quarter of the cost of
+//! computing their files.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -25,21 +26,21 @@ use crate::{folder, temporary};
 /// Result of a build.
 #[derive(Debug)]
 pub struct BuildReport {
-    /// The scheme.
+    /// Key of the scheme.
     pub key: SchemeKey,
     /// Folder of the scheme.
     pub folder: PathBuf,
-    /// Degrees written by this build.
+    /// Number of degrees written by this build.
     pub built: usize,
-    /// Degrees that existed already, or that another builder published meanwhile.
+    /// Number of degrees whose files existed before the build, or were published by another builder during it.
     pub present: usize,
-    /// Bytes of the files written.
+    /// Total size in bytes of the files written by this build.
     pub bytes_written: u64,
-    /// Bytes of all files up to the highest degree.
+    /// Total size in bytes of all files of degrees 0 to the highest.
     pub bytes: u64,
-    /// Rows of a chunk.
+    /// Number of rows per chunk.
     pub chunk_rows: usize,
-    /// Threads used.
+    /// Number of threads used.
     pub threads: usize,
     /// Planned memory in bytes.
     pub memory: usize,
@@ -49,8 +50,9 @@ pub struct BuildReport {
 
 /// Builds the missing files of a scheme's basis in `store`: the harmonics at `directions` up to `params.max_degree`.
 ///
-/// It is safe to run several builds of a scheme at once, to interrupt them and to kill them: published files stay and
-/// are skipped by the next build. The bytes of a file depend neither on the number of threads nor on interruptions.
+/// Several processes may build a scheme at the same time, and a build may be interrupted or killed at any time.
+/// Published files stay valid, and the next build skips them. The bytes of a file don't depend on the number of threads
+/// or on earlier interruptions.
 ///
 /// The monitor gets one stage, `basis`, counted in bytes, and a note if the build waits for another process that builds
 /// the same scheme.
@@ -59,8 +61,8 @@ pub struct BuildReport {
 ///
 /// Before anything is written: [`StoreError::ChunkRows`], [`StoreError::Layout`] and [`StoreError::Harmonics`] for
 /// parameters that the format or the harmonics don't support, [`StoreError::Space`] and [`StoreError::Budget`] if the
-/// disk or the memory budget is too small. Later, leaving no incomplete files: [`StoreError::Io`],
-/// [`StoreError::Interrupted`].
+/// disk or the memory budget is too small. During the build, after incomplete files have been removed:
+/// [`StoreError::Io`], [`StoreError::Interrupted`].
 pub fn build(
     store: &Path,
     directions: &Directions,
@@ -72,20 +74,20 @@ pub fn build(
     let key = SchemeKey::of(directions, params.scalar);
     let folder = folder::of_scheme(store, key);
     let plan = Plan::new(&folder, key, directions.len(), params)?;
-    // The leftovers of killed builds take up space that this build may need.
+    // Remove the leftovers of killed builds first: their disk space may be needed by this build.
     if folder.is_dir() {
         temporary::remove_abandoned(&folder)?;
     }
-    // Checked before the folder is created, so that a refused build leaves nothing behind.
+    // Check memory and disk space before the folder is created, so that a refused build creates nothing.
     plan.threads(params)?;
     plan.check_space(store, params)?;
-    // A finished scheme isn't touched, so that one on a read-only disk is no error.
+    // If all files exist, nothing is written: the call thus succeeds for a store on a read-only disk.
     let (_lock, plan) = if plan.missing.is_empty() {
         (None, plan)
     } else {
         folder::create(store, &folder)?;
         let lock = folder::lock(&folder, monitor)?;
-        // Plan again under the lock: the previous holder may have published missing files.
+        // Plan again while holding the lock: the builder that held it before may have published missing files.
         let plan = Plan::new(&folder, key, directions.len(), params)?;
         temporary::remove_abandoned(&folder)?;
         (lock, plan)
@@ -125,7 +127,7 @@ pub fn build(
     })
 }
 
-/// Totals of the published files.
+/// Totals of the files published by a build.
 #[derive(Default)]
 struct Published {
     built: usize,
@@ -135,14 +137,16 @@ struct Published {
     bytes: u64,
 }
 
-/// Computes one group after another while the previous one is brought to disk.
+/// Computes the groups of degrees one after another. While a group is computed, another thread syncs and publishes the
+/// previous one.
 fn compute_and_publish(
     computation: &Computation<'_>,
     folder: &Path,
     headers: &[Header],
 ) -> Result<Published, StoreError> {
     std::thread::scope(|scope| {
-        // One group waits while another is synced: at most three groups of files are open.
+        // The queue holds one group: at most three groups of files are open, of which one is computed, one waits and
+        // one is synced.
         let (to_disk, computed) = sync_channel::<Vec<DegreeWriter>>(1);
         let publisher = scope.spawn(move || -> Result<Published, StoreError> {
             let mut published = Published::default();
@@ -160,7 +164,7 @@ fn compute_and_publish(
         let mut result = Ok(());
         for group in groups(headers) {
             result = computation.run(folder, group).and_then(|writers| {
-                // The receiver is gone only if publishing has failed, which is reported below.
+                // The receiver only disconnects if publishing has failed; the publisher's error is returned below.
                 to_disk.send(writers).map_err(|_| Interrupted.into())
             });
             if result.is_err() {
@@ -174,7 +178,7 @@ fn compute_and_publish(
     })
 }
 
-/// State shared by the threads.
+/// State shared by the threads of a build.
 struct Computation<'a> {
     directions: &'a Directions,
     recurrence: &'a Recurrence,
@@ -184,12 +188,12 @@ struct Computation<'a> {
 }
 
 impl Computation<'_> {
-    /// Computes a group of degrees. On an error the temporary files are removed.
+    /// Computes the files of a group of degrees. On an error, their temporary files are removed.
     fn run(&self, folder: &Path, group: &[Header]) -> Result<Vec<DegreeWriter>, StoreError> {
         let writers: Vec<_> =
             group.iter().map(|header| DegreeWriter::create(folder, header.clone())).collect::<Result<_, _>>()?;
         let next = AtomicUsize::new(0);
-        // Stops the other threads when one fails.
+        // Set when a thread fails; the other threads then stop.
         let failed = AtomicBool::new(false);
         let first_error = Mutex::new(None);
         let chunks = group[0].chunk_count();
@@ -199,7 +203,8 @@ impl Computation<'_> {
                     if let Err(error) = self.work(group, &writers, &next, &failed) {
                         failed.store(true, Ordering::Relaxed);
                         let mut first = first_error.lock().unwrap_or_else(PoisonError::into_inner);
-                        // A thread that stopped because another failed has nothing to add.
+                        // A thread that stopped because another failed returns `Interrupted`. Such an error mustn't
+                        // replace the cause.
                         if first.is_none() || matches!(*first, Some(StoreError::Interrupted(_))) {
                             *first = Some(error);
                         }
@@ -213,7 +218,7 @@ impl Computation<'_> {
         }
     }
 
-    /// Runs one thread: takes one chunk after another and evaluates all degrees of the group on it.
+    /// Runs one thread: takes one chunk after another and evaluates all degrees of the group for that chunk.
     fn work(
         &self,
         group: &[Header],

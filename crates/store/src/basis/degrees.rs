@@ -1,4 +1,4 @@
-//! The basis files of a scheme: listed, or degrees 0 to L opened together.
+//! Lists the basis files of a scheme, or opens the files of degrees 0 to L together.
 
 use std::path::Path;
 
@@ -13,7 +13,7 @@ use crate::error::StoreError;
 use crate::folder;
 use crate::scheme::{Scalar, SchemeKey};
 
-/// One scheme of a store, with the files of degrees 0 to `max_degree` open.
+/// A scheme of a store, with its basis files of degrees 0 to `max_degree` open.
 #[derive(Debug)]
 pub struct Scheme {
     key: SchemeKey,
@@ -21,12 +21,12 @@ pub struct Scheme {
 }
 
 impl Scheme {
-    /// Opens and checks the files of degrees `0..=max_degree` of a scheme of `rows` directions.
+    /// Opens and checks the files of degrees `0..=max_degree` of a scheme that has `rows` directions.
     ///
     /// # Errors
     ///
     /// [`StoreError::NoSuchScheme`], [`StoreError::DegreeMissing`], [`StoreError::ChunkRowsDiffer`],
-    /// [`StoreError::Harmonics`] for a degree above [`MAX_DEGREE`], and those of [`DegreeFile::open`].
+    /// [`StoreError::Harmonics`] for a degree above [`MAX_DEGREE`], and the errors of [`DegreeFile::open`].
     pub fn open(store: &Path, key: SchemeKey, rows: usize, max_degree: usize) -> Result<Self, StoreError> {
         if max_degree > MAX_DEGREE {
             return Err(HarmonicsError::DegreeTooHigh { degree: max_degree, max: MAX_DEGREE }.into());
@@ -58,12 +58,12 @@ impl Scheme {
         Ok(Self { key, files })
     }
 
-    /// Opens the basis at `directions` up to `max_degree`, of one scalar type or, for `None`, f64 if it exists and f32
-    /// otherwise.
+    /// Opens the basis at `directions` up to `max_degree`, with values of type `scalar`. For `None`, opens the f64
+    /// basis if it exists, and the f32 basis otherwise.
     ///
     /// # Errors
     ///
-    /// Those of [`open`](Self::open); [`StoreError::Io`] when the store can't be opened.
+    /// The errors of [`open`](Self::open); [`StoreError::Io`] when the store can't be opened.
     pub fn open_at(
         store: &Path,
         directions: &Directions,
@@ -117,7 +117,8 @@ impl Scheme {
     }
 }
 
-/// Checks that a file is the requested one, and that it can be read together with that of degree 0.
+/// Checks that a file has the requested scheme, degree and number of rows, and the scalar type and chunk size of degree
+/// 0.
 fn check(
     file: &DegreeFile,
     key: SchemeKey,
@@ -160,7 +161,7 @@ pub fn degrees(store: &Path, key: SchemeKey) -> Result<Vec<FoundDegree>, StoreEr
     Ok(degrees.into_iter().map(|degree| (degree, open_as(&folder.join(file_name(degree)), key, degree))).collect())
 }
 
-/// Opens a file and checks that its header matches its folder and name.
+/// Opens a file and checks that the key and degree in its header match the names of its folder and file.
 fn open_as(path: &Path, key: SchemeKey, degree: usize) -> Result<DegreeFile, StoreError> {
     let file = DegreeFile::open(path)?;
     if file.header().key != key || file.header().degree != degree {

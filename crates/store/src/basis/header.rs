@@ -1,6 +1,6 @@
-//! The header of a basis file: "Header" in `store-format.md`.
+//! Encodes and decodes the header of a basis file; see "Header" in `store-format.md`.
 //!
-//! The tests compare a committed file with these offsets byte by byte.
+//! A test compares the encoded header with a committed file byte by byte.
 
 use std::ops::Range;
 use std::path::Path;
@@ -22,10 +22,10 @@ const CHUNK_ROWS_AT: usize = CODEC_AT + 4;
 const CHUNK_COUNT_AT: usize = CHUNK_ROWS_AT + 8;
 const RESERVED_AT: usize = CHUNK_COUNT_AT + 8;
 
-/// Contents of one file: block `A_l` of a scheme, (rows, 2 l + 1).
+/// Header of a basis file, which holds the matrix `A_l` of a scheme, (rows, 2 l + 1).
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Header {
-    /// The sampling scheme.
+    /// Key of the sampling scheme.
     pub key: SchemeKey,
     /// Number of directions, n.
     pub rows: usize,
@@ -33,14 +33,14 @@ pub struct Header {
     pub degree: usize,
     /// Scalar type of the values.
     pub scalar: Scalar,
-    /// Codec that the file was written with. A chunk that doesn't shrink is stored raw nevertheless.
+    /// Codec of the file. A chunk that compression doesn't make smaller is stored raw.
     pub codec: Codec,
-    /// Rows of every chunk except the last.
+    /// Number of rows in every chunk except the last, which may have fewer.
     pub chunk_rows: usize,
 }
 
 impl Header {
-    /// Returns whether the numbers are within the limits of the format.
+    /// Returns whether the sizes are within the limits of the format.
     pub(crate) fn is_within_limits(&self) -> bool {
         let chunk_len = (self.chunk_rows * self.columns() * self.scalar.size()) as u64;
         self.rows as u64 <= MAX_ROWS && self.chunk_count() as u64 <= MAX_CHUNKS && chunk_len <= MAX_CHUNK_LEN
@@ -56,7 +56,7 @@ impl Header {
         self.rows.div_ceil(self.chunk_rows)
     }
 
-    /// Returns the range of rows of a chunk.
+    /// Returns the range of rows in a chunk.
     pub fn chunk_range(&self, chunk: usize) -> Range<usize> {
         let start = (chunk * self.chunk_rows).min(self.rows);
         start..(start + self.chunk_rows).min(self.rows)

@@ -1,4 +1,5 @@
-//! Basis files: one immutable file `A_<l>` per degree, which holds the block `A_l`, (n, 2 l + 1), in chunks of rows.
+//! Builds and reads basis files. The immutable file `A_<l>` holds the harmonics of degree l at n directions, (n, 2 l +
+//! 1), in chunks of rows.
 //!
 //! | module | what |
 //! |---|---|

@@ -1,4 +1,4 @@
-//! The plan of a build: the missing degrees, their order, and the memory and disk space they need.
+//! Plans a build: determines the missing degrees, their grouping, and the memory and disk space needed.
 
 use std::path::{Path, PathBuf};
 
@@ -16,7 +16,8 @@ use crate::format::{MAX_CHUNK_ROWS, ROW_MULTIPLE};
 use crate::scheme::{Scalar, SchemeKey};
 
 /// Default number of rows in a chunk. At degree 100 a chunk (0.8 MB) and the state of its recurrence (1.7 MB) fit a
-/// core's L2 cache. It is not a multiple of 512, so that the columns don't all fall into the same cache sets.
+/// core's L2 cache. It isn't a multiple of 512, because the columns of a chunk would then compete for the same cache
+/// sets.
 pub const DEFAULT_CHUNK_ROWS: usize = 520;
 
 const GROUPS: u64 = 8;
@@ -30,15 +31,16 @@ pub struct BuildParams {
     pub max_degree: usize,
     /// Scalar type of the files; default [`Scalar::F64`].
     pub scalar: Scalar,
-    /// Codec of the files that are written; existing files keep theirs. Default [`Codec::Raw`].
+    /// Codec of the files to write; existing files aren't converted. Default [`Codec::Raw`].
     pub codec: Codec,
-    /// Rows of a chunk, a multiple of 8 to 2^20; an existing scheme keeps its own. Default [`DEFAULT_CHUNK_ROWS`].
+    /// Number of rows per chunk: a multiple of 8, at most 2^20. If the scheme has files, their number of rows is used
+    /// instead. Default [`DEFAULT_CHUNK_ROWS`].
     pub chunk_rows: usize,
     /// Memory budget in bytes; default 512 MiB.
     pub memory: usize,
-    /// Maximum number of threads to use of the caller's rayon pool; 0, the default, for all of them.
+    /// Maximum number of threads used from the caller's rayon pool; 0 (default) for all threads of the pool.
     pub threads: usize,
-    /// Build even if the files are larger than 64 GiB or than the free disk space; default false.
+    /// Whether to build even if the files are larger than 64 GiB or than the free disk space; default false.
     pub allow_large: bool,
 }
 
@@ -66,19 +68,20 @@ impl BuildParams {
     }
 }
 
-/// The degrees of a scheme that are missing, and what building them needs.
+/// The missing degrees of a scheme, and the sizes needed to plan their build.
 pub(super) struct Plan {
     pub(super) missing: Vec<usize>,
-    /// Damaged files and their errors. They are to be replaced, and their degrees count as missing.
+    /// Damaged files and their errors. The build replaces these files; `missing` includes their degrees.
     pub(super) damaged: Vec<(PathBuf, StoreError)>,
     pub(super) chunk_rows: usize,
     rows: usize,
-    /// Bytes of the missing files before compression.
+    /// Size in bytes of the missing files before compression.
     pub(super) bytes: u64,
 }
 
 impl Plan {
-    /// Opens the file of every requested degree, with all checks except those of the chunks.
+    /// Opens the file of every requested degree, with all checks except those of the chunks, and notes the missing and
+    /// damaged ones.
     pub(super) fn new(folder: &Path, key: SchemeKey, rows: usize, params: &BuildParams) -> Result<Self, StoreError> {
         let mut plan = Self { missing: Vec::new(), damaged: Vec::new(), chunk_rows: 0, rows, bytes: 0 };
         for degree in 0..=params.max_degree {
@@ -106,7 +109,8 @@ impl Plan {
         Ok(plan)
     }
 
-    /// Accepts an existing file as one of this scheme's. The first one determines the rows per chunk.
+    /// Checks that an existing file belongs to this scheme. The first accepted file determines the number of rows per
+    /// chunk.
     fn accept(&mut self, file: &DegreeFile, key: SchemeKey, degree: usize, scalar: Scalar) -> Result<(), StoreError> {
         let header = file.header();
         let describe = |key: SchemeKey, scalar: Scalar, degree: usize, rows: usize| {
@@ -114,7 +118,7 @@ impl Plan {
         };
         let expected = describe(key, scalar, degree, self.rows);
         let found = describe(header.key, header.scalar, header.degree, header.rows);
-        // The description shows only the first digits of the key.
+        // Compare the keys too: the descriptions contain only their first digits.
         if header.key != key || found != expected {
             return Err(StoreError::corrupt(file.path(), "contents", expected, found));
         }
@@ -133,12 +137,12 @@ impl Plan {
         Header { key, rows, degree, scalar: params.scalar, codec: params.codec, chunk_rows }
     }
 
-    /// Returns the headers of the missing files, by degree.
+    /// Returns the headers of the missing files, in order of degree.
     pub(super) fn headers(&self, key: SchemeKey, params: &BuildParams) -> Vec<Header> {
         self.missing.iter().map(|&degree| self.header(degree, key, params)).collect()
     }
 
-    /// Returns the largest number of threads, up to the requested one, that fits the memory budget.
+    /// Returns the largest number of threads that fits the memory budget, at most the requested number.
     pub(super) fn threads(&self, params: &BuildParams) -> Result<usize, StoreError> {
         let needed = self.memory(params, 1);
         if params.memory < needed {
@@ -149,10 +153,10 @@ impl Plan {
         Ok((1..=most).rev().find(fits).unwrap_or(1))
     }
 
-    /// Returns the memory that a build needs in bytes: the coefficients of the recurrence and, for each thread, the
-    /// state of its recurrence and a chunk.
+    /// Returns the memory in bytes that a build needs: the coefficients of the recurrence and, for each thread, the
+    /// recurrence state and the values of one chunk.
     pub(super) fn memory(&self, params: &BuildParams, threads: usize) -> usize {
-        /// The program itself with its stacks and allocator, measured on an empty build.
+        /// Memory of the program itself with its stacks and allocator, measured on an empty build.
         const BASE: usize = 8 << 20;
         let rows = self.chunk_rows.min(self.rows);
         let chunk = rows * (2 * params.max_degree + 1) * 8;
@@ -162,7 +166,7 @@ impl Plan {
         BASE + Recurrence::bytes(params.max_degree) + threads * thread
     }
 
-    /// Fails if the missing files don't fit the disk, or if they are large and large files aren't allowed.
+    /// Fails if the missing files exceed the free disk space or 64 GiB, unless `allow_large` is set.
     pub(super) fn check_space(&self, store: &Path, params: &BuildParams) -> Result<(), StoreError> {
         if params.allow_large || self.missing.is_empty() {
             return Ok(());
@@ -171,13 +175,13 @@ impl Plan {
     }
 }
 
-/// Returns the size of a file in bytes before compression, without the padding.
+/// Returns the size of a file in bytes before compression, without the padding between chunks.
 fn file_bytes(header: &Header) -> u64 {
     let values = header.rows * header.columns() * header.scalar.size();
     (values + header.chunk_count() * ENTRY_LEN + HEADER_LEN + FOOTER_LEN) as u64
 }
 
-/// Splits the missing degrees into groups whose files are written together.
+/// Splits the missing degrees into groups. The files of a group are written together.
 pub(super) fn groups(headers: &[Header]) -> Vec<&[Header]> {
     let total: u64 = headers.iter().map(file_bytes).sum();
     let target = (total / GROUPS).max(SMALLEST_GROUP);
@@ -203,7 +207,7 @@ mod tests {
         Plan::new(Path::new("/nowhere"), KEY, rows, params).unwrap()
     }
 
-    /// What the documentation of `memory` counts, in its own words.
+    /// Recomputes the memory of a build independently from the parts that `Plan::memory` documents.
     #[test]
     fn memory_is_that_of_the_recurrence_and_of_each_thread() {
         for (rows, chunk_rows, used_rows) in [(1000, 64, 64), (40, 64, 40)] {
@@ -213,7 +217,7 @@ mod tests {
                 let values = used_rows * 101;
                 let mut thread = Sweep::bytes(used_rows, 50) + values * 8;
                 thread += if scalar == Scalar::F32 { values * 4 } else { 0 };
-                // Shuffled bytes, what zstd makes of them at worst, and its tables.
+                // Encoder memory: the shuffled bytes, zstd's largest possible output, and zstd's tables.
                 let bound = zstd::zstd_safe::compress_bound(values * 8);
                 thread += if codec == Codec::Zstd { values * 8 + bound + (2 << 20) } else { 0 };
                 assert_eq!(plan.memory(&params, 1), (8 << 20) + Recurrence::bytes(50) + thread);
@@ -239,7 +243,8 @@ mod tests {
         assert!(matches!(error, StoreError::Budget { budget: 1000, needed } if needed == least), "{error}");
     }
 
-    /// 100 rows of degree 2 in chunks of 8: 13 entries of 64 bytes, a header of 4,096 and a footer of 128.
+    /// The file of degree 2 with 100 rows in chunks of 8 has 13 table entries of 64 bytes, a header of 4,096 bytes and
+    /// a footer of 128 bytes.
     #[test]
     fn bytes_are_those_of_values_table_header_and_footer() {
         let params = BuildParams { max_degree: 2, chunk_rows: 8, ..BuildParams::default() };
@@ -255,16 +260,17 @@ mod tests {
         let header = |rows, degree, scalar, chunk_rows| {
             Header { key: KEY, rows, degree, scalar, codec: Codec::Raw, chunk_rows }.is_within_limits()
         };
-        // 2^32 bytes a chunk lie between 511 and 513 columns of 2^20 doubles.
+        // The limit of 2^32 bytes per chunk allows at most 511 columns of 2^20 doubles, or 1,023 columns of
+        // single-precision values.
         assert!(header(100, 255, Scalar::F64, 1 << 20) && !header(100, 256, Scalar::F64, 1 << 20));
         assert!(header(100, 511, Scalar::F32, 1 << 20) && !header(100, 512, Scalar::F32, 1 << 20));
-        // 2^22 chunks and 2^40 rows.
+        // At the limits: 2^22 chunks and 2^40 rows.
         assert!(header(8 << 22, 1, Scalar::F64, 8) && !header((8 << 22) + 1, 1, Scalar::F64, 8));
         assert!(header(1 << 40, 1, Scalar::F64, 1 << 20) && !header((1 << 40) + 1, 1, Scalar::F64, 1 << 20));
     }
 
-    /// Every degree is in one group, in order; no group has more files than may be open, and none but the last is
-    /// smaller than a group has to be.
+    /// Each degree is in exactly one group, in order. No group has more than 256 files. Each group except the last
+    /// either reaches the minimum size or has 256 files.
     #[test]
     fn groups_share_out_the_degrees() {
         for (rows, max_degree) in [(18, 2), (18, 700), (40_962, 100), (163_842, 300)] {

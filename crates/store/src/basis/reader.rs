@@ -1,4 +1,4 @@
-//! Reading one `A_<l>`: opened and checked, then read chunk by chunk, from a memory map or by decoding.
+//! Reads a basis file `A_<l>`: opens and checks it, then reads chunks from a memory map, decoding them if necessary.
 
 use std::ops::Range;
 use std::path::Path;
@@ -13,14 +13,15 @@ use crate::container::reader::{Container, MappedParts};
 use crate::error::StoreError;
 use crate::scheme::Scalar;
 
-/// An open basis file whose header, table and footer are sound. Chunks are checked when they are first read.
+/// An open basis file whose header, table and footer have passed all checks. Each chunk is checked when it is first
+/// read.
 #[derive(Debug)]
 pub struct DegreeFile {
     container: Container<Header>,
 }
 
 impl DegreeFile {
-    /// Opens a file and checks everything except its chunks.
+    /// Opens a file and makes all checks except those of the chunks.
     ///
     /// # Errors
     ///
@@ -44,13 +45,13 @@ impl DegreeFile {
         self.container.source().len()
     }
 
-    /// Returns whether every chunk is raw f64, and so can be used in place.
+    /// Returns whether all values are raw f64, so that the mapped bytes can be used without decoding.
     pub fn is_direct(&self) -> bool {
         let entries = self.container.entries();
         self.header().scalar == Scalar::F64 && entries.iter().all(|entry| entry.codec == Codec::Raw)
     }
 
-    /// Maps a range of chunks. A window over compressed chunks holds their stored bytes.
+    /// Maps a range of chunks into memory. Compressed chunks stay compressed in the window.
     ///
     /// # Errors
     ///
@@ -72,7 +73,7 @@ impl DegreeFile {
         self.container.entries()[chunk].stored_len as usize
     }
 
-    /// Checks every byte of the file against its hashes, in a stage `verify` counted in bytes. Holds a megabyte.
+    /// Checks every byte of the file against its hashes, in a stage `verify` counted in bytes. Uses a buffer of 1 MiB.
     ///
     /// # Errors
     ///
@@ -84,13 +85,13 @@ impl DegreeFile {
         Ok(())
     }
 
-    /// Checks the same as [`verify`](Self::verify), within a stage of the caller.
+    /// Makes the checks of [`verify`](Self::verify) without beginning a stage: the caller has begun one.
     pub(crate) fn verify_within(&self, monitor: &dyn Monitor) -> Result<(), StoreError> {
         self.container.verify(monitor)
     }
 }
 
-/// Chunks of one file, mapped.
+/// Mapped chunks of one basis file.
 #[derive(Debug)]
 pub struct ChunkWindow<'f> {
     file: &'f DegreeFile,
@@ -98,13 +99,13 @@ pub struct ChunkWindow<'f> {
 }
 
 impl ChunkWindow<'_> {
-    /// Returns the chunks that the window holds.
+    /// Returns the numbers of the chunks in the window.
     pub fn chunks(&self) -> Range<usize> {
         self.mapped.parts()
     }
 
-    /// Returns the values of a chunk, (rows, 2 l + 1) column-major: in place if they are raw f64, otherwise decoded
-    /// into `scratch`. The first read of a chunk in a process verifies its checksum.
+    /// Returns the values of a chunk, (rows, 2 l + 1) column-major. Raw f64 values are returned from the map without a
+    /// copy; other values are decoded into `scratch`. The first read of a chunk verifies its checksum.
     ///
     /// Results computed from the values are valid only once [`check`](Self::check) has passed.
     ///
@@ -125,11 +126,11 @@ impl ChunkWindow<'_> {
         }
     }
 
-    /// Returns the values of a chunk if it is raw f64, as [`values`](Self::values) does; otherwise `None`.
+    /// Returns the values of a chunk from the map, (rows, 2 l + 1) column-major, if they are raw f64; otherwise `None`.
     ///
     /// # Errors
     ///
-    /// As for [`values`](Self::values).
+    /// The errors of [`values`](Self::values).
     ///
     /// # Panics
     ///
@@ -139,15 +140,15 @@ impl ChunkWindow<'_> {
         if self.file.header().scalar != Scalar::F64 || container.entries()[chunk].codec != Codec::Raw {
             return Ok(None);
         }
-        // Chunks start at multiples of 64 bytes and maps at pages, so the cast doesn't fail.
+        // The cast can't fail: chunks start at multiples of 64 bytes in the file, and memory maps start at pages.
         Ok(Some(bytemuck::cast_slice(container.stored(&self.mapped, chunk)?)))
     }
 
-    /// Decodes a chunk of any kind into `out`, which is resized to fit exactly.
+    /// Decodes a chunk of any codec and scalar type into `out`, which is resized to the number of values.
     ///
     /// # Errors
     ///
-    /// As for [`values`](Self::values).
+    /// The errors of [`values`](Self::values).
     ///
     /// # Panics
     ///
@@ -161,7 +162,8 @@ impl ChunkWindow<'_> {
             Codec::Raw => widen(stored, scalar, out),
             Codec::Zstd => {
                 let Ok(raw) = decode(stored, entry.raw_len as usize, scalar.size()) else {
-                    // The checksum was right once; find out whether the bytes have gone missing since.
+                    // The checksum was correct when it was verified: check whether the file has changed since, before
+                    // reporting damage.
                     self.check()?;
                     return Err(container.contents().damaged(self.file.path(), chunk, "its zstd frame"));
                 };
@@ -171,7 +173,7 @@ impl ChunkWindow<'_> {
         Ok(())
     }
 
-    /// Maps a chunk's pages at once, before it is used. Advice only.
+    /// Maps all pages of a chunk with one system call. A hint: failure is ignored.
     ///
     /// # Panics
     ///
@@ -180,12 +182,12 @@ impl ChunkWindow<'_> {
         self.file.container.populate(&self.mapped, chunk);
     }
 
-    /// Starts reading the entire window from disk. Advice only.
+    /// Asks the system to start reading the entire window from disk. A hint: failure is ignored.
     pub fn will_need(&self) {
         self.file.container.will_need(&self.mapped);
     }
 
-    /// Fails if the file has been truncated, changed or unreadable since it was opened.
+    /// Fails if the file has been truncated or changed since it was opened, or if part of it couldn't be read.
     ///
     /// # Errors
     ///
@@ -195,7 +197,7 @@ impl ChunkWindow<'_> {
     }
 }
 
-/// Converts little-endian values to doubles.
+/// Converts little-endian values of type `scalar` to doubles.
 fn widen(raw: &[u8], scalar: Scalar, out: &mut Vec<f64>) {
     out.clear();
     match scalar {

@@ -1,4 +1,4 @@
-//! Writing one `A_<l>`: chunks in any order and from several threads.
+//! Writes a basis file `A_<l>`: several threads may write chunks in any order.
 
 use std::path::Path;
 use std::sync::{Condvar, Mutex, PoisonError};
@@ -25,8 +25,8 @@ pub(crate) struct DegreeWriter {
     turn: Condvar,
 }
 
-/// For compressed chunks: the next chunk to be placed, and its offset. The order of chunks on disk doesn't depend on
-/// the threads, so a file's bytes don't either.
+/// The number and file offset of the next compressed chunk to place. Compressed chunks are placed in ascending order,
+/// so that a file's bytes don't depend on the timing of the threads.
 struct NextPlace {
     chunk: usize,
     offset: u64,
@@ -40,8 +40,8 @@ impl DegreeWriter {
         Ok(Self { header, file, next, turn: Condvar::new() })
     }
 
-    /// Writes a chunk given as raw bytes, compressed if there is an encoder. Stops waiting when the monitor is
-    /// cancelled.
+    /// Writes a chunk given as raw bytes, and compresses it if `encoder` is given. A compressed chunk waits for the
+    /// chunks before it; cancelling the monitor ends the wait with an error.
     pub(crate) fn put(
         &self,
         chunk: usize,
@@ -60,8 +60,8 @@ impl DegreeWriter {
         self.file.write_part(chunk, offset, stored, raw.len(), codec)
     }
 
-    /// Waits until the chunks before this one have been placed. Threads take chunks in increasing order, so one of them
-    /// is always working on the chunk that the others wait for.
+    /// Waits until all chunks before this one have been placed, and returns this chunk's offset. The wait ends: threads
+    /// take chunks in ascending order, so some thread is always working on the lowest chunk that isn't placed.
     fn take_place(&self, chunk: usize, len: usize, monitor: &dyn Monitor) -> Result<u64, StoreError> {
         let mut next = self.next.lock().unwrap_or_else(PoisonError::into_inner);
         while next.chunk != chunk {
@@ -76,7 +76,7 @@ impl DegreeWriter {
         Ok(offset)
     }
 
-    /// Publishes the file, as [`ContainerWriter::publish`] does. The folder has to be synced afterwards.
+    /// Publishes the file, as [`ContainerWriter::publish`] does. The caller must sync the folder afterwards.
     pub(crate) fn publish(self) -> Result<Option<u64>, StoreError> {
         self.file.publish(&self.header)
     }
@@ -90,7 +90,8 @@ mod tests {
     use crate::basis::reader::DegreeFile;
     use crate::scheme::{Scalar, SchemeKey};
 
-    /// Compressed chunks are shorter than raw ones: one that comes out as long as it was is stored raw.
+    /// A chunk is stored compressed only if it gets shorter. If the zstd frame is as long as the raw chunk, the chunk
+    /// is stored raw.
     #[test]
     fn a_chunk_that_does_not_shrink_is_stored_raw() {
         let mut encoder = Encoder::new().unwrap();
@@ -98,8 +99,8 @@ mod tests {
         let mut as_long = 0;
         for rows in [8, 16, 24] {
             let len = 8 * rows;
-            // Noise of which ever more bytes are the same: zstd gains ever more, at some time just what its frame
-            // takes.
+            // Noise with a growing number of equal bytes compresses better and better. For some number, the frame is
+            // exactly as long as the raw chunk.
             for same in 0..len {
                 let raw: Vec<u8> = (0..len).map(|i| if i % 8 * rows + i / 8 < same { 7 } else { noise(i) }).collect();
                 let encoded = encoder.encode(&raw, 8).unwrap().len();

@@ -1,21 +1,21 @@
-//! Chunk codecs: raw, and zstd over shuffled bytes.
+//! Encodes and decodes chunks: raw, or zstd over shuffled bytes.
 //!
-//! Shuffling puts the first bytes of all values together, then the second bytes, and so on. Signs and exponents, which
-//! repeat, thus become adjacent. See "Codecs" in `store-format.md`.
+//! Shuffling stores the first bytes of all values, then all second bytes, and so on. The bytes with signs and
+//! exponents, which are similar for all values, thus become adjacent and compress better. See "Codecs" in
+//! `store-format.md`.
 
 use std::io::{self, BufRead, BufReader, Read};
 
-/// Storage of a chunk's bytes.
+/// Encoding of a chunk's bytes in a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Codec {
-    /// Unchanged; read from a memory map without a copy.
+    /// Unchanged bytes, which can be used from a memory map without a copy.
     Raw,
-    /// Shuffled by the scalar's size, then compressed into one zstd frame.
+    /// Bytes shuffled by the size of the scalar type, then compressed into one zstd frame.
     Zstd,
 }
 
-/// Compression level of zstd. Harmonics hardly compress: higher levels gain less than one per cent and take twice the
-/// time.
+/// Compression level of zstd. Higher levels make files of harmonics less than 1 % smaller and take twice the time.
 const LEVEL: i32 = 1;
 
 impl Codec {
@@ -43,7 +43,7 @@ impl Codec {
     }
 }
 
-/// A zstd encoder with its scratch space, for one thread.
+/// A zstd encoder with its working memory, used by one thread.
 pub(crate) struct Encoder {
     zstd: zstd::bulk::Compressor<'static>,
     shuffled: Vec<u8>,
@@ -59,21 +59,22 @@ impl Encoder {
         self.zstd.compress(&self.shuffled)
     }
 
-    /// Returns the maximum memory of an encoder and its result, in bytes, for chunks of `raw_len`.
+    /// Returns the maximum memory in bytes of an encoder and its output, for chunks of `raw_len` bytes.
     pub(crate) fn bytes(raw_len: usize) -> usize {
-        // The compressor's own tables at this level are under 2 MiB.
+        // At this level, zstd's own tables take less than 2 MiB.
         raw_len + zstd::zstd_safe::compress_bound(raw_len) + (2 << 20)
     }
 }
 
-/// Decodes one zstd frame into exactly `raw_len` bytes; anything else is an error.
+/// Decodes a zstd frame. Fails unless `stored` is exactly one frame that decodes to exactly `raw_len` bytes.
 pub(crate) fn decode(stored: &[u8], raw_len: usize, scalar_size: usize) -> io::Result<Vec<u8>> {
     declares(stored, raw_len as u64)?;
-    // zstd accepts several frames and skippable frames; this format doesn't.
+    // zstd also accepts several frames in sequence, and skippable frames; the store format allows only one frame.
     if zstd::zstd_safe::find_frame_compressed_size(stored) != Ok(stored.len()) {
         return Err(invalid("more or less than one frame".to_owned()));
     }
-    // The buffer is the bound: zstd refuses to write past it, whatever the frame claims.
+    // The buffer of `raw_len` bytes limits the output: zstd doesn't write past its end, whatever size the frame
+    // declares.
     let shuffled = zstd::bulk::decompress(stored, raw_len)?;
     if shuffled.len() != raw_len {
         return Err(invalid(format!("{} bytes decoded, expected {raw_len}", shuffled.len())));
@@ -81,7 +82,7 @@ pub(crate) fn decode(stored: &[u8], raw_len: usize, scalar_size: usize) -> io::R
     Ok(unshuffle(&shuffled, scalar_size))
 }
 
-/// Checks that a stream is one zstd frame of `raw_len` bytes, without holding it in memory.
+/// Checks that a stream is one zstd frame that decodes to `raw_len` bytes, without holding the decoded bytes in memory.
 pub(crate) fn check_frame(stored: impl Read, raw_len: u64) -> io::Result<()> {
     let mut stored = BufReader::new(stored);
     declares(stored.fill_buf()?, raw_len)?;
@@ -94,7 +95,7 @@ pub(crate) fn check_frame(stored: impl Read, raw_len: u64) -> io::Result<()> {
     Ok(())
 }
 
-/// Fails unless these bytes begin a frame of the current zstd format that declares `raw_len` bytes.
+/// Fails unless `stored` begins with a frame of the current zstd format that declares `raw_len` decoded bytes.
 fn declares(stored: &[u8], raw_len: u64) -> io::Result<()> {
     const MAGIC: [u8; 4] = 0xfd2f_b528_u32.to_le_bytes();
     let found = zstd::zstd_safe::get_frame_content_size(stored);
@@ -160,7 +161,7 @@ mod tests {
         refused(&stored, 2 << 20);
         refused(&stored[..stored.len() - 1], 1 << 20);
         refused(&[&stored[..], &[0]].concat(), 1 << 20);
-        // zstd would go on with the next frame, or skip one that asks to be.
+        // zstd would also decode a second frame, and skip a skippable frame; both must be refused.
         refused(&[&stored[..], &stored[..]].concat(), 2 << 20);
         let skipped = [0x50, 0x2a, 0x4d, 0x18, 1, 0, 0, 0, 9];
         refused(&[&skipped[..], &stored[..]].concat(), 1 << 20);

@@ -1,4 +1,4 @@
-//! The header's frame: the fields common to the first 4,096 bytes of every kind of file.
+//! Encodes and decodes the frame of a header: the fields that the 4,096-byte headers of basis files and factors share.
 //!
 //! ```text
 //! 0        8         12           16                          4064        4096
@@ -13,52 +13,52 @@ use crate::bytes::{put, u32_at};
 use crate::container::codec::Codec;
 use crate::error::StoreError;
 
-/// Length of the header: a page, so that the first part is page-aligned.
+/// Length of the header in bytes: one page, so that the first part starts at a page.
 pub(crate) const HEADER_LEN: usize = 4096;
-/// Parts start at multiples of this.
+/// Every part starts at a multiple of this many bytes.
 pub(crate) const ALIGNMENT: u64 = 64;
 
 const MAGIC_AT: usize = 0;
 const VERSION_AT: usize = MAGIC_AT + 8;
 const HEADER_LEN_AT: usize = VERSION_AT + 4;
-/// Offset of the first field of a kind.
+/// Offset of the first field that depends on the kind of file.
 pub(crate) const FIELDS_AT: usize = HEADER_LEN_AT + 4;
 const HASH_AT: usize = HEADER_LEN - 32;
 
 /// The bytes of a header.
 pub(crate) type HeaderBytes = [u8; HEADER_LEN];
 
-/// Constants that distinguish a kind of file from the others.
+/// Constants of one kind of file (basis file or factor).
 #[derive(Debug)]
 pub(crate) struct Kind {
     pub(crate) magic: [u8; 8],
-    /// The version written, and the only one read.
+    /// Format version: files are written in this version, and other versions can't be read.
     pub(crate) version: u32,
-    /// End of the kind's fields; the bytes from there to the hash are zeros.
+    /// Offset of the first byte after the kind's own fields. The bytes from here to the header's hash are zeros.
     pub(crate) reserved_at: usize,
-    /// Key-derivation context of the root hash.
+    /// BLAKE3 key-derivation context of the root hash.
     pub(crate) root_context: &'static str,
-    /// Name for a part of the file in errors.
+    /// Name of a part of the file in error messages.
     pub(crate) part: &'static str,
 }
 
-/// The contents of a file as described by its header: the fields of its kind, and the parts that follow from them.
+/// The contents of a file as described by its header: the fields of its kind, and the number and sizes of the parts.
 pub(crate) trait Contents: Sized {
     const KIND: Kind;
 
-    /// Writes the fields, between [`FIELDS_AT`] and the reserved bytes.
+    /// Writes the kind's own fields into the header, between [`FIELDS_AT`] and the reserved bytes.
     fn encode_fields(&self, header: &mut HeaderBytes);
 
-    /// Reads the fields; every number is checked before use.
+    /// Reads the kind's own fields; every number is checked before use.
     fn decode_fields(header: &HeaderBytes, path: &Path) -> Result<Self, StoreError>;
 
-    /// Returns the number of parts, at most 2^22; `parts * raw_len` is below 2^60, so that no sum of offsets overflows.
+    /// Returns the number of parts, at most 2^22. `parts * raw_len` is below 2^60, so sums of offsets don't overflow.
     fn parts(&self) -> usize;
 
     /// Returns the size of a decoded part in bytes.
     fn raw_len(&self, part: usize) -> usize;
 
-    /// Returns the codec that parts may have besides raw.
+    /// Returns the codec of the file. A part may have this codec or be raw.
     fn codec(&self) -> Codec;
 
     /// Returns the error for a part that failed the check `what`.
@@ -77,7 +77,7 @@ pub(crate) fn encode<C: Contents>(contents: &C) -> Box<HeaderBytes> {
     header
 }
 
-/// Reads a header: first the frame, then the fields.
+/// Decodes a header: first the fields common to all kinds of files, then the fields of the kind `C`.
 pub(crate) fn decode<C: Contents>(header: &HeaderBytes, path: &Path) -> Result<C, StoreError> {
     let Kind { magic, version, reserved_at, .. } = C::KIND;
     if header[..8] != magic {

@@ -1,4 +1,5 @@
-//! An open file: header, table and footer are checked when it is opened, parts when they are first read.
+//! Opens and reads a file: header, table and footer are checked on opening, and each part is checked when it is first
+//! read.
 
 use std::ops::Range;
 use std::path::Path;
@@ -10,14 +11,14 @@ use crate::error::StoreError;
 use crate::map::Window;
 use crate::source::Source;
 
-/// An open file of one kind, whose header, table and footer are sound.
+/// An open file of one kind, whose header, table and footer have passed all checks.
 #[derive(Debug)]
 pub(crate) struct Container<C> {
     source: Source,
     contents: C,
     entries: Vec<Entry>,
     table_offset: u64,
-    /// For each part, whether this process has verified its checksum.
+    /// For each part, whether its checksum has been verified since the file was opened.
     checked: Vec<AtomicBool>,
 }
 
@@ -26,7 +27,7 @@ pub(crate) struct Container<C> {
 pub(crate) struct MappedParts {
     window: Window,
     parts: Range<usize>,
-    /// Offset in the file of the window's first byte.
+    /// Offset in the file, in bytes, of the first mapped byte.
     first: u64,
 }
 
@@ -72,13 +73,14 @@ impl<C: Contents> Container<C> {
         Ok(MappedParts { window, parts, first: first.offset })
     }
 
-    /// Returns the stored bytes of a mapped part. The first call for a part in a process verifies its CRC, which also
-    /// brings the part into the caller's cache.
+    /// Returns the stored bytes of a mapped part. The first call for a part verifies its CRC, which also loads the part
+    /// into the cache of the calling thread's core.
     pub(crate) fn stored<'m>(&self, mapped: &'m MappedParts, part: usize) -> Result<&'m [u8], StoreError> {
         let stored = &mapped.window.bytes()[self.place(mapped, part)];
         if !self.checked[part].load(Ordering::Relaxed) {
             if crc32c::crc32c(stored) != self.entries[part].crc {
-                // A missing page also causes a wrong checksum; report the real cause.
+                // If a page of the file was missing, the checksum is wrong for that reason: report the missing page
+                // instead.
                 self.check(mapped)?;
                 return Err(self.contents.damaged(self.source.path(), part, "its CRC-32C"));
             }
@@ -87,28 +89,28 @@ impl<C: Contents> Container<C> {
         Ok(stored)
     }
 
-    /// Starts reading all mapped parts from disk. Advice only.
+    /// Asks the system to start reading all mapped parts from disk. A hint: failure is ignored.
     pub(crate) fn will_need(&self, mapped: &MappedParts) {
         mapped.window.will_need(0, mapped.window.bytes().len());
     }
 
-    /// Maps the pages of a part at once, before it is used. Advice only.
+    /// Maps all pages of a part with one system call. A hint: failure is ignored.
     pub(crate) fn populate(&self, mapped: &MappedParts, part: usize) {
         let Range { start, end } = self.place(mapped, part);
         mapped.window.populate(start, end - start);
     }
 
-    /// Maps the pages of all mapped parts at once. Advice only.
+    /// Maps the pages of all mapped parts with one system call. A hint: failure is ignored.
     pub(crate) fn populate_all(&self, mapped: &MappedParts) {
         mapped.window.populate(0, mapped.window.bytes().len());
     }
 
-    /// Fails if a page was missing, or if the file has changed since it was opened.
+    /// Fails if a page was missing when it was accessed, or if the file has changed since it was opened.
     pub(crate) fn check(&self, mapped: &MappedParts) -> Result<(), StoreError> {
         mapped.window.check(&self.source)
     }
 
-    /// Returns the location of a part in the window.
+    /// Returns the byte range of a part within the mapped window.
     fn place(&self, mapped: &MappedParts, part: usize) -> Range<usize> {
         assert!(mapped.parts.contains(&part), "{} {part} of a window on {:?}", C::KIND.part, mapped.parts);
         let entry = &self.entries[part];
@@ -117,14 +119,14 @@ impl<C: Contents> Container<C> {
 }
 
 impl MappedParts {
-    /// Returns the range of mapped parts.
+    /// Returns the numbers of the mapped parts.
     pub(crate) fn parts(&self) -> Range<usize> {
         self.parts.clone()
     }
 }
 
-/// Reads the footer and the table of a file whose header has been decoded, and checks everything except the table's
-/// entries. Returns the table and its offset.
+/// Reads the footer and the table of a file whose header has been decoded, and makes all checks except those of the
+/// table's entries. Returns the table and its offset.
 fn read_table<C: Contents>(source: &Source, header: &HeaderBytes, parts: u64) -> Result<(Vec<u8>, u64), StoreError> {
     let (path, file_len) = (source.path(), source.len());
     let mut footer = [0; FOOTER_LEN];
@@ -133,7 +135,8 @@ fn read_table<C: Contents>(source: &Source, header: &HeaderBytes, parts: u64) ->
     if footer.entries != parts {
         return Err(StoreError::corrupt(path, "entries of the table", parts, footer.entries));
     }
-    // The table must fill the gap between the parts and the footer exactly, which bounds its size by that of the file.
+    // The table must exactly fill the range between the last part and the footer. Its size is thus limited by the
+    // file's size.
     let table_len = footer.entries.saturating_mul(ENTRY_LEN as u64);
     let end = footer.table_offset.checked_add(table_len).and_then(|end| end.checked_add(FOOTER_LEN as u64));
     if footer.table_offset < HEADER_LEN as u64 || end != Some(file_len) {

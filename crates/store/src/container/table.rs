@@ -1,4 +1,4 @@
-//! The end of a file: the table of parts, and the footer that makes the file valid.
+//! Encodes and decodes the end of a file: the table of parts, and the footer.
 //!
 //! See "Table" and "Footer" in `store-format.md`.
 
@@ -31,7 +31,7 @@ const CODEC_AT: usize = CRC_AT + 4;
 const PART_HASH_AT: usize = CODEC_AT + 4;
 
 impl Entry {
-    /// Describes bytes stored at an offset.
+    /// Returns the entry of a part with these stored bytes at an offset in the file.
     pub(crate) fn of(offset: u64, stored: &[u8], raw_len: usize, codec: Codec) -> Self {
         Self {
             offset,
@@ -43,7 +43,7 @@ impl Entry {
         }
     }
 
-    /// Returns the offset of the first byte after the stored ones.
+    /// Returns the offset of the first byte after the part's stored bytes.
     pub(crate) fn end(&self) -> u64 {
         self.offset + self.stored_len
     }
@@ -115,7 +115,7 @@ pub(crate) fn decode_table<C: Contents>(
         if !fits {
             return Err(corrupt("stored length", expected, entry.stored_len.to_string()));
         }
-        // No sum overflows: see `Contents::parts`.
+        // The offset can't overflow, because `Contents::parts` limits the total size of the parts.
         expected_offset = entry.next_offset();
         entries.push(entry);
     }
@@ -125,7 +125,7 @@ pub(crate) fn decode_table<C: Contents>(
     Ok(entries)
 }
 
-/// The last 128 bytes of a file.
+/// The footer: the last 128 bytes of a file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Footer {
     pub(crate) table_offset: u64,
@@ -133,7 +133,8 @@ pub(crate) struct Footer {
     pub(crate) entries: u64,
     /// Length of the file.
     pub(crate) file_len: u64,
-    /// BLAKE3 of header and table. As the table holds the hashes of the parts, the root covers the entire contents.
+    /// BLAKE3 hash of header and table. The table holds the hashes of the parts, so this hash covers the entire
+    /// contents.
     pub(crate) root: [u8; 32],
 }
 
@@ -184,7 +185,8 @@ impl Footer {
     }
 }
 
-/// Returns the root hash of a file with these header and table bytes; `context` is that of the file's kind.
+/// Returns the root hash over the bytes of a file's header and table. `context` is the key-derivation context of the
+/// kind of file.
 pub(crate) fn root(context: &str, header: &[u8], table: &[u8]) -> [u8; 32] {
     let mut hasher = blake3::Hasher::new_derive_key(context);
     hasher.update(header);

@@ -1,5 +1,5 @@
-//! Verification of every byte of a file against its hashes. It works in pieces, so that a false claim of a hostile file
-//! about its size costs time but no memory.
+//! Verifies every byte of a file against its hashes. The file is read in pieces of at most 1 MiB, so that a manipulated
+//! file that claims huge parts costs time but no memory.
 
 use std::fs::File;
 use std::io;
@@ -18,8 +18,9 @@ use crate::source::Source;
 const PIECE: u64 = 1 << 20;
 
 impl<C: Contents> Container<C> {
-    /// Checks every BLAKE3 hash, every CRC, every padding byte and every zstd frame. Together with the checks on
-    /// opening this covers every bit of the file. Advances the monitor's stage by the length of the file in bytes.
+    /// Checks every BLAKE3 hash, every CRC, every padding byte and every zstd frame. Together with the checks made on
+    /// opening, these checks cover every bit of the file. Advances the monitor's stage by the length of the file in
+    /// bytes.
     pub(crate) fn verify(&self, monitor: &dyn Monitor) -> Result<(), StoreError> {
         let (source, entries) = (self.source(), self.entries());
         let mut buffer = Vec::new();
@@ -55,7 +56,7 @@ impl<C: Contents> Container<C> {
     }
 }
 
-/// Reads a range of a file through `buffer` and visits it piece by piece.
+/// Reads a range of a file through `buffer`, and calls `visit` with each piece.
 fn for_each_piece(
     source: &Source,
     range: Range<u64>,

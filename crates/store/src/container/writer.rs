@@ -1,8 +1,8 @@
-//! Writing a file: parts in any order, then header, table and footer, and then the change from the temporary name to
-//! the final one.
+//! Writes a file: parts in any order, then header, table and footer; finally renames the temporary file to its final
+//! name.
 //!
-//! A file is valid when its footer is sound and its name is final. Until then it has a temporary name, which readers
-//! ignore, and it is removed on any error; see "Writing" in `store-format.md`.
+//! A file is valid if its footer passes all checks and it has its final name. Before that, it has a temporary name,
+//! which readers ignore, and is removed on any error; see "Writing" in `store-format.md`.
 
 use std::fs::File;
 use std::io;
@@ -28,24 +28,25 @@ pub(crate) struct ContainerWriter {
 }
 
 impl ContainerWriter {
-    /// Starts the file `folder/name` with `parts` parts. The temporary name begins with `.` and `prefix`.
+    /// Creates the temporary file for `folder/name`, which will have `parts` parts. Its name begins with `.` and
+    /// `prefix`.
     pub(crate) fn create(folder: &Path, name: &str, prefix: &str, parts: usize) -> Result<Self, StoreError> {
         let temporary = temporary::create(folder, &format!(".{prefix}."))
             .map_err(StoreError::io(folder, "cannot create a file in the store"))?;
         Ok(Self { path: folder.join(name), temporary, entries: Mutex::new(vec![None; parts]) })
     }
 
-    /// The final path.
+    /// Returns the final path of the file.
     pub(crate) fn path(&self) -> &Path {
         &self.path
     }
 
-    /// The temporary file.
+    /// Returns the open temporary file.
     pub(crate) fn file(&self) -> &File {
         self.temporary.as_file()
     }
 
-    /// Writes the stored bytes of a part. The gap up to the next part stays a hole, which reads as zeros.
+    /// Writes the stored bytes of a part. The padding up to the next part isn't written; it reads as zeros.
     pub(crate) fn write_part(
         &self,
         part: usize,
@@ -60,8 +61,8 @@ impl ContainerWriter {
         Ok(())
     }
 
-    /// Writes header, table and footer, waits for the disk, and gives the file its name. Returns its length, or `None`
-    /// if a sound file of that name exists by now; that file then stays.
+    /// Writes header, table and footer, syncs the file to disk, and gives it its final name. Returns its length in
+    /// bytes. If another process has published a file under that name, checks and keeps that file, and returns `None`.
     ///
     /// Panics if a part wasn't written.
     pub(crate) fn publish<C: Contents>(self, contents: &C) -> Result<Option<u64>, StoreError> {

@@ -1,4 +1,4 @@
-//! Finding the factors in a scheme's folder: listing them, opening one, or starting a new one.
+//! Finds the factors in a scheme's folder: lists them, opens one, or starts a new one.
 
 use std::path::Path;
 
@@ -51,11 +51,12 @@ fn degree_of(name: &str) -> Option<usize> {
     (named && number.to_string() == degree).then_some(number)
 }
 
-/// Opens the factor that matches `spec`, of one scalar type or, for `None`, f64 if it exists and f32 otherwise.
+/// Opens the factor that matches `spec`, with values of type `scalar`. For `None`, opens the f64 factor if it exists,
+/// and the f32 factor otherwise.
 ///
 /// # Errors
 ///
-/// [`StoreError::FactorMissing`], [`StoreError::FactorDiffers`], and those of [`FactorFile::open`].
+/// [`StoreError::FactorMissing`], [`StoreError::FactorDiffers`], and the errors of [`FactorFile::open`].
 pub fn open_factor(store: &Path, spec: &FactorSpec, scalar: Option<Scalar>) -> Result<FactorFile, StoreError> {
     let folder = folder::of_scheme(store, spec.key);
     for candidate in [Scalar::F64, Scalar::F32] {
@@ -78,7 +79,7 @@ pub fn open_factor(store: &Path, spec: &FactorSpec, scalar: Option<Scalar>) -> R
     }
     let available = match factors(store, spec.key) {
         Ok(found) => found.into_iter().map(|(name, _)| name).collect(),
-        // No folder, no factors.
+        // The scheme's folder doesn't exist or can't be listed: report no available factors.
         Err(_) => Vec::new(),
     };
     let wanted = match scalar {
@@ -95,17 +96,19 @@ pub enum StartedFactor {
     Present(FactorFile),
     /// The factor doesn't exist and is to be written.
     New {
-        /// Receives the tiles.
+        /// Writer for the factor's tiles.
         writer: Box<FactorWriter>,
-        /// Names the damaged file that has been removed, if one existed.
+        /// Warning about a damaged file that was removed; empty if the factor didn't exist.
         warnings: Vec<StoreWarning>,
     },
 }
 
-/// Starts a factor in `store`, unless it exists. A damaged one is removed first.
+/// Starts writing a factor in `store`, unless it exists. If the existing file is damaged, it is removed and the factor
+/// is written again.
 ///
-/// With `read_back`, f32 tiles are also kept in double precision until the factor is published, for
-/// [`FactorWriter::get`]. The monitor gets a note if the call waits for another process that builds the same scheme.
+/// With `read_back`, f32 tiles are also kept in double precision until the factor is published, so that
+/// [`FactorWriter::get`] can return them. The monitor gets a note if the call waits for another process that builds the
+/// same scheme.
 ///
 /// # Errors
 ///
@@ -121,7 +124,7 @@ pub fn start_factor(
 ) -> Result<StartedFactor, StoreError> {
     let folder = folder::of_scheme(store, spec.key);
     let path = folder.join(spec.file_name(scalar));
-    // An existing factor isn't touched, so that a store on a read-only disk is no error.
+    // If the factor exists, nothing is written: the call thus succeeds for a store on a read-only disk.
     if let Existing::Sound(file) = Existing::find(&path, spec)? {
         return Ok(StartedFactor::Present(file));
     }
@@ -162,17 +165,17 @@ impl Existing {
     }
 }
 
-/// Returns the maximum size of a factor's file in bytes.
+/// Returns an upper bound on the size of a factor's file in bytes.
 fn file_bytes(grid: TileGrid, scalar: Scalar) -> u64 {
-    // Gaps between the tiles are less than 64 bytes each; 64 are assumed.
+    // The padding after each tile is less than 64 bytes; 64 bytes are assumed.
     let values: u64 = grid.tiles().map(|(row, column)| grid.len(row, column) as u64).sum();
     values * scalar.size() as u64
         + grid.count() as u64 * (ENTRY_LEN as u64 + ALIGNMENT)
         + (HEADER_LEN + FOOTER_LEN) as u64
 }
 
-/// Checks, before any work, that a factor fits the disk. Returns the disk space in bytes that it takes while it is
-/// computed; `read_back` as for [`start_factor`].
+/// Checks that the disk has enough space for a factor. Returns the disk space in bytes that is needed while the factor
+/// is computed. `read_back` has the meaning that it has in [`start_factor`].
 ///
 /// # Errors
 ///
@@ -196,7 +199,8 @@ pub fn check_factor_space(
 mod tests {
     use super::*;
 
-    /// 9 columns in tiles of 8: 45 values below the diagonal and in the tiles on it 28 above, in three tiles.
+    /// A lower triangle of 9 columns in tiles of 8 has three tiles: 8 x 8, 1 x 8 and 1 x 1 values. Tiles on the
+    /// diagonal are stored as full squares.
     #[test]
     fn a_factor_takes_its_tiles_table_header_and_footer() {
         let grid = TileGrid::new(9, 8).unwrap();
@@ -208,7 +212,7 @@ mod tests {
         let around = 3 * (64 + 64) + 4096 + 128;
         assert_eq!(check(Scalar::F64, false, false), values * 8 + around);
         assert_eq!(check(Scalar::F32, false, false), values * 4 + around);
-        // What is read back is in the file where that is of f64, and beside it where it isn't.
+        // An f64 factor is read back from its own file. An f32 factor needs a second, f64 file for reading back.
         assert_eq!(check(Scalar::F64, true, true), values * 8 + around);
         assert_eq!(check(Scalar::F32, true, true), values * 12 + 2 * around);
         let large = TileGrid::new(1 << 17, 1024).unwrap();

@@ -1,4 +1,5 @@
-//! The tiles of a lower triangle: those on and below the diagonal, square except in the last row and column.
+//! Divides a lower triangle into tiles: those on and below the diagonal, square except in the last tile row and tile
+//! column.
 
 use std::ops::Range;
 
@@ -8,7 +9,7 @@ use crate::format::{MAX_TILE, MAX_TILES};
 /// A (K, K) lower triangle divided into tiles of `tile` rows and columns. The last row and column of tiles are smaller
 /// if `tile` doesn't divide K.
 ///
-/// Tiles are numbered by tile column, and within each from the diagonal down.
+/// Tiles are numbered from 0 by tile column; within a tile column, from the diagonal downwards.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TileGrid {
     size: usize,
@@ -16,7 +17,8 @@ pub struct TileGrid {
 }
 
 impl TileGrid {
-    /// Divides a triangle of `size` rows and columns into tiles of `tile`, a multiple of 8 from 8 to 1,024.
+    /// Divides a triangle of `size` rows and columns into tiles of `tile` rows and columns. `tile` must be a multiple
+    /// of 8 from 8 to 1,024.
     ///
     /// # Errors
     ///
@@ -27,7 +29,7 @@ impl TileGrid {
 
     pub(crate) fn checked(size: usize, tile: usize) -> Option<Self> {
         let wrong = size == 0 || tile == 0 || tile > MAX_TILE || !tile.is_multiple_of(8);
-        // No column of tiles may be so long that the sums below overflow.
+        // Limit the number of tile columns first, so that the number of tiles computed below can't overflow.
         let fits = !wrong && size.div_ceil(tile) as u64 <= MAX_TILES;
         let grid = Self { size, tile };
         (fits && grid.count() as u64 <= MAX_TILES).then_some(grid)
@@ -43,7 +45,7 @@ impl TileGrid {
         self.tile
     }
 
-    /// Returns the number of tile columns, which is also that of tile rows.
+    /// Returns the number of tile columns, which equals the number of tile rows.
     pub fn columns(&self) -> usize {
         self.size.div_ceil(self.tile)
     }
@@ -53,7 +55,7 @@ impl TileGrid {
         self.columns() * (self.columns() + 1) / 2
     }
 
-    /// Returns the triangle's rows in a tile row, which are also the columns in the tile column of the same number.
+    /// Returns the triangle's rows in tile row `at`. Tile column `at` has the same range of columns.
     pub fn range(&self, at: usize) -> Range<usize> {
         (at * self.tile).min(self.size)..((at + 1) * self.tile).min(self.size)
     }
@@ -71,11 +73,11 @@ impl TileGrid {
 
     /// Returns the number of the diagonal tile of a tile column.
     fn first_of(&self, column: usize) -> usize {
-        // The columns before this one have n, n - 1, .. tiles.
+        // For n tile columns, the columns before this one have n, n - 1, ... tiles.
         column * self.columns() - column * column.saturating_sub(1) / 2
     }
 
-    /// Returns tile row and tile column of a tile by its number, the inverse of [`index`](Self::index).
+    /// Returns the tile row and tile column of the tile with a number. This is the inverse of [`index`](Self::index).
     ///
     /// # Panics
     ///

@@ -1,6 +1,6 @@
-//! The header of a factor: "Header of a factor" in `store-format.md`.
+//! Encodes and decodes the header of a factor; see "Header of a factor" in `store-format.md`.
 //!
-//! The tests compare a committed file with these offsets byte by byte.
+//! A test compares the encoded header with a committed file byte by byte.
 
 use std::path::Path;
 
@@ -29,12 +29,12 @@ const NORM_AT: usize = SMOOTHNESS_AT + 8;
 const RCOND_AT: usize = NORM_AT + 8;
 const RESERVED_AT: usize = RCOND_AT + 8;
 
-/// Condition of G, which tells how well G determines its solutions.
+/// Condition of the normal matrix G of the least-squares problem.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Condition {
     /// 1-norm of G.
     pub norm: f64,
-    /// Estimate of 1 / (1-norm of G times 1-norm of its inverse), from 0 to 1.
+    /// Estimate of 1 / (1-norm of G times 1-norm of its inverse), from 0 (singular) to 1.
     pub reciprocal: f64,
 }
 
@@ -68,7 +68,7 @@ impl Contents for FactorHeader {
     };
 
     fn encode_fields(&self, header: &mut HeaderBytes) {
-        // -0 becomes +0.
+        // Adding 0 turns -0 into +0.
         let real = |value: f64| (value + 0.0).to_bits().to_le_bytes();
         put(header, KEY_AT, &self.spec.key.0);
         put(header, ROWS_AT, &(self.spec.rows as u64).to_le_bytes());

@@ -1,12 +1,12 @@
-//! The Cholesky factor of a scheme's normal equations, kept beside its basis: one immutable file.
+//! Stores the Cholesky factor of a scheme's normal equations in one immutable file beside the scheme's basis.
 //!
 //! G = A^T diag(w) A + lambda diag((l (l + 1))^2), (K, K) with K = (L + 1)^2 columns in the order l^2 + l + m, is
 //! symmetric and, on a sampling that determines the coefficients, positive definite: G = C C^T with C lower triangular.
-//! Computing C costs K^3 / 3 flops, once. With it, every further surface on the scheme costs 2 K^2 flops per channel.
-//! See "A factor" in `store-format.md`.
+//! Computing C costs K^3 / 3 flops, once. With C, fitting another surface on the same scheme costs 2 K^2 flops per
+//! channel. See "A factor" in `store-format.md`.
 //!
 //! The file is a container like a basis file. Its parts are the tiles of C's lower triangle by tile column, so that
-//! both triangular solves read the file from end to end.
+//! each of the two triangular solves reads the file sequentially.
 //!
 //! | module | what |
 //! |---|---|

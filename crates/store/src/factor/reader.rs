@@ -1,4 +1,4 @@
-//! Reading a factor: checked, then read through windows on its tile columns.
+//! Reads a factor: opens and checks the file, and maps windows on its tile columns.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -11,15 +11,15 @@ use crate::factor::header::FactorHeader;
 use crate::factor::spec::FactorSpec;
 use crate::scheme::Scalar;
 
-/// An open factor whose header, table and footer are sound. Tiles are checked when they are first read. Clones share
-/// the open file.
+/// An open factor whose header, table and footer have passed all checks. Each tile is checked when it is first read.
+/// Clones share the open file.
 #[derive(Debug, Clone)]
 pub struct FactorFile {
     container: Arc<Container<FactorHeader>>,
 }
 
 impl FactorFile {
-    /// Opens a file and checks everything except its tiles.
+    /// Opens a file and makes all checks except those of the tiles.
     ///
     /// # Errors
     ///
@@ -43,11 +43,11 @@ impl FactorFile {
         self.container.source().len()
     }
 
-    /// Checks that this is the factor of `spec`.
+    /// Checks that this factor has the identity `spec`.
     ///
     /// # Errors
     ///
-    /// [`StoreError::FactorDiffers`], which names the property that differs.
+    /// [`StoreError::FactorDiffers`], which names the first property that differs.
     pub fn expect(&self, spec: &FactorSpec) -> Result<(), StoreError> {
         let found = &self.header().spec;
         let differs = |what, expected: &dyn ToString, found: &dyn ToString| {
@@ -72,7 +72,7 @@ impl FactorFile {
         Ok(())
     }
 
-    /// Maps the tiles of a tile column.
+    /// Maps the tiles of a tile column into memory.
     ///
     /// # Errors
     ///
@@ -88,7 +88,7 @@ impl FactorFile {
         Ok(TileWindow { container: self.container.clone(), mapped, column })
     }
 
-    /// Checks every byte of the file against its hashes, in a stage `verify` counted in bytes. Holds a megabyte.
+    /// Checks every byte of the file against its hashes, in a stage `verify` counted in bytes. Uses a buffer of 1 MiB.
     ///
     /// # Errors
     ///
@@ -100,13 +100,13 @@ impl FactorFile {
         Ok(())
     }
 
-    /// Checks the same as [`verify`](Self::verify), within a stage of the caller.
+    /// Makes the checks of [`verify`](Self::verify) without beginning a stage: the caller has begun one.
     pub(crate) fn verify_within(&self, monitor: &dyn Monitor) -> Result<(), StoreError> {
         self.container.verify(monitor)
     }
 }
 
-/// Values of a tile, column-major without gaps.
+/// Values of a tile, column-major without gaps between columns.
 #[derive(Debug, Clone, Copy)]
 pub enum TileValues<'a> {
     /// Double precision.
@@ -129,8 +129,8 @@ impl TileWindow {
         self.column
     }
 
-    /// Returns the values of tile (row, column) in place. The first read of a tile in a process verifies its checksum,
-    /// which also brings it into the cache of the calling thread's core.
+    /// Returns the values of tile (row, column) in place. `column` is the window's tile column. The first read of a
+    /// tile verifies its checksum, which also loads the tile into the cache of the calling thread's core.
     ///
     /// Results computed from the values are valid only once [`check`](Self::check) has passed.
     ///
@@ -144,24 +144,25 @@ impl TileWindow {
     pub fn values(&self, row: usize) -> Result<TileValues<'_>, StoreError> {
         let header = self.container.contents();
         let bytes = self.container.stored(&self.mapped, header.grid.index(row, self.column))?;
-        // Tiles start at multiples of 64 bytes and maps at pages, so the casts don't fail.
+        // The casts can't fail: tiles start at multiples of 64 bytes in the file, and memory maps start at pages.
         Ok(match header.scalar {
             Scalar::F64 => TileValues::F64(bytemuck::cast_slice(bytes)),
             Scalar::F32 => TileValues::F32(bytemuck::cast_slice(bytes)),
         })
     }
 
-    /// Starts reading the entire window from disk. Advice only.
+    /// Asks the system to start reading the entire window from disk. A hint: failure is ignored.
     pub fn will_need(&self) {
         self.container.will_need(&self.mapped);
     }
 
-    /// Maps the window's pages at once, which costs less than a fault for each. Advice only.
+    /// Maps all pages of the window with one system call, which costs less than one page fault per page. A hint:
+    /// failure is ignored.
     pub fn populate(&self) {
         self.container.populate_all(&self.mapped);
     }
 
-    /// Fails if the file has been truncated, changed or unreadable since it was opened.
+    /// Fails if the file has been truncated or changed since it was opened, or if part of it couldn't be read.
     ///
     /// # Errors
     ///

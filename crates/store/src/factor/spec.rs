@@ -1,4 +1,4 @@
-//! The identity of a factor (scheme, degree, weights and smoothness) and its file name.
+//! Defines the identity of a factor (scheme, degree, weights and smoothness) and its file name.
 
 use std::fmt;
 
@@ -7,7 +7,7 @@ use crate::scheme::{Scalar, SchemeKey};
 const WEIGHTS_CONTEXT: &str = "spharm-rs 2026-11 factor weights v1";
 const NAME_CONTEXT: &str = "spharm-rs 2026-11 factor name v1";
 
-/// Hash of the weights, one for each direction; zeros if all weights are 1.
+/// Hash of the weights of the directions; 32 zero bytes if all weights are 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct WeightsHash(pub [u8; 32]);
 
@@ -15,7 +15,7 @@ impl WeightsHash {
     /// Hash of weights that are all 1.
     pub const ONES: Self = Self([0; 32]);
 
-    /// Computes the hash of weights, (n); `None` stands for ones.
+    /// Computes the hash of weights, (n); `None` means that all weights are 1.
     pub fn of(weights: Option<&[f64]>) -> Self {
         let Some(weights) = weights.filter(|weights| weights.iter().any(|&weight| weight != 1.0)) else {
             return Self::ONES;
@@ -23,7 +23,7 @@ impl WeightsHash {
         let mut hasher = blake3::Hasher::new_derive_key(WEIGHTS_CONTEXT);
         hasher.update(&(weights.len() as u64).to_le_bytes());
         for weight in weights {
-            // -0 becomes +0.
+            // Adding 0 turns -0 into +0.
             hasher.update(&(weight + 0.0).to_bits().to_le_bytes());
         }
         Self(*hasher.finalize().as_bytes())
@@ -39,18 +39,18 @@ impl fmt::Display for WeightsHash {
     }
 }
 
-/// Identity of a factor: everything that its values depend on, except the scalar type.
+/// Identity of a factor: everything except the scalar type that the factor's values depend on.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FactorSpec {
-    /// The sampling scheme, whose folder holds the file.
+    /// Key of the sampling scheme. The factor's file is in the scheme's folder.
     pub key: SchemeKey,
     /// Number of directions, n.
     pub rows: usize,
     /// Highest degree, L.
     pub max_degree: usize,
-    /// The weights of the directions.
+    /// Hash of the weights of the directions.
     pub weights: WeightsHash,
-    /// Factor lambda of the penalty lambda sum (l (l + 1))^2 c^2; 0 for none.
+    /// Factor lambda of the penalty lambda sum (l (l + 1))^2 c^2; 0 for no penalty.
     pub smoothness: f64,
 }
 

@@ -1,4 +1,5 @@
-//! Writing a factor: tiles in any order and from several threads, read back while the rest is computed.
+//! Writes a factor: several threads may write tiles in any order, and read back finished tiles while other tiles are
+//! computed.
 //!
 //! The header is written last, because its condition estimate needs the complete factor.
 
@@ -22,17 +23,18 @@ use crate::scheme::Scalar;
 pub struct FactorWriter {
     header: FactorHeader,
     file: ContainerWriter,
-    /// Double-precision copy of tiles that are stored in single precision, for reading them back. The file has no name,
-    /// so that nothing is left of it in any case.
+    /// Double-precision copies of the tiles, for reading them back, if the factor is stored in single precision. This
+    /// file has no name, so the system removes it even if the process is killed.
     scratch: Option<File>,
     /// Offset of each tile in the file, in bytes.
     offsets: Vec<u64>,
-    /// Keeps other builders from doing the same work.
+    /// Lock on the scheme's folder, which keeps other builders from computing the same factor.
     _lock: Option<File>,
 }
 
 impl FactorWriter {
-    /// Starts the file in a scheme's folder. With `read_back`, f32 tiles are also kept in double precision.
+    /// Creates the temporary file of a factor in a scheme's folder. With `read_back`, f32 tiles are also kept in double
+    /// precision.
     pub(crate) fn create(
         folder: &Path,
         spec: &FactorSpec,
@@ -60,7 +62,8 @@ impl FactorWriter {
         self.header.grid
     }
 
-    /// Writes a tile, column-major without gaps. Diagonal tiles have zeros above the diagonal.
+    /// Writes a tile, given column-major without gaps between columns. Diagonal tiles must have zeros above the
+    /// diagonal.
     ///
     /// # Errors
     ///
@@ -87,13 +90,13 @@ impl FactorWriter {
         self.file.write_part(at, self.offsets[at], bytes, bytes.len(), Codec::Raw)
     }
 
-    /// Returns the offset of a tile in the scratch file: twice its offset in the f32 file, which leaves enough room for
-    /// f64.
+    /// Returns the offset of a tile in the scratch file: twice its offset among the parts of the f32 file, because f64
+    /// values are twice as large.
     fn scratch_offset(&self, at: usize) -> u64 {
         2 * (self.offsets[at] - HEADER_LEN as u64)
     }
 
-    /// Reads back, in double precision, a tile that has been written.
+    /// Reads back a tile that [`put`](Self::put) has written, in double precision.
     ///
     /// # Errors
     ///
@@ -114,7 +117,8 @@ impl FactorWriter {
         file.read_exact_at(bytes, offset).map_err(StoreError::io(self.file.path(), "cannot read back"))
     }
 
-    /// Asks the system to start reading the tiles of a tile column from a tile row on. Advice only.
+    /// Asks the system to start reading the tiles of tile column `column`, from tile row `row` downwards, from disk. A
+    /// hint: failure is ignored.
     ///
     /// # Panics
     ///
@@ -132,12 +136,12 @@ impl FactorWriter {
         }
     }
 
-    /// Writes header, table and footer, waits for the disk, and gives the file its name. Returns its length in bytes,
-    /// or `None` if another builder has published the same factor first; that file then stays.
+    /// Writes header, table and footer, syncs the file to disk, and gives it its final name. Returns its length in
+    /// bytes. If another builder has published the same factor first, keeps that builder's file and returns `None`.
     ///
     /// # Errors
     ///
-    /// [`StoreError::Io`], with nothing left behind.
+    /// [`StoreError::Io`]; the temporary file is then removed.
     ///
     /// # Panics
     ///
@@ -146,8 +150,8 @@ impl FactorWriter {
         self.header.condition = condition;
         let path = self.file.path().to_path_buf();
         let published = self.file.publish(&self.header)?;
-        // Needed even if another builder published first, because it may not have synced the folder yet: returning
-        // promises that the factor is on disk.
+        // The folder is synced even if another builder published the factor first: that builder may not have synced the
+        // folder yet, but this function guarantees that the factor is on disk.
         folder::sync(path.parent().unwrap_or(Path::new(".")))?;
         Ok(published)
     }

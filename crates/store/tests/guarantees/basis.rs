@@ -1,4 +1,5 @@
-//! Values read equal the values built, for every codec and scalar type, and builds obey the monitor.
+//! Tests that a basis file returns the values that were built, for every codec and scalar type, and that a build stops
+//! when its monitor is cancelled.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
@@ -48,7 +49,7 @@ fn double_precision_is_opened_before_single() {
     std::fs::remove_dir_all(folder.path().join(double.to_string())).expect("a removal");
     assert_eq!(open(None).expect("a scheme").key(), single);
     std::fs::remove_dir_all(folder.path().join(single.to_string())).expect("a removal");
-    // The missing basis is named by its key in double precision.
+    // The error names the double-precision key of the directions, the first one looked for.
     assert!(matches!(open(None), Err(StoreError::NoSuchScheme { key, .. }) if key == double));
 }
 
@@ -65,7 +66,7 @@ fn a_damaged_file_is_replaced_with_a_warning() {
     assert!(std::fs::read(&path).expect("a file") == sound);
 }
 
-/// Totals of the stages.
+/// Adds up the announced totals and the steps of all stages.
 #[derive(Default)]
 struct Count {
     total: AtomicU64,

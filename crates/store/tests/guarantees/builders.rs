@@ -1,5 +1,5 @@
-//! Behaviour of a build: it plans its memory and disk space, waits for others, and removes the leftovers of killed
-//! builds.
+//! Tests the behaviour of builds: they plan memory and disk space, wait for other builds, and remove the leftovers of
+//! killed builds.
 
 use std::fs::File;
 use std::path::Path;
@@ -13,7 +13,7 @@ use spharm_store::{BuildParams, Codec, Scalar, StoreError, TileGrid, build};
 
 use crate::{MAX_DEGREE, directions, params, path_of, spec, store};
 
-/// Records notes and progress, and cancels at the first note that contains a given word.
+/// A monitor that records notes and progress, and cancels at the first note that contains a given word.
 #[derive(Default)]
 struct Listening {
     cancel_with: Option<&'static str>,
@@ -54,7 +54,7 @@ fn a_report_counts_what_was_built_and_what_was_there() {
     let folder = tempfile::tempdir().expect("a folder");
     let built = |max_degree| {
         let listening = Listening::default();
-        // The store keeps its 8 rows per chunk.
+        // The store was created with 8 rows per chunk; a build that asks for 16 keeps 8.
         let chunk_rows = if max_degree == 2 { 8 } else { 16 };
         let params = BuildParams { max_degree, chunk_rows, ..params() };
         let report = build(folder.path(), &directions(), &params, &listening).expect("a build");
@@ -63,7 +63,8 @@ fn a_report_counts_what_was_built_and_what_was_there() {
         assert_eq!(report.bytes, lens.iter().sum::<u64>());
         assert_eq!(report.bytes_written, lens[lens.len() - report.built..].iter().sum::<u64>());
         let (total, steps) = (listening.total.into_inner(), listening.steps.into_inner());
-        // The steps count the bytes of the values; the announced total includes everything except the padding.
+        // Steps count the bytes of values only. The announced total also includes table, header and footer, but not the
+        // padding.
         let values: u64 = (0..=max_degree as u64).rev().take(report.built).map(|l| 18 * (2 * l + 1) * 8).sum();
         assert_eq!(steps, values);
         let padding = 3 * 64 * report.built as u64;
@@ -89,7 +90,7 @@ fn what_the_format_or_the_budget_has_no_room_for_is_refused_before_anything_is_m
         let error = refused(&BuildParams { chunk_rows, ..params() });
         assert!(matches!(error, StoreError::ChunkRows { found } if found == chunk_rows), "{error}");
     }
-    // 2^20 rows of 513 doubles are more than 2^32 bytes.
+    // Degree 256 has 513 columns: a chunk of 2^20 rows exceeds the limit of 2^32 bytes.
     let wide = BuildParams { chunk_rows: 1 << 20, max_degree: 256, ..params() };
     assert!(matches!(refused(&wide), StoreError::Layout { rows: 18, degree: 256, chunk_rows: 1_048_576 }));
     assert!(matches!(refused(&BuildParams { max_degree: 2001, ..params() }), StoreError::Harmonics(_)));
@@ -101,7 +102,7 @@ fn what_the_format_or_the_budget_has_no_room_for_is_refused_before_anything_is_m
     let report = build(folder.path(), &directions(), &BuildParams { memory: needed, ..params() }, &Silent);
     let report = report.expect("what the refusal named");
     assert_eq!((report.threads, report.memory), (1, needed));
-    // The largest chunk that the format allows: 2^20 rows of 511 doubles.
+    // The largest chunk that the format allows: 2^20 rows of degree 255, which has 511 columns of doubles.
     let most = BuildParams { chunk_rows: 1 << 20, max_degree: 255, memory: usize::MAX, ..params() };
     let other = tempfile::tempdir().expect("a folder");
     assert!(
@@ -142,7 +143,7 @@ fn a_build_waits_for_another_and_says_so_once() {
     };
     let listening = Listening { cancel_with: Some("another build"), ..Listening::default() };
     assert!(matches!(start(&listening), Err(StoreError::Interrupted(_))));
-    // A finished basis needs no lock.
+    // A build with no missing files doesn't take the lock, so it doesn't wait.
     build(folder.path(), &directions(), &params(), &Silent).expect("a build of nothing");
     let listening = Listening::default();
     std::thread::scope(|scope| {
@@ -150,7 +151,7 @@ fn a_build_waits_for_another_and_says_so_once() {
         while listening.notes.lock().expect("a lock").is_empty() {
             std::thread::yield_now();
         }
-        // At least two rounds of waiting.
+        // Long enough for two of the lock's polling intervals of 100 ms.
         std::thread::sleep(std::time::Duration::from_millis(250));
         assert!(!build.is_finished());
         other.unlock().expect("an unlocking");
@@ -194,7 +195,7 @@ fn what_killed_builds_left_is_listed_and_removed_and_nothing_else() {
     assert_eq!(sorted(remove_leftovers(folder.path(), key).expect("a folder")), left);
     assert!(left.iter().all(|path| !path.exists()) && kept.iter().all(|path| path.exists()));
     assert!(at(".A_2.folder.tmp").is_dir());
-    // A build does the same, even one that has nothing to build; so does starting a factor.
+    // A build also removes leftovers, even if no files are missing, and so does starting a factor.
     std::fs::write(&left[0], "half of a file").expect("a file");
     build(folder.path(), &directions(), &params(), &Silent).expect("a build");
     assert!(!left[0].exists() && kept[0].exists());

@@ -1,5 +1,6 @@
-//! Every check of header, table, footer and parts is made, in files of both kinds. For each check a file is wrong in
-//! exactly one place, with every other hash made to fit, so that omitting the check fails a test.
+//! Tests that readers make every check of header, table, footer and parts, for basis files and factors. Each test file
+//! is wrong in exactly one place, and all its other hashes are recomputed to match. If the reader lacked a check, a
+//! test would fail.
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -11,7 +12,7 @@ use tempfile::TempDir;
 use crate::forge::{BASIS_ROOT, FACTOR_ROOT, Forged, put64};
 use crate::{params, path_of, store, write_factor};
 
-/// The kind that a file is opened as.
+/// The kind of file as which a test opens a path.
 #[derive(Clone, Copy)]
 enum As {
     Basis,
@@ -42,7 +43,7 @@ impl As {
     }
 }
 
-/// Returns a sound file of each kind, of three parts.
+/// Returns an intact basis file and an intact factor of three parts each.
 fn files() -> (TempDir, [(As, PathBuf, Forged); 2]) {
     let (folder, key) = store(&params());
     let basis = path_of(folder.path(), key, "A_1");
@@ -51,14 +52,14 @@ fn files() -> (TempDir, [(As, PathBuf, Forged); 2]) {
     (folder, [(As::Basis, basis, read_basis), (As::Factor, factor, read_factor)])
 }
 
-/// A change, the sealing after it, and the text that the error must contain.
+/// A falsified file: a change, the hashes recomputed after it, and the text that the error must contain.
 struct Lie {
     what: &'static str,
     change: fn(&mut Forged),
     seal: fn(&mut Forged),
 }
 
-/// A change, and the text that the error must contain.
+/// The text that the error must contain, and a change of the file.
 type Change = (&'static str, fn(&mut Forged));
 
 fn all(forged: &mut Forged) {
@@ -74,7 +75,8 @@ const LIES: &[Lie] = &[
     Lie { what: "version 2", change: |f| f.header[8] = 2, seal: all },
     Lie { what: "header length", change: |f| f.header[13] ^= 1, seal: all },
     Lie { what: "reserved bytes", change: |f| f.header[4000] = 1, seal: all },
-    // Wrong hashes of the header, the table and the footer. No other check on opening covers the changed bytes.
+    // In these entries, the hash of the header, table or footer is wrong. No other check on opening covers the changed
+    // bytes.
     Lie {
         what: "header: expected bytes that match its hash",
         change: |f| f.header[16] ^= 1,
@@ -132,7 +134,7 @@ fn a_part_with_a_wrong_crc_is_not_read() {
     let (_folder, files) = files();
     for (kind, path, original) in &files {
         kind.read_first(path).expect("a sound file");
-        // A changed value, and a changed checksum of unchanged values.
+        // One file has a changed value; the other has a changed checksum for unchanged values.
         let mut changed_value = original.clone();
         changed_value.body[3] ^= 1;
         let mut changed_crc = original.clone();
@@ -155,7 +157,8 @@ fn verification_checks_crc_hash_and_padding_each_for_itself() {
             ("CRC-32C", |f| f.table[24] ^= 1),
             ("BLAKE3", |f| f.table[32] ^= 1),
             ("padding", |f| {
-                // Padding after the last part, before the table: not at a multiple of 64.
+                // Padding after the last part: that part's length isn't a multiple of 64, so padding bytes precede the
+                // table.
                 let last = f.body.len() - 1;
                 f.body[last] = 1;
             }),
@@ -172,7 +175,7 @@ fn verification_checks_crc_hash_and_padding_each_for_itself() {
     }
 }
 
-/// The stored bytes are no zstd frame, but match their checksum and hash.
+/// The stored bytes aren't a valid zstd frame, but match their checksum and hash.
 #[test]
 fn a_compressed_part_that_does_not_decode_is_neither_read_nor_verified() {
     let (folder, key) = store(&BuildParams { codec: Codec::Zstd, ..params() });
@@ -212,7 +215,7 @@ fn a_file_that_shrinks_while_it_is_read_is_reported() {
     assert!(matches!(window.check(), Err(StoreError::ChangedWhileRead { .. })));
 }
 
-/// Makes a file longer with every step of its verification.
+/// A monitor that appends to the file at each step of its verification.
 struct Appending<'a>(&'a Path);
 
 impl Monitor for Appending<'_> {

@@ -1,4 +1,5 @@
-//! A factor holds the tiles that were written, is started once, and is opened only under its own identity.
+//! Tests that a factor returns the tiles that were written, is started only once, and opens only for its own scheme,
+//! degree, weights and smoothness.
 
 use spharm_monitor::Silent;
 use spharm_store::factor::{Condition, StartedFactor, TileValues, factors, open_factor, start_factor};
@@ -30,8 +31,9 @@ fn a_factor_holds_the_tiles_that_were_put() {
     }
 }
 
-/// Tiles are read back in double precision, even if they are stored in single precision, and in the end only the factor
-/// is left. Of two factors written at once the first stays.
+/// Tiles are read back in double precision, even from a factor stored in single precision. After publishing, no file
+/// except the factor is left. If two writers write the same factor at the same time, the factor published first is
+/// kept.
 #[test]
 fn tiles_are_read_back_while_the_rest_is_written() {
     let key = SchemeKey::of(&directions(), Scalar::F64);
@@ -43,7 +45,7 @@ fn tiles_are_read_back_while_the_rest_is_written() {
             StartedFactor::Present(file) => panic!("{file:?}"),
         };
         let first = start();
-        // The second one finds no lock.
+        // Removing the lock file lets a second writer start while the first still runs.
         std::fs::remove_file(folder.path().join(key.to_string()).join(".lock")).expect("a removal");
         let second = start();
         assert_eq!(first.grid(), grid);

@@ -1,19 +1,20 @@
-//! Every field of a header is checked before it is used. For each field a header has a false value, with every hash
-//! made to fit. A false value that follows from others is rejected at the first field that contradicts it.
+//! Tests that every field of a header is checked before it is used. Each test header has a false value in one field, or
+//! in fields that depend on each other, and all hashes are recomputed to match. If a false value can't be detected by
+//! itself, it must be rejected at the first field that contradicts it.
 
 use spharm_store::{DegreeFile, FactorFile, Scalar, StoreError};
 
 use crate::forge::{BASIS_ROOT, FACTOR_ROOT, Forged, put64};
 use crate::{params, path_of, store, write_factor};
 
-/// A change of the header, and the text that the error must contain.
+/// The text that the error must contain, and a change of the header.
 type Lie = (&'static str, fn(&mut [u8]));
 
 fn put32(bytes: &mut [u8], at: usize, value: u32) {
     bytes[at..at + 4].copy_from_slice(&value.to_le_bytes());
 }
 
-/// Sets chunks of 2^20 rows, and a degree.
+/// Sets the number of rows per chunk to 2^20, and the degree and scalar type to the given values.
 fn wide(header: &mut [u8], scalar: u32, degree: u32) {
     put64(header, 72, 1 << 20);
     put32(header, 56, degree);
@@ -21,7 +22,7 @@ fn wide(header: &mut [u8], scalar: u32, degree: u32) {
     put32(header, 64, scalar);
 }
 
-/// Changes to a basis file with 18 rows of degree 1 in chunks of 8.
+/// Changes to the header of a basis file with 18 rows of degree 1 in chunks of 8.
 const BASIS: &[Lie] = &[
     ("rows", |h| put64(h, 48, 0)),
     ("rows", |h| put64(h, 48, (1 << 40) + 1)),
@@ -46,8 +47,8 @@ const BASIS: &[Lie] = &[
         put32(h, 56, 2000);
         put32(h, 60, 4001);
     }),
-    // The lowest degree whose chunks exceed 2^32 bytes, for each scalar type, and the degree below, which contradicts
-    // the number of chunks.
+    // For each scalar type: first the lowest degree whose chunks exceed 2^32 bytes, rejected by the chunk size; then
+    // the degree below it, rejected because it contradicts the number of chunks.
     ("chunk size: expected at most 4294967296 bytes, found 4303355904 bytes", |h| wide(h, 1, 256)),
     ("chunk size", |h| wide(h, 2, 512)),
     ("number of chunks", |h| wide(h, 1, 255)),
@@ -64,7 +65,7 @@ const BASIS: &[Lie] = &[
 
 const NAN: u64 = f64::NAN.to_bits();
 
-/// Changes to a factor with 9 columns in tiles of 8.
+/// Changes to the header of a factor with 9 columns in tiles of 8.
 const FACTOR: &[Lie] = &[
     ("rows", |h| put64(h, 48, 0)),
     ("rows", |h| put64(h, 48, (1 << 40) + 1)),
@@ -122,7 +123,8 @@ fn a_factor_whose_header_lies_is_not_opened() {
     });
 }
 
-/// Files of one kind aren't opened as the other, even with the root hash of the other kind.
+/// A basis file isn't opened as a factor, nor a factor as a basis file, even if its root hash is that of the other
+/// kind.
 #[test]
 fn kinds_are_told_apart() {
     let (folder, key) = store(&params());

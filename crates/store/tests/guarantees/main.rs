@@ -1,5 +1,5 @@
-//! Guarantees of the store, in files small enough to be tested with every change of the crate. `tests/store` at the
-//! root covers the rest: the committed store, the programs, killed and racing builders, full disks.
+//! Tests the guarantees of the store on small files. The tests in `tests/store` at the root cover the committed store,
+//! the programs, builders that are killed or run at the same time, and full disks.
 
 mod basis;
 mod builders;
@@ -18,11 +18,11 @@ use spharm_store::factor::{Condition, StartedFactor, start_factor};
 use spharm_store::{BuildParams, FactorFile, FactorSpec, Scalar, SchemeKey, TileGrid, WeightsHash, build};
 use tempfile::TempDir;
 
-/// Number of directions: with chunks of 8 rows, two full chunks and one of 2 rows.
+/// Number of directions. With 8 rows per chunk, there are two full chunks and one of 2 rows.
 const ROWS: usize = 18;
 const MAX_DEGREE: usize = 2;
 
-/// Directions on a spiral.
+/// Returns directions along a spiral.
 fn directions() -> Directions {
     let angles: Vec<[f64; 2]> = (0..ROWS).map(|i| [0.1 + 2.9 * i as f64 / ROWS as f64, 2.4 * i as f64]).collect();
     Directions::from_angles(&angles).expect("directions")
@@ -32,7 +32,7 @@ fn params() -> BuildParams {
     BuildParams { max_degree: MAX_DEGREE, chunk_rows: 8, ..BuildParams::default() }
 }
 
-/// A store with the basis of [`directions`].
+/// Builds a store with the basis of [`directions`]. Returns its folder and the scheme's key.
 fn store(params: &BuildParams) -> (TempDir, SchemeKey) {
     let folder = tempfile::tempdir().expect("a folder");
     let key = build(folder.path(), &directions(), params, &Silent).expect("a build").key;
@@ -52,7 +52,7 @@ fn factor_value(row: usize, column: usize) -> f64 {
     if row < column { 0.0 } else { 1.0 + row as f64 - 0.25 * column as f64 }
 }
 
-/// Writes a factor in tiles of 8: 9 columns make three tiles.
+/// Writes a factor of 9 columns in tiles of 8: three tiles.
 fn write_factor(store: &Path, key: SchemeKey, scalar: Scalar) -> FactorFile {
     let spec = spec(key);
     let grid = TileGrid::new(spec.size(), 8).expect("a grid");

@@ -1,4 +1,4 @@
-//! A scheme is opened only from its own files, which must fit together, and a missing file is named.
+//! Tests that a scheme is opened only if its files belong to it and fit together, and that errors name missing files.
 
 use std::os::unix::net::UnixListener;
 use std::path::Path;
@@ -43,7 +43,7 @@ fn a_degree_that_is_missing_is_named() {
     assert!(matches!(&error, StoreError::NoSuchScheme { available, .. } if *available == [key]), "{error}");
 }
 
-/// Replaces a sound file by one of another length, type, degree, scheme or chunk size.
+/// An intact file is replaced by an intact file of another length, scalar type, degree, scheme or chunk size.
 #[test]
 fn files_that_do_not_fit_together_are_not_opened() {
     let (folder, key) = store(&params());
@@ -77,7 +77,7 @@ fn files_that_do_not_fit_together_are_not_opened() {
     differs(build(folder.path(), &directions(), &params(), &Silent).expect_err("other chunks"));
 }
 
-/// Names that only resemble those of basis files are ignored.
+/// File names that resemble the names of basis files are ignored.
 #[test]
 fn only_names_of_degrees_are_taken_for_degrees() {
     let (folder, key) = store(&params());
@@ -118,7 +118,7 @@ fn what_is_no_regular_file_is_named_and_not_waited_for() {
 fn a_file_says_what_it_holds() {
     for (scalar, codec) in [(Scalar::F64, Codec::Raw), (Scalar::F32, Codec::Raw), (Scalar::F64, Codec::Zstd)] {
         let (folder, key) = store(&BuildParams { scalar, codec, ..params() });
-        // Degree 0 is constant, so its chunks are compressed.
+        // The harmonic of degree 0 is constant, so its full chunks compress well.
         let path = path_of(folder.path(), key, "A_0");
         let file = DegreeFile::open(&path).expect("a file");
         let direct = scalar == Scalar::F64 && codec == Codec::Raw;
@@ -130,7 +130,7 @@ fn a_file_says_what_it_holds() {
         assert!(if codec == Codec::Raw { file.stored_len(1) == raw } else { file.stored_len(1) < raw });
         let in_place = |chunk| window.in_place(chunk).expect("values").map(<[f64]>::len);
         assert_eq!(in_place(1), direct.then_some(8));
-        // Two values don't shrink, so they are stored raw, whatever the codec.
+        // The last chunk has two values, which compression doesn't make smaller: it is stored raw with every codec.
         assert_eq!(in_place(2), (scalar == Scalar::F64).then_some(2));
         assert_eq!(file.stored_len(2), 2 * scalar.size());
     }
@@ -152,7 +152,7 @@ fn a_factor_is_found_by_what_it_is_of() {
     assert_eq!(found(None), Scalar::F32);
     let double = write_factor(folder.path(), key, Scalar::F64);
     assert_eq!((found(None), found(Some(Scalar::F32))), (Scalar::F64, Scalar::F32));
-    // A factor under the file name of another.
+    // The f32 factor is copied to the file name of the f64 factor.
     std::fs::copy(single.path(), double.path()).expect("a copy");
     let error = open_factor(folder.path(), &spec(key), None).expect_err("another scalar type");
     assert!(error.to_string().contains("scalar type"), "{error}");
