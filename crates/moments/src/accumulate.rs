@@ -1,7 +1,7 @@
-//! Moments of tables of samples, in bounded memory.
+//! Computes the moments of tables of samples, in limited memory.
 //!
-//! One chunk is read while the previous one is converted and spread. Memory is that of [`Accumulator`] and three
-//! chunks, for tables of any size.
+//! While one chunk of samples is read, the previous chunk is converted and spread onto the grids. For tables of any
+//! size, this needs the memory of an [`Accumulator`] and of three chunks.
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
@@ -23,18 +23,18 @@ use crate::moments::{Moments, Shard, Source};
 use crate::samples::{BadRow, Chunk, Columns, Opened, Plan, Positions, STDIN, is_table, open, open_over_scheme};
 
 const KEY_CONTEXT: &str = "spharm-rs 2026-11 samples v1";
-/// Bytes at either end of a file that are included in its key.
+/// Number of bytes at the beginning, and at the end, of a file that are hashed into its key.
 const END: u64 = 1 << 16;
-/// Most samples in a chunk, and samples per thread: enough to occupy all threads, and few enough that a thread's share
-/// stays in the cache of a core from one step to the next. The sums are bit-identical for any number of threads, as
-/// both are multiples of the block size.
+/// Largest number of samples per chunk, and largest number per thread. A chunk is large enough to occupy all threads,
+/// and small enough that the samples of one thread stay in its core's cache between the steps of processing. Both
+/// numbers are multiples of the block size, so the sums have the same bits for any number of threads.
 const CHUNK: usize = 1 << 19;
 const CHUNK_OF_THREAD: usize = 1 << 16;
 
-/// The samples whose moments are computed, and the degree.
+/// The tables and columns of the samples, and the degree of the fits that their moments will allow.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Request {
-    /// The tables, in order; `-` is standard input.
+    /// Paths of the tables, in order; `-` is standard input.
     pub files: Vec<PathBuf>,
     /// Names of the columns for positions, values and weights.
     pub columns: Columns,
@@ -47,12 +47,13 @@ pub struct Request {
 }
 
 impl Request {
-    /// Returns a request for the moments of entire tables. The names of the values must still be set.
+    /// Returns a request for the moments of entire tables. The names of the value columns must still be set.
     pub fn new(files: Vec<PathBuf>, max_degree: usize) -> Self {
         Self { files, columns: Columns::default(), max_degree, shard: Shard::WHOLE, memory: None }
     }
 
-    /// Returns the sampling scheme, if positions are given by one; each table then has one row per direction.
+    /// Returns the sampling scheme if it gives the positions; each table then has one row per direction of the scheme.
+    /// Otherwise returns `None`.
     fn scheme(&self) -> Option<&Directions> {
         match &self.columns.positions {
             Some(Positions::Scheme(directions)) => Some(directions),
@@ -61,64 +62,64 @@ impl Request {
     }
 }
 
-/// Moments, with warnings and timings.
+/// Moments of the samples, with warnings and timings.
 #[derive(Debug, Clone)]
 pub struct Accumulated {
     /// The moments.
     pub moments: Moments,
-    /// Possible problems of the samples.
+    /// Possible problems found in the samples.
     pub warnings: Vec<Warning>,
-    /// Wall times.
+    /// Wall times of the computation.
     pub seconds: Seconds,
 }
 
-/// A possible problem of the samples.
+/// A possible problem found in the samples.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Warning {
-    /// Longitudes and latitudes that may be angles in radians.
+    /// Longitudes and latitudes, expected in degrees, are so small that they may be in radians.
     #[error("longitudes to {longitude} and latitudes to {latitude}: degrees are expected, these look like radians")]
     LooksLikeRadians {
-        /// The largest longitude, in absolute value.
+        /// Largest absolute longitude.
         longitude: f64,
-        /// The largest latitude, in absolute value.
+        /// Largest absolute latitude.
         latitude: f64,
     },
-    /// Samples of weight zero.
+    /// Some samples have weight 0.
     #[error("{zeros} of {rows} samples have the weight 0")]
     ZeroWeights {
-        /// Number of these samples.
+        /// Number of samples with weight 0.
         zeros: u64,
         /// Number of all samples.
         rows: u64,
     },
 }
 
-/// Wall time by kind of work. Reading runs concurrently with the rest.
+/// Wall time in seconds by kind of work. Reading runs at the same time as the other work.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 pub struct Seconds {
     /// Reading and parsing.
     pub read: f64,
     /// Checking rows and converting positions.
     pub convert: f64,
-    /// Placing samples on the grids, and sorting them.
+    /// Locating samples on the grids, and sorting them.
     pub place: f64,
     /// Spreading samples onto the grids.
     pub spread: f64,
-    /// Transforming grids to coefficients.
+    /// Transforming the grids to spherical-harmonic coefficients.
     pub transform: f64,
-    /// Total.
+    /// Total time.
     pub total: f64,
 }
 
 /// Computes the moments of a shard of tables.
 ///
-/// The monitor gets the stage `moments`, in rows if their number is known.
+/// The monitor gets the stage `moments`, counted in rows. The total is announced if the number of rows is known.
 ///
 /// # Errors
 ///
-/// [`MomentsError`]: tables that can't be read or lack columns, invalid rows, too little memory. If any row is invalid,
-/// nothing is returned.
+/// [`MomentsError`] for tables that can't be read or lack columns, invalid rows, or too little memory. A single invalid
+/// row is an error.
 pub fn accumulate(request: &Request, monitor: &dyn Monitor) -> Result<Accumulated, MomentsError> {
     let started = Instant::now();
     request.shard.check()?;
@@ -128,7 +129,7 @@ pub fn accumulate(request: &Request, monitor: &dyn Monitor) -> Result<Accumulate
     let scheme = request.scheme();
     let scheme_key = scheme.map(|directions| SchemeKey::of(directions, Scalar::F64));
     let mut key = Key::new(&request.columns, scheme_key);
-    // Range of rows used among those opened.
+    // Over a sampling scheme, entire tables are opened, and only this range of rows is used.
     let used = scheme.map_or(0..u64::MAX, |directions| request.shard.range(directions.len() as u64));
     let (mut seconds, mut largest) = (Seconds::default(), [0.0f64; 2]);
     let mut has_values = vec![false; channels];
@@ -191,15 +192,16 @@ pub fn accumulate(request: &Request, monitor: &dyn Monitor) -> Result<Accumulate
     Ok(Accumulated { moments, warnings, seconds })
 }
 
-/// Returns the bytes needed to compute moments of tables with this number of channels.
+/// Returns the memory in bytes needed to compute moments of tables with `channels` channels.
 pub fn bytes(max_degree: usize, channels: usize) -> usize {
-    // Rows as read, twice, and samples.
+    // Two chunks of rows (one being read, one being converted), a buffer for reading, and a chunk of samples.
     let row = 8 * (5 + channels);
     Accumulator::bytes(max_degree, channels) + CHUNK * (3 * row + 8 * (4 + channels))
 }
 
 fn check_memory(request: &Request, channels: usize) -> Result<(), MomentsError> {
-    // Over a scheme, also its directions, and values on vertices, which are read as a whole.
+    // A sampling scheme also needs memory for its directions. Files of values on vertices are read into memory as a
+    // whole.
     let directions = request.scheme().map_or(0, |directions| std::mem::size_of_val(directions.as_slice()));
     let values = request.files.iter().filter(|path| directions > 0 && !is_table(path)).map(|path| bytes_to_read(path));
     let values = usize::try_from(values.max().unwrap_or(0)).unwrap_or(usize::MAX);
@@ -211,7 +213,7 @@ fn check_memory(request: &Request, channels: usize) -> Result<(), MomentsError> 
     }
 }
 
-/// Hash of the input.
+/// Hasher that computes the key of the input.
 struct Key(blake3::Hasher);
 
 impl Key {
@@ -257,7 +259,7 @@ impl Key {
         Ok(())
     }
 
-    /// Adds the first and last bytes of a file, which distinguish files of the same name and size.
+    /// Adds the first and last bytes of a file to the key. They distinguish files of equal name and size.
     fn ends(&mut self, path: &Path, size: u64) -> io::Result<()> {
         let mut file = File::open(path)?;
         for start in [0, size.saturating_sub(END)] {
@@ -283,11 +285,11 @@ impl Key {
     }
 }
 
-/// The processing of one table.
+/// State of the processing of one table.
 struct Reading<'a> {
     path: &'a PathBuf,
     plan: &'a Plan,
-    /// Indices, from 0, of the rows used among those read.
+    /// Range of row indices to use; other rows are read and skipped.
     used: Range<u64>,
     sums: &'a mut Accumulator,
     seconds: &'a mut Seconds,
@@ -306,8 +308,8 @@ impl Reading<'_> {
             monitor.check()?;
             next.clear();
             let started = Instant::now();
-            // Runs on the caller's threads, of which there may be only one: neither side waits for the other before it
-            // ends.
+            // The caller's pool may have only one thread, which then runs the two closures in turn. So neither may wait
+            // for the other.
             let (count, done) = rayon::join(
                 || table.read(most, &mut next).map(|count| (count, started.elapsed().as_secs_f64())),
                 || self.one(&rows, before, &mut chunk),
@@ -331,7 +333,7 @@ impl Reading<'_> {
         Ok(before)
     }
 
-    /// Adds the samples of a chunk of rows; `before` is the number of rows before the chunk.
+    /// Adds the samples of a chunk of rows to the sums. `before` is the number of rows read before the chunk.
     fn one(&mut self, rows: &[f64], before: u64, chunk: &mut Chunk) -> Result<Option<BadRow>, MomentsError> {
         let started = Instant::now();
         let columns = self.plan.columns();
@@ -348,7 +350,8 @@ impl Reading<'_> {
     }
 }
 
-/// Records the channels that have a nonzero value at a sample of nonzero weight, since their squares may underflow.
+/// Records which channels have a nonzero value at a sample of nonzero weight. If the sum of squares of such a channel
+/// is zero, its squares have underflowed.
 fn note_values(has: &mut [bool], weights: Option<&[f64]>, values: ArrayView2<'_, f64>) {
     let counts = |row: usize| weights.is_none_or(|weights| weights[row] != 0.0);
     for (has, column) in has.iter_mut().zip(values.columns()) {

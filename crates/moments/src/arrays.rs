@@ -1,8 +1,10 @@
-//! Moments of samples in memory: a chunk of a larger set of samples that the caller manages.
+//! Computes the moments of samples in memory, which may be one chunk of a larger set of samples that the caller
+//! manages.
 //!
 //! Tables are identified by their names, sizes and first and last bytes; arrays are identified by a name that the
-//! caller gives to the whole set, or by all their bytes. So [`merge`](mod@crate::merge) detects missing and repeated
-//! chunks, as it does for shards of tables. Memory is that of [`Accumulator`] and a chunk of converted samples.
+//! caller gives to the whole set, or by all their bytes. With this identification, [`merge`](mod@crate::merge) detects
+//! missing and repeated chunks, as it does for shards of tables. The computation needs the memory of an [`Accumulator`]
+//! and of one chunk of converted samples.
 
 use ndarray::{ArrayView1, ArrayView2, Axis, s};
 use rayon::prelude::*;
@@ -17,23 +19,23 @@ const KEY_CONTEXT: &str = "spharm-rs 2026-11 samples in memory v1";
 /// Number of samples converted at a time.
 const CHUNK: usize = 1 << 18;
 
-/// Samples in memory. Strides may be arbitrary.
+/// Samples in memory. The arrays may have any strides.
 #[derive(Debug, Clone, Copy)]
 pub struct Samples<'a> {
     /// Vectors of any nonzero length, (n, 3).
     pub directions: ArrayView2<'a, f64>,
     /// Values, (n, c), finite.
     pub values: ArrayView2<'a, f64>,
-    /// Weights, (n), finite and nonnegative; `None` for 1 everywhere.
+    /// Weights, (n), finite and nonnegative; `None` if all weights are 1.
     pub weights: Option<ArrayView1<'a, f64>>,
 }
 
-/// The part of a whole set of samples that those in memory are.
+/// Identifies the samples in memory as a part of a larger set.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Part {
-    /// Name of the whole set; by default the samples' own bytes identify them.
+    /// Name of the larger set. `None` (default) identifies the samples by their own bytes.
     pub whole: Option<String>,
-    /// The part of the whole set.
+    /// The part of the larger set that the samples make up.
     pub shard: Shard,
 }
 
@@ -43,14 +45,15 @@ impl Default for Part {
     }
 }
 
-/// Computes the moments of samples in memory, for fits to degree `max_degree` of the channels with these names, (c).
+/// Computes the moments of samples in memory, for fits of degrees up to `max_degree`. `channels` has the names of the
+/// channels, (c).
 ///
-/// The monitor gets the stage `moments`, in samples. An empty set of samples is a valid part: the whole set may be
-/// divided into more parts than it has samples for.
+/// The monitor gets the stage `moments`, counted in samples. A part without samples is valid, so a set may be divided
+/// into more parts than it has samples.
 ///
 /// # Errors
 ///
-/// [`MomentsError::Arrays`] for arrays that don't belong together, [`MomentsError::Sample`] for an invalid sample,
+/// [`MomentsError::Arrays`] for arrays whose sizes don't match, [`MomentsError::Sample`] for an invalid sample,
 /// [`MomentsError::Shard`], [`MomentsError::Transform`] for a degree that is too high.
 pub fn accumulate_samples(
     samples: &Samples<'_>,
@@ -96,7 +99,7 @@ fn units(directions: ArrayView2<'_, f64>, start: usize) -> Result<Vec<[f64; 3]>,
         }
         Err(_) => Some(row),
     });
-    // The first invalid sample, regardless of which thread found one first.
+    // Report the invalid sample with the lowest index, so that the error doesn't depend on the timing of the threads.
     match bad.min() {
         None => Ok(units),
         Some(row) => Err(MomentsError::Sample {
@@ -149,7 +152,7 @@ impl Samples<'_> {
         Ok(())
     }
 
-    /// See "Keys" in `docs/moments-format.md`.
+    /// Returns the hash that identifies the samples; see "Keys" in `docs/moments-format.md`.
     fn key(&self, part: &Part) -> [u8; 32] {
         let mut key = blake3::Hasher::new_derive_key(KEY_CONTEXT);
         match &part.whole {
@@ -210,7 +213,7 @@ mod tests {
             accumulate_samples(&samples, names(), 6, part, &Silent).unwrap()
         };
         let whole = of(0..700, &part(0, 1));
-        // One of the parts is empty.
+        // The second part is empty.
         let parts = [of(0..300, &part(0, 3)), of(300..300, &part(1, 3)), of(300..700, &part(2, 3))];
         let all = merge(parts.to_vec(), false).unwrap();
         assert_eq!((all.rows, &all.sources), (whole.rows, &whole.sources));
@@ -219,7 +222,7 @@ mod tests {
         assert!(matches!(merge(parts[1..].to_vec(), false), Err(MomentsError::Missing { .. })));
         let twice = vec![parts[0].clone(), parts[0].clone()];
         assert!(matches!(merge(twice, true), Err(MomentsError::Overlap { .. })));
-        // Without a name the samples themselves tell.
+        // Without a name, the samples are identified by their bytes.
         let [a, b] = [0..300, 300..700].map(|rows| of(rows, &Part::default()));
         assert!(merge(vec![a.clone(), b], false).is_ok());
         assert!(matches!(merge(vec![a.clone(), a], false), Err(MomentsError::Overlap { .. })));

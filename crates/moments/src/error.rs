@@ -8,7 +8,7 @@ use spharm_monitor::Interrupted;
 use spharm_surface::SurfaceError;
 use spharm_transform::TransformError;
 
-/// Errors of this crate. Rows of tables are counted from 1, in the order of the data, without a header.
+/// Errors of this crate. Rows of tables are counted from 1, in the order of the data; a header line isn't counted.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum MomentsError {
@@ -19,76 +19,76 @@ pub enum MomentsError {
         path: PathBuf,
         /// The attempted action.
         action: &'static str,
-        /// The system's error.
+        /// Error of the operating system.
         source: io::Error,
     },
-    /// A table whose bytes violate its format.
+    /// The bytes of a table violate its format.
     #[error("{}: {format}: expected {expected}, found {found}", .path.display())]
     Malformed {
         /// The file.
         path: PathBuf,
         /// The format.
         format: &'static str,
-        /// The format's requirement.
+        /// What the format requires.
         expected: String,
-        /// What the file contains there.
+        /// What the file contains instead.
         found: String,
     },
-    /// A file whose name has no supported ending.
+    /// The file name has no supported extension.
     #[error("{}: expected a file whose name ends in {}", .path.display(), .expected.join(", "))]
     UnknownFormat {
         /// The file.
         path: PathBuf,
-        /// The supported endings.
+        /// Supported file-name extensions.
         expected: Vec<&'static str>,
     },
-    /// A table without a required column.
+    /// A table lacks a required column.
     #[error("{}: no column {wanted}; it has {}", .path.display(), named(.there))]
     NoColumn {
         /// The file.
         path: PathBuf,
-        /// The column that is missing.
+        /// Name of the missing column.
         wanted: String,
-        /// The table's columns.
+        /// Names of the table's columns.
         there: Vec<String>,
     },
-    /// Columns that don't determine the samples' positions or values.
+    /// The requested columns don't determine the samples' positions or values.
     #[error("{}: {problem}; it has {}", .path.display(), named(.there))]
     Columns {
         /// The file.
         path: PathBuf,
-        /// What the columns leave unclear.
+        /// The property of the samples that the columns leave undetermined.
         problem: &'static str,
-        /// The table's columns.
+        /// Names of the table's columns.
         there: Vec<String>,
     },
-    /// An invalid row.
+    /// A row of a table is invalid.
     #[error("{}: row {row}: {column}: expected {expected}, found {found}", .path.display())]
     Row {
         /// The file.
         path: PathBuf,
         /// The row, counted from 1.
         row: u64,
-        /// The column.
+        /// Name of the column with the invalid value.
         column: String,
         /// Accepted values.
         expected: &'static str,
         /// The value found.
         found: String,
     },
-    /// An invalid sample in memory.
+    /// A sample in memory is invalid.
     #[error("sample {row}: {what}: expected {expected}, found {found}")]
     Sample {
         /// Index of the sample, counted from 0.
         row: usize,
-        /// The invalid part of the sample.
+        /// The invalid part of the sample: direction, value or weight.
         what: &'static str,
         /// Accepted values.
         expected: &'static str,
         /// The value found.
         found: String,
     },
-    /// Arrays that don't belong together.
+    /// The sizes of the arrays don't match.
     #[error("{what}: expected {expected}, found {found}")]
     Arrays {
         /// The array or size that doesn't match.
@@ -98,77 +98,78 @@ pub enum MomentsError {
         /// The size found.
         found: usize,
     },
-    /// Values, or weights, whose sum of squares leaves the range of f64.
+    /// The squares of a channel's values, or the weights, have a sum outside the range of f64.
     #[error(
         "column {channel}: expected values whose weighted squares sum to 1e-307 to 1e308; scale the values or the weights"
     )]
     Range {
-        /// The column.
+        /// Name of the channel.
         channel: String,
     },
-    /// A table without rows.
+    /// A table has no rows.
     #[error("{}: expected samples, found none", .path.display())]
     Empty {
         /// The file.
         path: PathBuf,
     },
-    /// A table over a sampling scheme whose number of rows isn't the number of vertices.
+    /// A table over a sampling scheme doesn't have exactly one row per vertex.
     #[error("{}: expected {expected} rows, one for each vertex of the sphere, found {found}; give the sphere that the values belong to", .path.display())]
     Rows {
         /// The file.
         path: PathBuf,
-        /// Number of vertices of the sphere.
+        /// Number of vertices of the sampling scheme.
         expected: u64,
-        /// Number of rows of the entire table.
+        /// Number of rows in the entire table.
         found: u64,
     },
-    /// Values on vertices that can't be read.
+    /// A file of values on vertices couldn't be read.
     #[error(transparent)]
     Signal(SurfaceError),
-    /// A file that grew or shrank while it was read.
+    /// A file grew or shrank while it was read.
     #[error("{}: the file changed while it was being read ({was} to {now} bytes); wait until nothing writes to it", .path.display())]
     Changed {
         /// The file.
         path: PathBuf,
-        /// Bytes when it was opened.
+        /// Size in bytes when the file was opened.
         was: u64,
-        /// Bytes after it was read.
+        /// Size in bytes after the file was read.
         now: u64,
     },
-    /// A shard whose index isn't below the number of shards.
+    /// The index of a shard isn't below the number of shards.
     #[error("shard {index} of {of}: expected an index from 0 to {}, and at most {} shards", .of.saturating_sub(1), crate::moments::MOST_SHARDS)]
     Shard {
-        /// The shard, counted from 0.
+        /// Index of the shard, from 0.
         index: u32,
         /// The number of shards.
         of: u32,
     },
-    /// A shard of a stream, which can only be read once, from its beginning.
+    /// A shard of standard input was requested. Standard input can only be read as a whole, because it can't be
+    /// repositioned.
     #[error("standard input can't be read in shards; write it to a file, or give each shard its own part")]
     ShardOfStream,
-    /// A memory budget that is too small.
+    /// The memory budget is too small.
     #[error("moments to degree {max_degree} take {} MiB, the budget is {} MiB; choose a lower degree or raise the budget", .needed.div_ceil(1 << 20), .budget >> 20)]
     Memory {
-        /// The degree.
+        /// The degree of the fits, L.
         max_degree: usize,
         /// Bytes needed.
         needed: usize,
-        /// Bytes allowed.
+        /// Bytes that the budget allows.
         budget: usize,
     },
-    /// A file that isn't a file of moments, or is damaged.
+    /// The file isn't a file of moments, or is damaged.
     #[error("{}: damaged or not a file of moments: {what}: expected {expected}, found {found}; make this part again", .path.display())]
     Corrupt {
         /// The file.
         path: PathBuf,
         /// The field or check.
         what: &'static str,
-        /// The format's requirement.
+        /// What the format requires.
         expected: String,
-        /// What the file contains.
+        /// What the file contains instead.
         found: String,
     },
-    /// A version of the format that this program doesn't support.
+    /// The file has a format version that this program can't read.
     #[error("{}: moments of format version {found}, this program reads versions {} to {}; use the program that wrote it, or make this part again", .path.display(), .expected.start(), .expected.end())]
     Version {
         /// The file.
@@ -178,54 +179,54 @@ pub enum MomentsError {
         /// The version found.
         found: u32,
     },
-    /// Parts that can't be added.
+    /// Two parts differ in degree or channels, so their moments can't be added.
     #[error(
         "{second} and {first}: {what} differ: {found}, not {expected}; only parts of the same degree and channels can be added"
     )]
     Differ {
         /// The property that differs.
         what: &'static str,
-        /// Name of the part that the other part was compared with.
+        /// Name of the first part.
         first: String,
-        /// Name of the part that differs.
+        /// Name of the part that differs from the first part.
         second: String,
-        /// The property of the first part.
+        /// Value of the property in the first part.
         expected: String,
-        /// The property of the second part.
+        /// Value of the property in the second part.
         found: String,
     },
-    /// Parts that have samples in common.
+    /// Two parts contain the same samples.
     #[error("{first} and {second}: both have {what}; leave one of them out")]
     Overlap {
         /// Name of one part.
         first: String,
-        /// Name of the other.
+        /// Name of the other part.
         second: String,
-        /// The samples in common.
+        /// The samples that both parts contain.
         what: String,
     },
-    /// Parts that don't make up the whole.
+    /// Shards are missing, so that the parts don't make up the whole.
     #[error("{} missing: {}", .missing.len(), .missing.join(", "))]
     Missing {
         /// The missing shards.
         missing: Vec<String>,
     },
-    /// A table in Parquet, Arrow or LAS format, in a program built without support for them.
+    /// A table has Parquet, Arrow or LAS format, and the program was built without support for these formats.
     #[error("{}: this build doesn't read Parquet, Arrow and LAS; the program installed by cargo does, and every build reads .npy and .csv", .path.display())]
     LeftOut {
         /// The file.
         path: PathBuf,
     },
-    /// An empty list of parts.
+    /// The list of parts is empty.
     #[error("no parts to add")]
     NoParts,
-    /// A degree that transforms don't support.
+    /// The transforms don't support the requested degree.
     #[error(transparent)]
     Transform(#[from] TransformError),
-    /// A file of moments that can't be written.
+    /// A file of moments couldn't be written.
     #[error(transparent)]
     Output(#[from] SurfaceError),
-    /// The computation was asked to stop.
+    /// The computation was cancelled.
     #[error("{0}")]
     Interrupted(#[from] Interrupted),
 }

@@ -1,4 +1,4 @@
-//! Files of moments; `docs/moments-format.md` is the authority on their bytes.
+//! Reads and writes files of moments; `docs/moments-format.md` specifies their bytes.
 
 use std::io::{self, Read, Write};
 use std::ops::RangeInclusive;
@@ -13,13 +13,13 @@ use spharm_transform::{Occupied, SampleSums};
 use crate::MomentsError;
 use crate::moments::{MOST_SHARDS, Moments, Shard, Source};
 
-/// The version that is written.
+/// Format version of the files written.
 const VERSION: u32 = 2;
-/// The versions that are read.
+/// Format versions that can be read.
 const VERSIONS_READ: RangeInclusive<u32> = 1..=VERSION;
 
 const MAGIC: [u8; 8] = *b"SPHMOMNT";
-/// Real orthonormal harmonics without the Condon-Shortley phase, row `l^2 + l + m`.
+/// Code of the convention: real orthonormal harmonics without the Condon-Shortley phase, in row `l^2 + l + m`.
 const CONVENTION: u32 = 1;
 
 const VERSION_AT: usize = 8;
@@ -34,34 +34,36 @@ const CELLS_AT: usize = NAMES_AT + 4;
 const ROWS_AT: usize = CELLS_AT + 4;
 const COUNT_AT: usize = ROWS_AT + 8;
 const WEIGHT_AT: usize = COUNT_AT + 8;
-/// Present from version 2 on; zeros without a scheme. Version 1 has reserved bytes from here on.
+/// Offset of the scheme's key, from version 2 on; the key is zero without a scheme. In version 1, the reserved bytes
+/// start here.
 const SCHEME_AT: usize = WEIGHT_AT + 8;
 const RESERVED_AT: usize = SCHEME_AT + 32;
 const HEADER_LEN: usize = 160;
 const HEADER_LEN_V1: usize = 128;
-/// Bytes of a hash. The header ends with its hash, and the file with the file's.
+/// Size of a hash in bytes. The header ends with a hash of the header, and the file ends with a hash of the file.
 const HASH: usize = 32;
-/// Bytes of an entry of the list of sources.
+/// Size in bytes of an entry in the list of sources.
 const SOURCE: usize = 48;
 const MOST_SOURCES: usize = 1 << 24;
 const LONGEST_NAMES: usize = 1 << 24;
-/// Name in errors for moments that aren't in a file.
+/// Name that errors show in place of a path for moments that weren't read from a file.
 const IN_MEMORY: &str = "the moments";
 
 impl Moments {
-    /// Largest number of channels.
+    /// Largest number of channels in a file.
     pub const MOST_CHANNELS: usize = 1 << 16;
 
-    /// Writes a file of moments, completely or not at all. An existing file is only replaced with `overwrite`.
+    /// Writes a file of moments. On an error, no incomplete file is left. An existing file is replaced only if
+    /// `overwrite` is set.
     ///
     /// # Errors
     ///
-    /// [`MomentsError::Output`] if it exists, or can't be written.
+    /// [`MomentsError::Output`] if the file exists and `overwrite` isn't set, or if the file can't be written.
     pub fn write(&self, path: &Path, overwrite: bool) -> Result<(), MomentsError> {
         Ok(write_new(path, overwrite, |out| self.encode(out))?)
     }
 
-    /// Reads a file of moments; every byte is verified by the file's hash.
+    /// Reads a file of moments, and verifies every byte by the hash of the file.
     ///
     /// # Errors
     ///
@@ -72,7 +74,7 @@ impl Moments {
         decode(&mut file, length, path)
     }
 
-    /// Returns the bytes of a file of these moments.
+    /// Encodes the moments as the bytes of a file.
     ///
     /// # Errors
     ///
@@ -83,7 +85,7 @@ impl Moments {
         Ok(bytes)
     }
 
-    /// Parses a file's bytes, verified as in [`read`](Self::read).
+    /// Decodes the bytes of a file, and verifies them by the hash at their end.
     ///
     /// # Errors
     ///
@@ -145,7 +147,7 @@ impl Moments {
     }
 }
 
-/// The sizes of a file's contents, which determine its length.
+/// The sizes that determine the length of a file.
 struct Sizes {
     max_degree: usize,
     channels: usize,
@@ -159,13 +161,14 @@ impl Sizes {
         self.channels + basis_size(2 * self.max_degree) + basis_size(self.max_degree) * self.channels
     }
 
-    /// Below 2^60, since all sizes have been checked against their bounds.
+    /// Returns the length of the file in bytes. The length is below 2^60, because all sizes have been checked against
+    /// their limits.
     fn file_len(&self, header: usize) -> u64 {
         (header + 8 * self.numbers() + SOURCE * self.sources + self.cells + self.names + HASH) as u64
     }
 }
 
-/// Passes bytes on, and hashes them.
+/// A writer that also computes the hash of the bytes written.
 struct Hashing<'a> {
     out: &'a mut dyn Write,
     hasher: blake3::Hasher,
@@ -275,7 +278,7 @@ fn decode(input: &mut dyn Read, length: u64, path: &Path) -> Result<Moments, Mom
     if u32_at(CONVENTION_AT) != CONVENTION {
         return Err(corrupt("convention", &CONVENTION, &u32_at(CONVENTION_AT)));
     }
-    // Version 1 has no scheme, but reserved bytes in its place.
+    // Version 1 has no key of a scheme; it has reserved bytes at that offset.
     let scheme = if u32_at(VERSION_AT) == 1 { None } else { fields[SCHEME_AT..].first_chunk() };
     let reserved = if scheme.is_none() { SCHEME_AT } else { RESERVED_AT };
     let scheme = scheme.copied().filter(|key| *key != [0; 32]).map(SchemeKey);
@@ -285,7 +288,8 @@ fn decode(input: &mut dyn Read, length: u64, path: &Path) -> Result<Moments, Mom
     if sizes.file_len(header.len()) != length || u64_at(FILE_LEN_AT) != length {
         return Err(corrupt("length", &sizes.file_len(header.len()), &length));
     }
-    // The file's length matches its header, so this much may be allocated.
+    // The sizes in the header have been checked against the file's length, so this allocation can't exceed the file's
+    // size.
     let mut body = Vec::with_capacity(length as usize - header.len());
     input.read_to_end(&mut body).map_err(MomentsError::io(path, "read"))?;
     if body.len() != length as usize - header.len() {

@@ -1,30 +1,31 @@
-//! Adds the moments of parts.
+//! Adds the moments of several parts of the samples.
 
 use std::collections::BTreeMap;
 
 use crate::moments::{Moments, Shard, Source};
 use crate::{MomentsError, Source as PartSource};
 
-/// Adds the moments of parts; except for rounding, their order doesn't matter. With `partial`, shards may be missing.
+/// Adds the moments of several parts. Except for rounding, the result doesn't depend on the order of the parts. If
+/// `partial` is set, shards may be missing.
 ///
-/// The sum keeps the key of a sampling scheme that all parts share. If parts have different schemes, or any has none,
-/// the sum has no key.
+/// If all parts have the same sampling scheme, the sum has the key of that scheme. If the parts have different schemes,
+/// or any part has no scheme, the sum has no scheme.
 ///
 /// # Errors
 ///
-/// [`MomentsError::Differ`], [`MomentsError::Overlap`], [`MomentsError::Missing`], [`MomentsError::NoParts`]. Parts are
-/// identified by their number in the list, from 1.
+/// [`MomentsError::Differ`], [`MomentsError::Overlap`], [`MomentsError::Missing`], [`MomentsError::NoParts`]. Errors
+/// identify a part by its number in the list, from 1.
 pub fn merge(parts: Vec<Moments>, partial: bool) -> Result<Moments, MomentsError> {
     let names = (1..=parts.len()).map(|number| format!("part {number}")).collect();
     merge_named(parts.into_iter().map(Ok), names, partial)
 }
 
-/// Same as [`merge()`], for parts that are read one by one as needed, with names for errors. At most two parts are in
-/// memory at a time.
+/// Adds the moments of several parts as [`merge()`] does, but reads the parts one after another, so that at most two
+/// parts are in memory at a time. Errors identify parts by their names.
 ///
 /// # Errors
 ///
-/// Those of [`merge()`] and of the parts.
+/// The errors of [`merge()`], and errors that the iterator returns in place of a part.
 pub fn merge_named(
     parts: impl IntoIterator<Item = Result<Moments, MomentsError>>,
     names: Vec<String>,
@@ -78,7 +79,8 @@ fn add(all: &mut Moments, part: Moments) {
     all.weight += part.weight;
 }
 
-/// Returns the sources of all parts; a source with all its shards is joined to a whole.
+/// Returns the sources of all parts. If all shards of a source are present, they are replaced by one source for the
+/// whole.
 fn joined(held: Vec<(Source, usize)>, names: &[String], partial: bool) -> Result<Vec<Source>, MomentsError> {
     let mut by_key: BTreeMap<[u8; 32], Vec<(Source, usize)>> = BTreeMap::new();
     for (source, part) in held {
@@ -86,7 +88,7 @@ fn joined(held: Vec<(Source, usize)>, names: &[String], partial: bool) -> Result
     }
     let (mut joined, mut missing) = (Vec::new(), Vec::new());
     for (key, mut shards) in by_key {
-        // Sorted by start; fractions are compared exactly.
+        // Sort the shards by their start. The start is a fraction of the whole; comparing cross products is exact.
         shards.sort_by(|(a, _), (b, _)| start(a.shard).cmp_to(start(b.shard)));
         for pair in shards.windows(2) {
             let [(a, first), (b, second)] = pair else { continue };
@@ -114,7 +116,8 @@ fn joined(held: Vec<(Source, usize)>, names: &[String], partial: bool) -> Result
     if missing.is_empty() || partial { Ok(joined) } else { Err(MomentsError::Missing { missing }) }
 }
 
-/// Describes the gap between the ends of two shards, as shards of `of`.
+/// If a gap lies between the fractions `from` and `to` of the whole, adds its description to `missing`, as shards of
+/// `of` parts.
 fn gap(from: Fraction, to: Fraction, of: u32, missing: &mut Vec<String>) {
     if !from.cmp_to(to).is_lt() {
         return;

@@ -1,27 +1,28 @@
-//! The sums over samples that a fit needs, and the samples they were computed from.
+//! Defines [`Moments`]: the sums over samples that a fit needs, and a record of the samples they were computed from.
 
 use spharm_store::SchemeKey;
 use spharm_transform::{Occupied, SampleSums};
 
 use crate::MomentsError;
 
-/// Largest number of shards of a whole.
+/// Largest number of shards into which a table may be divided.
 pub const MOST_SHARDS: u32 = 1 << 24;
 
-/// A part of the samples: number `index` of `of` parts, counted from 0.
+/// One of `of` nearly equal parts of the samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Shard {
-    /// Index of the shard, from 0.
+    /// Index of the part, from 0.
     pub index: u32,
-    /// The number of shards.
+    /// Number of parts.
     pub of: u32,
 }
 
 impl Shard {
-    /// All samples.
+    /// The shard that contains all samples.
     pub const WHOLE: Self = Self { index: 0, of: 1 };
 
-    /// Returns the part of `0..count` that belongs to the shard. The parts of all shards make up the whole.
+    /// Returns the part of the range `0..count` that belongs to this shard. The parts of all shards cover the range
+    /// without overlap.
     pub fn range(self, count: u64) -> std::ops::Range<u64> {
         let at = |index: u32| (u128::from(count) * u128::from(index) / u128::from(self.of)) as u64;
         at(self.index)..at(self.index + 1)
@@ -36,36 +37,37 @@ impl Shard {
 /// The samples that moments were computed from.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Source {
-    /// Hash of the input: columns, or the sampling scheme; names, sizes, first and last bytes of the files.
+    /// Hash that identifies the input: the names of its columns or its sampling scheme, and the name, size, first and
+    /// last bytes of each file.
     pub key: [u8; 32],
-    /// The part of the input.
+    /// The part of the input that was read.
     pub shard: Shard,
     /// Number of samples in the part.
     pub rows: u64,
 }
 
-/// The sums of a part of the data, or of all of it.
+/// The sums over the samples of one part of the data, or of all data.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Moments {
     /// Names of the channels, (c).
     pub channels: Vec<String>,
     /// The sums: moments to degree 2L, right-hand sides to degree L, `sum w f^2`, number of samples.
     pub sums: SampleSums,
-    /// Number of samples, including those of weight 0.
+    /// Number of samples, including those with weight 0.
     pub rows: u64,
-    /// The regions that contain samples of nonzero weight.
+    /// The regions of the sphere that contain samples of nonzero weight.
     pub occupied: Occupied,
-    /// Key, with the scalar f64, of the sampling scheme whose vertices all samples are at; `None` if they aren't at
-    /// such vertices.
+    /// Key, for scalar type f64, of the sampling scheme whose directions the samples have. `None` if the samples have
+    /// their own positions.
     pub scheme: Option<SchemeKey>,
-    /// The samples that the moments were computed from, sorted by key and shard.
+    /// Records of the samples that the moments were computed from, sorted by key and shard.
     pub sources: Vec<Source>,
 }
 
 impl Moments {
-    /// Returns the first channel whose sum of squares has left the range of f64, or is too small to have all its digits
-    /// although the channel has nonzero values: a fit couldn't tell its error. Returns `of the weights` if the weights'
-    /// sums have.
+    /// Returns the first channel whose sum of squares is unusable: outside the range of f64, or too small to have all
+    /// its digits although the channel has nonzero values. The error of a fit couldn't be computed from such a sum.
+    /// Returns `of the weights` if the sums of the weights are unusable.
     pub fn out_of_range(&self) -> Option<&str> {
         let sums = &self.sums;
         let weights_are = sums.weight.is_normal() && sums.moments.iter().all(|moment| moment.is_finite());

@@ -1,5 +1,4 @@
-//! Tables of samples, read in chunks: selection of the columns for positions, weights and values, and their valid
-//! ranges.
+//! Reads tables of samples in chunks: selects the columns for positions, weights and values, and checks their ranges.
 
 #[cfg(feature = "tables")]
 mod arrow;
@@ -29,24 +28,26 @@ use crate::MomentsError;
 pub use crate::samples::open::ENDINGS;
 pub(crate) use crate::samples::open::{Opened, STDIN, is_table, open, open_over_scheme};
 
-/// Name of the value that is a sample's distance from the centre, for positions given as vectors.
+/// Name of the channel that holds a sample's distance from the centre, if positions are given as vectors.
 pub const RADIUS: &str = "radius";
 
-/// Source of the samples' positions: columns, or a sampling scheme.
+/// How the positions of the samples are given: by columns, or by a sampling scheme.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Positions {
-    /// Colatitude and azimuth, in radians.
+    /// Columns of colatitude and azimuth, in radians.
     Angles([String; 2]),
-    /// Longitude and latitude, in degrees.
+    /// Columns of longitude and latitude, in degrees.
     LonLat([String; 2]),
-    /// x, y and z: unit vectors, or vectors of any length if [`RADIUS`] is a value.
+    /// Columns of x, y and z. The vectors must be unit vectors, unless [`RADIUS`] is one of the values or a centre is
+    /// given.
     Vectors([String; 3]),
-    /// The directions of a sampling scheme, such as the vertices of a sphere: row i of each table is at direction i.
+    /// The directions of a sampling scheme, such as the vertices of a sphere: row i of each table has direction i.
     Scheme(Arc<Directions>),
 }
 
 impl Positions {
-    /// Returns positions from columns with the usual names, in any case: x, y, z; lon, lat; theta, phi.
+    /// Returns positions from columns with the usual names, in upper or lower case: x, y, z; lon, lat; or theta, phi.
+    /// Returns `None` if no such columns exist.
     pub(crate) fn guess(columns: &[String]) -> Option<Self> {
         let found = |name: &str| columns.iter().find(|column| column.eq_ignore_ascii_case(name)).cloned();
         let first = |names: &[&str]| names.iter().find_map(|name| found(name));
@@ -73,33 +74,33 @@ impl Positions {
 pub struct Columns {
     /// Positions of the samples; by default the columns x, y, z, or lon, lat, or theta, phi, whichever exist.
     pub positions: Option<Positions>,
-    /// Values, one channel each; [`RADIUS`] is the distance from the centre.
+    /// Columns of values, one channel each. [`RADIUS`] stands for the distance from the centre.
     pub values: Vec<String>,
-    /// Weights; by default all are 1.
+    /// Column of weights; by default all weights are 1.
     pub weight: Option<String>,
-    /// Origin of the vectors; by default the coordinates' origin.
+    /// Centre that is subtracted from positions given as vectors; by default the origin.
     pub centre: [f64; 3],
 }
 
-/// Positions of the columns in the rows that a table returns.
+/// Where to find position, values and weight in the rows that a table returns.
 #[derive(Debug, Clone)]
 pub(crate) struct Plan {
     positions: Positions,
-    /// Position in the row of each value; `None` for the radius.
+    /// For each channel, the index of its value in the row; `None` for the radius.
     values: Vec<Option<usize>>,
     weight: Option<usize>,
     centre: [f64; 3],
-    /// Names of the columns read, in the order of a row.
+    /// Names of the columns that are read, in the order of the values in a row.
     names: Vec<String>,
 }
 
-/// A chunk of samples.
+/// A chunk of converted samples.
 #[derive(Debug, Default)]
 pub(crate) struct Chunk {
     pub(crate) directions: Vec<[f64; 3]>,
     pub(crate) weights: Option<Vec<f64>>,
     pub(crate) values: Array2<f64>,
-    /// The largest absolute values of the two angles.
+    /// Largest absolute values of longitude and latitude, in degrees.
     pub(crate) largest: [f64; 2],
 }
 
@@ -113,7 +114,8 @@ pub(crate) struct BadRow {
 }
 
 impl Columns {
-    /// Determines the columns of a table to read, and returns their indices in the order in which rows will have them.
+    /// Determines which columns of a table to read. Returns the plan, and the indices of the columns in the order of
+    /// the values in a row.
     pub(crate) fn plan(&self, path: &std::path::Path, there: &[String]) -> Result<(Plan, Vec<usize>), MomentsError> {
         let unclear = |problem| MomentsError::Columns { path: path.to_owned(), problem, there: there.to_vec() };
         let positions = match &self.positions {
@@ -144,7 +146,7 @@ impl Columns {
         if (1..named.len()).any(|i| named[..i].contains(&named[i])) {
             return Err(unclear("a column is named twice as a position"));
         }
-        // Added first, in this order, since a row begins with its position.
+        // The columns of the position are added first, because a row begins with its position.
         for name in positions.names() {
             place(name)?;
         }
@@ -156,7 +158,7 @@ impl Columns {
     }
 }
 
-/// Number of samples that a thread converts at a time.
+/// Number of samples that one thread converts at a time.
 const PIECE: usize = 1 << 13;
 
 impl Plan {
@@ -165,8 +167,8 @@ impl Plan {
         self.names.len()
     }
 
-    /// Converts rows to samples, and checks them. `start` is the index of the first row in its table, from 0; over a
-    /// scheme, each row must have a direction.
+    /// Converts rows to samples, and checks them. `start` is the index, from 0, of the first row within its table. If
+    /// positions are given by a sampling scheme, it must have a direction for each row.
     pub(crate) fn samples(&self, rows: &[f64], start: usize, chunk: &mut Chunk) -> Result<(), BadRow> {
         let (columns, channels) = (self.columns(), self.values.len());
         let n = rows.len() / columns;
@@ -175,7 +177,7 @@ impl Plan {
         values.resize(n * channels, 0.0);
         let mut weights = chunk.weights.take().unwrap_or_default();
         weights.resize(if self.weight.is_some() { n } else { 0 }, 0.0);
-        // Without weights, each piece of samples gets an empty piece.
+        // Without weights, each piece of samples is paired with an empty piece of weights.
         let piece_of_weights = if self.weight.is_some() { PIECE } else { 0 };
         let mut rest = &mut weights[..];
         let mut weight_pieces = Vec::new();
@@ -278,8 +280,8 @@ impl Plan {
     }
 }
 
-/// Returns the direction and the length of a finite, nonzero vector. The result is bit-identical to that of
-/// [`normalise`], which scales all vectors so that their squares don't overflow or underflow.
+/// Returns the direction and the length of a vector; `None` if the vector is zero or not finite. The result has the
+/// same bits as that of [`normalise`], which scales every vector to prevent overflow and underflow of its squares.
 #[inline]
 fn unit(vector: [f64; 3]) -> Option<([f64; 3], f64)> {
     let [x, y, z] = vector;
@@ -291,10 +293,11 @@ fn unit(vector: [f64; 3]) -> Option<([f64; 3], f64)> {
     normalise(vector, 0).ok()
 }
 
-/// pi and 2 pi, with a margin for rounding to single precision.
+/// Upper limits of colatitude (pi) and azimuth (2 pi), with a margin for values rounded to single precision.
 const MOST_THETA: f64 = std::f64::consts::PI + 1e-6;
 const MOST_PHI: f64 = std::f64::consts::TAU + 1e-6;
-/// Largest deviation of unit vectors from length 1, allowing for single precision and few digits.
+/// Largest accepted deviation of a unit vector's length from 1. It allows for values in single precision, or with few
+/// digits.
 const UNIT: f64 = 1e-3;
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! Tables that grow or shrink while they are read.
+//! Tests that tables that grow or shrink while they are read cause an error.
 
 use std::fs::{File, OpenOptions};
 use std::io::Write;
@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use spharm_moments::{MomentsError, Request, Shard, accumulate};
 use spharm_monitor::{Monitor, Stage};
 
-/// More than a chunk, so that part of the file is still unread when it changes.
+/// Number of rows: more than a chunk, so that part of the file is still unread when the file changes.
 const ROWS: usize = 700_000;
 
 fn header() -> Vec<u8> {
@@ -30,7 +30,7 @@ fn tables(folder: &Path) -> [PathBuf; 2] {
     [npy, csv]
 }
 
-/// Changes a file once its first rows have been read.
+/// A monitor that changes a file after its first rows have been read.
 struct Meddler<F: Fn(&mut File) + Sync> {
     path: PathBuf,
     change: F,
@@ -84,7 +84,7 @@ fn a_table_that_shrinks_is_refused() {
     for path in tables(folder.path()) {
         let was = std::fs::metadata(&path).unwrap().len();
         for shard in [Shard::WHOLE, Shard { index: 0, of: 2 }, Shard { index: 1, of: 2 }] {
-            // By what has been read already, by what has yet to be, by a part of a row.
+            // Truncate within the rows already read, within the rows still to read, and within the last row.
             for left in [was / 10, was - 12 * 50_000, was - 5] {
                 let error = meddle(&path, shard, |file| file.set_len(left).unwrap());
                 assert!(error.to_string().contains(&path.display().to_string()), "{error}");

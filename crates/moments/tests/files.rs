@@ -1,4 +1,4 @@
-//! Files of moments: the format doesn't change, and damage is detected.
+//! Tests that the format of moments files stays the same, and that damage is detected.
 
 use std::path::{Path, PathBuf};
 
@@ -7,7 +7,7 @@ use spharm_moments::{Moments, MomentsError, Shard, Source};
 use spharm_store::SchemeKey;
 use spharm_transform::{Occupied, SampleSums};
 
-/// The moments in the committed files, with `scheme` from version 2 on.
+/// Returns the moments in the committed files. `scheme` is the key stored from version 2 on.
 fn small(scheme: Option<SchemeKey>) -> Moments {
     let sums = SampleSums {
         max_degree: 1,
@@ -54,14 +54,14 @@ fn check_bytes(version: u32, header: usize) {
     assert_eq!(blake3::hash(&expected[..end]).as_bytes(), &expected[end..]);
 }
 
-/// The committed file was written by version 1 of the format.
+/// Files of version 1 can still be read: the committed file was written by version 1 of the format.
 #[test]
 fn version_1_stays_readable() {
     check_bytes(1, 128);
     assert_eq!(Moments::read(&golden(1)).unwrap(), small(None));
 }
 
-/// The committed file was written by version 2 of the format.
+/// The same moments are still written as the same bytes: the committed file was written by version 2 of the format.
 #[test]
 fn the_bytes_of_version_2_stay() {
     let folder = tempfile::tempdir().unwrap();
@@ -79,7 +79,7 @@ fn moments_without_a_scheme_have_zeros_for_its_key() {
     assert_eq!(Moments::from_bytes(&bytes).unwrap(), small(None));
 }
 
-/// Reserved bytes, in each version, must be zeros, even if the hashes are right.
+/// In both versions, reserved bytes that aren't zero are rejected, even if all hashes match.
 #[test]
 fn reserved_bytes_are_zeros() {
     for (version, reserved, fields) in [(1, 72..96, 96), (2, 104..128, 128)] {
@@ -119,7 +119,7 @@ fn any_byte_that_differs_and_any_length_is_noticed() {
     for version in [1, 2] {
         let whole = std::fs::read(golden(version)).unwrap();
         for at in 0..whole.len() {
-            // 3 makes the one version of the other.
+            // Flipping both bits of 3 in the version field turns version 1 into 2, and 2 into 1.
             for flip in [1, 3, 0x80, 0xff] {
                 let mut bytes = whole.clone();
                 bytes[at] ^= flip;

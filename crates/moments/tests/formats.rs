@@ -1,4 +1,4 @@
-//! The same samples in tables of all formats.
+//! Tests that tables of all formats with the same samples give the same moments.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -9,7 +9,7 @@ use spharm_monitor::Silent;
 
 const ROWS: usize = 1_000;
 
-/// x, y, z and f of each sample, in single precision, so that all formats have the same numbers.
+/// Returns x, y, z and f of each sample, rounded to single precision, so that all formats represent the same numbers.
 fn rows() -> Vec<[f64; 4]> {
     let directions = spharm_harmonics::Directions::fibonacci(ROWS).unwrap();
     let row = |(i, v): (usize, &[f64; 3])| [v[0], v[1], v[2], (i as f64).sin()].map(|x| f64::from(x as f32));
@@ -27,7 +27,7 @@ fn read(path: &Path, shard: Shard) -> Moments {
     accumulate(&request, &Silent).unwrap().moments
 }
 
-/// Checks that a table, whole and in shards, equals the text table.
+/// Checks that the moments of a table, read as a whole and in shards, equal the moments of the text table.
 fn is_the_same(folder: &Path, path: &Path) {
     let text = folder.join("expected.csv");
     let lines = rows().iter().fold("x,y,z,f\n".to_owned(), |text, [x, y, z, f]| text + &format!("{x},{y},{z},{f}\n"));
@@ -135,7 +135,7 @@ fn tables_by_columns() {
     let ipc = folder.path().join("a.arrow");
     let mut arrow =
         arrow_ipc::writer::FileWriter::try_new(std::fs::File::create(&ipc).unwrap(), &all.schema()).unwrap();
-    // In several batches.
+    // Write several batches of 300 rows.
     for first in (0..ROWS).step_by(300) {
         let batch = all.slice(first, 300.min(ROWS - first));
         writer.write(&batch).unwrap();
@@ -160,7 +160,7 @@ fn tables_by_columns() {
     }
 }
 
-/// The sizes of pages are found for all variants of writing them.
+/// The check of page sizes accepts Parquet files of all writer versions, compressions and encodings.
 #[test]
 fn pages_of_parquet() {
     use parquet::basic::{Compression, GzipLevel, ZstdLevel};
@@ -197,7 +197,7 @@ fn pages_of_parquet() {
     }
 }
 
-/// The sizes that a compressed Arrow file declares for its buffers and blocks are checked before anything is allocated.
+/// The sizes that a compressed Arrow file declares for its buffers and blocks are checked before memory is allocated.
 #[test]
 fn sizes_in_arrow_files_are_held_against_the_file() {
     use arrow_ipc::writer::{FileWriter, IpcWriteOptions};
@@ -230,11 +230,11 @@ fn sizes_in_arrow_files_are_held_against_the_file() {
             std::fs::write(&path, bytes).unwrap();
             path
         };
-        // The number of bytes that a buffer expands to.
+        // Falsify the declared uncompressed size of a buffer.
         let at = body + buffer.offset() as usize;
         refused(&changed("expands.arrow", at, 1 << 46), &["expands.arrow", "bytes in a buffer of"]);
         refused(&changed("less.arrow", at, -2), &["less.arrow", "less than no bytes"]);
-        // The length of a block, in the footer.
+        // Falsify the length of a block, as declared in the footer.
         let own = block.bodyLength().to_le_bytes();
         let at = footer_at + bytes[footer_at..tail].windows(8).rposition(|found| found == own).unwrap();
         for length in [i64::MAX, -1, 1 << 46] {

@@ -1,11 +1,12 @@
-//! Parts make up the whole, and parts that don't belong together are rejected.
+//! Tests that moments of parts add up to the moments of the whole, and that parts that don't belong together are
+//! rejected.
 
 use std::path::{Path, PathBuf};
 
 use spharm_moments::{Moments, MomentsError, Request, Shard, accumulate, merge};
 use spharm_monitor::Silent;
 
-/// A table of 5,000 scattered samples with two channels and weights.
+/// Writes a table of 5,000 scattered samples with two channels and weights.
 fn table(folder: &Path) -> PathBuf {
     let mut text = "lon,lat,a,b,w\n".to_owned();
     for i in 0..5_000 {
@@ -89,7 +90,7 @@ fn what_does_not_belong_together_is_refused() {
 fn parts_of_different_tables_add_up() {
     let folder = tempfile::tempdir().unwrap();
     let path = table(folder.path());
-    // Of the same name and size.
+    // A table with the same file name and size, but other values.
     let copy = folder.path().join("more").join("samples.csv");
     std::fs::create_dir(copy.parent().unwrap()).unwrap();
     std::fs::write(&copy, std::fs::read_to_string(&path).unwrap().replace(",3\n", ",2\n")).unwrap();

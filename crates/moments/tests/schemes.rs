@@ -1,4 +1,4 @@
-//! Tables over a sampling scheme, with one row per direction.
+//! Tests tables over a sampling scheme, which have one row per direction.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -25,8 +25,8 @@ fn weight(i: usize) -> f64 {
     (1 + i % 3) as f64
 }
 
-/// A table of values and weights whose first rows are longer than the others, so that shards by bytes differ from
-/// shards by rows.
+/// Writes a table of values and weights. Its first lines are longer than the others, so that shards of equal size in
+/// bytes would differ from shards of equal numbers of rows.
 fn table(folder: &Path, name: &str, rows: usize) -> PathBuf {
     let mut text = "thickness,w\n".to_owned();
     for i in 0..rows {
@@ -69,7 +69,7 @@ fn rows_are_at_the_directions_of_their_numbers() {
     let (path, scheme) = (table(folder.path(), "t.csv", N), scheme(N));
     let found = read(&request(&[&path], &scheme, Shard::WHOLE));
     assert_eq!(found.scheme, Some(SchemeKey::of(&scheme, Scalar::F64)));
-    // The same with the directions in the table.
+    // A table with the same samples, in which the directions are columns.
     let mut text = "x,y,z,thickness,w\n".to_owned();
     for (i, [x, y, z]) in scheme.as_slice().iter().enumerate() {
         writeln!(text, "{x},{y},{z},{:.6},{}", value(i), weight(i)).unwrap();
@@ -84,7 +84,8 @@ fn rows_are_at_the_directions_of_their_numbers() {
     assert_ne!(found.sources[0].key, vectors.sources[0].key);
 }
 
-/// This includes text tables, whose shards are otherwise determined by bytes: each row belongs to exactly one shard.
+/// Over a scheme, shards of all tables are ranges of rows, so that each row belongs to exactly one shard. Shards of
+/// text tables are otherwise byte ranges.
 #[test]
 fn shards_are_of_rows_and_make_up_the_whole() {
     let folder = tempfile::tempdir().unwrap();
@@ -130,7 +131,7 @@ fn a_table_has_a_row_for_each_direction() {
             }
         }
     }
-    // Two tables add the samples of either.
+    // With two tables, the moments are the sums over the samples of both tables.
     let twice = read(&request(&[&good, &good], &scheme, Shard::WHOLE));
     let once = read(&request(&[&good], &scheme, Shard::WHOLE));
     assert_eq!((twice.rows, twice.scheme), (2 * N as u64, once.scheme));
@@ -146,7 +147,7 @@ fn npy_bytes(values: &[f64]) -> Vec<u8> {
     bytes
 }
 
-/// GIfTI, FreeSurfer's curv files and maps.
+/// Values on vertices are read from GIfTI files, and from FreeSurfer's curv files and maps.
 #[test]
 fn values_on_vertices_are_tables_too() {
     let folder = tempfile::tempdir().unwrap();
@@ -177,8 +178,8 @@ fn values_on_vertices_are_tables_too() {
         anywhere.columns.positions = None;
         assert!(matches!(refused(&anywhere), MomentsError::UnknownFormat { .. }), "{name}");
     }
-    // Vertices without a value are told of where they are used. A curv file has 15 bytes, and then a value in four of
-    // each.
+    // A vertex without a value causes an error only if the vertex is used. A curv file has a header of 15 bytes and 4
+    // bytes per value.
     let path = folder.path().join("lh.thickness");
     let options = WriteOptions { overwrite: true, ..WriteOptions::default() };
     write_signal(&path, &Signal::new(values, N, 1), &options).unwrap();

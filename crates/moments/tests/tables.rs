@@ -1,4 +1,4 @@
-//! Tables of all formats, and the errors for invalid ones: the file, the row, what was expected.
+//! Tests tables of all formats, and that errors for invalid tables name the file, the row and the expected value.
 
 use std::path::{Path, PathBuf};
 
@@ -43,7 +43,7 @@ fn same(a: &Moments, b: &Moments) {
     assert_eq!((a.rows, &a.sums.squares), (b.rows, &b.sums.squares));
 }
 
-/// Directions of the samples with which all formats are tested, as (lon, lat).
+/// Directions of the samples in the tables of all formats, as (longitude, latitude) in degrees.
 const PLACES: [[f64; 2]; 6] = [[0.0, 90.0], [10.0, 20.0], [200.0, -45.0], [359.0, 0.0], [90.0, 60.0], [-30.0, -80.0]];
 
 fn vectors() -> Vec<[f64; 3]> {
@@ -78,7 +78,7 @@ fn positions_of_all_kinds_are_the_same_places() {
     for path in [&angles, &xyz] {
         same(&expected, &read(path, &["f"]));
     }
-    // The same places seen from another centre, with their distances as values.
+    // The same directions as vectors from another centre, with their lengths as values.
     let moved = table("d.csv", "x,y,z", &|i| {
         let v = vectors()[i];
         let r = (i + 1) as f64;
@@ -136,7 +136,7 @@ fn rows_that_cannot_be_used_are_named() {
         let mut request = request(&path, &["f"]);
         request.columns.weight = head.ends_with('w').then(|| "w".to_owned());
         refused(&request, &[&[&name, "row 3"], expected].concat());
-        // Shards count rows as the whole does.
+        // Errors for shards count rows from the beginning of the entire table.
         for index in 0..5 {
             request.shard = Shard { index, of: 5 };
             if let Err(error) = accumulate(&request, &Silent) {

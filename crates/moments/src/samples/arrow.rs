@@ -1,4 +1,5 @@
-//! Tables stored by columns: Parquet, and Arrow's IPC files. Columns of numbers are read; missing values become NaN.
+//! Reads tables stored by columns: Parquet files and Arrow IPC files. Only numeric columns can be read; missing values
+//! become NaN.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -18,11 +19,11 @@ use super::{ipc, pages};
 use crate::MomentsError;
 use crate::moments::Shard;
 
-/// Rows per batch of Parquet.
+/// Number of rows per batch when reading Parquet.
 const BATCH: usize = 1 << 16;
 
 type Rows = Box<dyn Iterator<Item = Result<RecordBatch, ArrowError>> + Send>;
-/// Starts reading columns, given in ascending order.
+/// Function that starts reading the columns with the given indices, in ascending order.
 type Start = Box<dyn FnOnce(Vec<usize>) -> Result<Rows, String> + Send>;
 
 /// A shard of a table stored by columns.
@@ -32,17 +33,17 @@ pub(super) struct Batches {
     names: Vec<String>,
     start: Option<Start>,
     rows: Option<Result<Rows, String>>,
-    /// For each position in a row, the column of the batches.
+    /// For each value of a resulting row, the index of its column in a batch.
     places: Vec<usize>,
-    /// Number of rows of the batches before the shard.
+    /// Number of rows to skip, because the batches contain rows before the shard.
     skip: u64,
     before: u64,
     left: u64,
-    /// Rows that have been read, but not yet requested.
+    /// Values of rows that have been read but not returned.
     pending: Vec<f64>,
 }
 
-/// Opens a Parquet file, and returns the rows of the shard.
+/// Opens a Parquet file. Returns the shard's rows as a table, and their number.
 pub(super) fn open_parquet(path: &Path, file: File, shard: Shard) -> Result<(Batches, u64), MomentsError> {
     let format = "Parquet";
     let again = file.try_clone().map_err(MomentsError::io(path, "open"))?;
@@ -61,7 +62,7 @@ pub(super) fn open_parquet(path: &Path, file: File, shard: Shard) -> Result<(Bat
     Ok(Batches::new(path, format, names, Box::new(start), 0, rows))
 }
 
-/// Opens a file of Arrow's IPC format, and returns the rows of the shard.
+/// Opens an Arrow IPC file. Returns the shard's rows as a table, and their number.
 pub(super) fn open_ipc(path: &Path, file: File, shard: Shard) -> Result<(Batches, u64), MomentsError> {
     let format = "Arrow";
     let failed = |error: ArrowError| malformed(path, format, &error);
@@ -70,7 +71,7 @@ pub(super) fn open_ipc(path: &Path, file: File, shard: Shard) -> Result<(Batches
     ipc::check(&file, bytes).map_err(|problem| malformed(path, format, &problem))?;
     let reader = FileReader::try_new_buffered(file, None).map_err(failed)?;
     let names = reader.schema().fields().iter().map(|field| field.name().clone()).collect();
-    // Batches without columns still have their number of rows.
+    // Count the rows by reading batches without any columns: such batches still have a number of rows.
     let counts = FileReader::try_new_buffered(again, Some(Vec::new())).map_err(failed)?;
     let count = counts.map(|batch| batch.map(|batch| batch.num_rows() as u64)).sum::<Result<u64, _>>();
     let rows = shard.range(count.map_err(failed)?);
@@ -104,7 +105,7 @@ impl Batches {
         (Self { path, format, names, start: Some(start), rows: None, places, skip, before, left, pending }, left)
     }
 
-    /// Reads another batch; returns false at the end.
+    /// Reads another batch. Returns false at the end.
     fn more(&mut self) -> Result<bool, MomentsError> {
         let failed = |found: &dyn std::fmt::Display| malformed(&self.path, self.format, found);
         let batch = match &mut self.rows {
@@ -140,7 +141,7 @@ impl Table for Batches {
     }
 
     fn select(&mut self, columns: Vec<usize>) {
-        // Batches have their columns in the order of the file.
+        // Batches have their columns in the order of the file, not in the order of the selection.
         let mut sorted = columns.clone();
         sorted.sort_unstable();
         self.places = columns.iter().filter_map(|column| sorted.iter().position(|found| found == column)).collect();
@@ -164,7 +165,7 @@ impl Table for Batches {
     }
 }
 
-/// Writes a column's numbers; returns false if it has none.
+/// Writes a column's values to `out` as f64. Returns false if the column isn't numeric.
 fn numbers<'a>(array: &dyn Array, out: impl Iterator<Item = &'a mut f64>) -> bool {
     fn each<'a, T: ArrowPrimitiveType>(
         array: &dyn Array,

@@ -1,5 +1,6 @@
-//! Text tables: one row per line, with fields separated by commas, tabs, semicolons or blanks. The first line has the
-//! names of the columns, unless it consists of numbers. Lines that are empty or begin with `#` are skipped.
+//! Reads text tables with one row per line and fields separated by commas, tabs, semicolons or blanks. The first line
+//! contains the names of the columns, unless it consists of numbers. Lines that are empty or begin with `#` are
+//! skipped.
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
@@ -13,13 +14,13 @@ use crate::MomentsError;
 use crate::moments::Shard;
 
 const FORMAT: &str = "table";
-/// Bytes read at a time, and then parsed by all threads.
+/// Number of bytes read at a time; all threads then parse them.
 const BLOCK: usize = 1 << 22;
-/// Bytes that one thread parses at a time.
+/// Smallest number of bytes that one thread parses at a time.
 const PIECE: usize = 1 << 16;
-/// The UTF-8 byte-order mark, with which some programs begin a file.
+/// The UTF-8 byte-order mark, which some programs write at the beginning of a file.
 const MARK: &[u8] = b"\xef\xbb\xbf";
-/// Longest line of a table; longer ones are an error.
+/// Largest length of a line in bytes; a longer line is an error.
 const LONGEST_LINE: usize = 1 << 20;
 
 /// A shard of a text table.
@@ -27,33 +28,33 @@ pub(super) struct Text {
     path: PathBuf,
     input: Box<dyn Read + Send>,
     lines: Lines,
-    /// Bytes that have been read, but not yet parsed.
+    /// Bytes that have been read but not parsed.
     pending: Vec<u8>,
-    /// Rows that have been parsed, but not yet requested.
+    /// Values of rows that have been parsed but not returned.
     parsed: Vec<f64>,
-    /// Byte range of the file's rows before the shard.
+    /// Byte range between the header and the shard: the rows before the shard.
     before: Range<u64>,
-    /// Number of rows that have been parsed.
+    /// Number of the shard's rows that have been parsed.
     rows: u64,
     ended: bool,
 }
 
-/// The layout of lines.
+/// Layout of the table's lines.
 struct Lines {
     names: Vec<String>,
-    /// Separator of fields; `None` for blanks.
+    /// Separator of the fields; `None` for any number of blanks.
     separator: Option<u8>,
     selected: Vec<usize>,
 }
 
-/// Opens a shard of a file: the lines that begin in its part of the bytes.
+/// Opens a shard of a file. A line belongs to the shard if its first byte is in the shard's byte range.
 pub(super) fn open(path: &Path, file: File, bytes: u64, shard: Shard) -> Result<Text, MomentsError> {
     let mut input = BufReader::new(file);
     let (names, separator, header) = head(path, &mut input)?;
     shard_of(path, input, header..bytes, Lines { names, separator, selected: Vec::new() }, shard)
 }
 
-/// Opens a shard of rows within a byte range of a file, with fields separated by blanks.
+/// Opens a shard of the rows in a byte range of a file. The fields are separated by blanks.
 pub(super) fn of_rows(
     path: &Path,
     file: File,
@@ -81,7 +82,7 @@ fn shard_of(
     Ok(Text::new(path, input, lines, bytes.start..start))
 }
 
-/// Returns the first byte, from `from` on, at which a line begins.
+/// Returns the offset of the first line that begins at or after `from`.
 fn line_from(input: &mut BufReader<File>, from: u64) -> io::Result<u64> {
     if from == 0 {
         return Ok(0);
@@ -91,18 +92,18 @@ fn line_from(input: &mut BufReader<File>, from: u64) -> io::Result<u64> {
     Ok(from - 1 + input.read_until(b'\n', &mut skipped)? as u64)
 }
 
-/// Opens a table from a stream.
+/// Opens a table from a stream, such as standard input.
 pub(super) fn of_stream(path: &Path, input: Box<dyn Read + Send>) -> Result<Text, MomentsError> {
     let mut input = BufReader::new(input);
     let mut first = Vec::new();
     let (names, separator, header) = head(path, &mut Kept { input: &mut input, kept: &mut first })?;
-    // Lines that have been read and aren't part of the header are rows.
+    // The bytes that were read after the header belong to the first rows.
     let rows = first.split_off((header as usize).min(first.len()));
     let lines = Lines { names, separator, selected: Vec::new() };
     Ok(Text::new(path, Box::new(io::Cursor::new(rows).chain(input)), lines, header..header))
 }
 
-/// Reader that stores the bytes read through it.
+/// A reader that keeps a copy of the bytes read through it.
 struct Kept<'a, R> {
     input: &'a mut R,
     kept: &'a mut Vec<u8>,
@@ -129,7 +130,8 @@ impl<R: BufRead> BufRead for Kept<'_, R> {
     }
 }
 
-/// Returns the names of the columns, the separator, and the number of bytes before the first row.
+/// Reads the beginning of a table. Returns the names of the columns, the separator, and the number of bytes before the
+/// first row.
 fn head(path: &Path, input: &mut dyn BufRead) -> Result<(Vec<String>, Option<u8>, u64), MomentsError> {
     let mut at = 0;
     loop {
@@ -169,12 +171,12 @@ fn fields(line: &[u8], separator: Option<u8>) -> impl Iterator<Item = &[u8]> {
         .filter(move |field| separator.is_some() || !field.is_empty())
 }
 
-/// Parses a number, including NaN and infinity, which are rejected later.
+/// Parses a number. NaN and infinity are accepted here and rejected later.
 fn number(word: &[u8]) -> Option<f64> {
     std::str::from_utf8(word).ok()?.parse().ok()
 }
 
-/// An invalid line: its number among the rows, and the problem.
+/// An invalid line: its row number within the parsed lines, from 0, and the problem.
 struct BadLine {
     row: u64,
     column: String,
@@ -225,7 +227,7 @@ impl Text {
 }
 
 impl Lines {
-    /// Parses lines to rows, up to the first invalid line.
+    /// Parses lines to rows. Stops at the first invalid line.
     fn parse(&self, lines: &[u8]) -> (Vec<f64>, Option<BadLine>) {
         let (columns, width) = (self.names.len(), self.selected.len().max(1));
         let mut rows = Vec::new();
@@ -276,7 +278,8 @@ impl Table for Text {
         Ok(count / width)
     }
 
-    /// Rows before the shard are only counted when this is called.
+    /// Returns the row's number within the entire table, from 1. The rows before the shard are counted only here,
+    /// because only errors need their number.
     fn number_of(&self, row: u64) -> u64 {
         let before = || -> io::Result<u64> {
             if self.before.is_empty() {

@@ -1,7 +1,7 @@
 //! Checks the sizes declared in the blocks of an Arrow file, before the crate `arrow-ipc` relies on them.
 //!
-//! The footer lists the file's blocks with their lengths. The buffers of a compressed block begin with their
-//! uncompressed size, and this many bytes are allocated. Source: Arrow columnar format, "IPC file format" and
+//! The footer lists the file's blocks with their lengths. Each buffer of a compressed block begins with its
+//! uncompressed size, and `arrow-ipc` allocates that many bytes. Source: Arrow columnar format, "IPC file format" and
 //! "Compression".
 
 use std::fs::File;
@@ -11,23 +11,24 @@ use arrow_ipc::reader::read_footer_length;
 use arrow_ipc::{Block, root_as_footer, root_as_message};
 use spharm_surface::io::{check_room, most_expanded};
 
-/// Bytes of the footer's length and of the magic after it.
+/// Size in bytes of the end of the file: the footer's length and the magic number.
 const TAIL: usize = 10;
-/// Mark before the length of a message's metadata; old files lack it.
+/// Marker before the length of a message's metadata; files in the format's older version lack it.
 const MARK: [u8; 4] = [0xff; 4];
-/// Bytes that a buffer may take in addition to its numbers of at most 64 bits: Arrow pads buffers.
+/// Bytes that a buffer may have beyond its numbers of at most 64 bits, because Arrow pads buffers.
 const PADDING: u64 = 64;
-/// Most bytes that one compressed byte expands to: zstd writes a run of 128 KiB in four bytes, LZ4 one of 255 in one.
+/// Upper bound on the bytes to which one compressed byte can expand. zstd encodes a run of 128 KiB in four bytes, LZ4 a
+/// run of 255 bytes in one byte.
 const MOST_PER_BYTE: u64 = 1 << 15;
-/// Declared size of an uncompressed buffer within a compressed block.
+/// Declared uncompressed size of a buffer that isn't compressed although its block is.
 const PLAIN: i64 = -1;
 
-/// Checks that the blocks of a file of `bytes` bytes lie within it, and that memory suffices for their uncompressed
-/// size.
+/// Checks that all blocks lie within the file of `bytes` bytes, and that the free memory suffices for their
+/// uncompressed size.
 ///
 /// # Errors
 ///
-/// The problem, as text.
+/// A description of the problem.
 pub(super) fn check(file: &File, bytes: u64) -> Result<(), String> {
     let failed = |error: io::Error| error.to_string();
     let mut input = BufReader::new(file);
@@ -46,7 +47,7 @@ pub(super) fn check(file: &File, bytes: u64) -> Result<(), String> {
     Ok(())
 }
 
-/// Positions of a block's metadata and its buffers.
+/// Byte offsets of a block's metadata and buffers, checked to lie within the file.
 struct Place {
     start: u64,
     metadata: usize,
@@ -84,7 +85,8 @@ fn check_block(input: &mut BufReader<&File>, place: &Place) -> Result<(), String
             continue;
         }
         let expanded = u64::try_from(expanded).map_err(|_| "a buffer of less than no bytes")?;
-        // Constants compress to almost nothing, but they can't exceed the size of their rows.
+        // A buffer of equal numbers compresses to almost nothing, so a high ratio is valid. But no buffer is larger
+        // than the numbers of its rows.
         let plausible = most_expanded(length).max(rows.saturating_mul(8).saturating_add(PADDING));
         if expanded > plausible.min(length.saturating_mul(MOST_PER_BYTE)) {
             return Err(format!("{expanded} bytes in a buffer of {length} compressed ones, for {rows} rows"));

@@ -1,8 +1,8 @@
-//! Point clouds from laser scanners (LAS): x, y, z and intensity of each point. The header is read by the crate `las`,
-//! whose reader of points can't be sent between threads.
+//! Reads point clouds from laser scanners (LAS): x, y, z and intensity of each point. The crate `las` reads the header.
+//! This module reads the points itself, because the point reader of `las` can't be sent between threads.
 //!
-//! Source: ASPRS, "LAS specification 1.4 R15": all point formats begin with X, Y and Z as 32-bit integers, to be
-//! scaled, followed by the intensity as a 16-bit integer.
+//! Source: ASPRS, "LAS specification 1.4 R15": in all point formats, a record begins with X, Y and Z as scaled 32-bit
+//! integers, followed by the intensity as a 16-bit integer.
 
 use std::fs::File;
 use std::io::{BufReader, Seek, SeekFrom};
@@ -17,21 +17,21 @@ use crate::moments::Shard;
 
 const FORMAT: &str = "LAS";
 const COLUMNS: [&str; 4] = ["x", "y", "z", "intensity"];
-/// Bytes of the four columns above.
+/// Smallest length of a point record in bytes: X, Y, Z and intensity.
 const LEAST: u16 = 14;
-/// Flag in the point format of compressed files.
+/// Bit of the point format that marks a compressed file.
 const COMPRESSED: u8 = 0x80;
 const BUFFER: usize = 1 << 18;
 
 /// A shard of a point cloud.
 pub(super) struct Points {
     records: Records,
-    /// Scale and offset of each column.
+    /// Scale and offset of each column: value = scale * integer + offset.
     linear: [[f64; 2]; 4],
     selected: Vec<usize>,
 }
 
-/// Opens a file, and returns the rows of the shard.
+/// Opens a file. Returns the shard's points as a table, and their number.
 pub(super) fn open(path: &Path, file: File, bytes: u64, shard: Shard) -> Result<(Points, u64), MomentsError> {
     let malformed = |expected: String, found: String| MomentsError::Malformed {
         path: path.to_owned(),

@@ -1,5 +1,5 @@
-//! NumPy arrays (`.npy`), one row per sample. Columns of a plain array are named by their indices from 0, those of a
-//! structured one by its fields.
+//! Reads NumPy arrays (`.npy`) with one row per sample. Columns of a plain array are named by their indices from 0,
+//! columns of a structured array by the names of its fields.
 
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
@@ -13,20 +13,20 @@ use crate::moments::Shard;
 
 pub(super) use spharm_surface::npy::MAGIC;
 const FORMAT: &str = "NumPy array";
-/// Bytes read at a time. Each of several concurrent streams has its own buffer.
+/// Size in bytes of each stream's read buffer. Arrays in Fortran order are read through one stream per column.
 const BUFFER: usize = 1 << 18;
 
-/// Largest number of columns in a row.
+/// Largest accepted number of columns.
 const MOST_COLUMNS: usize = 1 << 16;
 
-/// An array's header, interpreted as samples.
+/// An array's header, interpreted as a table of samples.
 pub(super) struct Header {
-    /// Length of the header in bytes, including everything before it.
+    /// Offset of the values in bytes: the length of the magic number, version and header.
     pub(super) length: u64,
     pub(super) rows: u64,
-    /// Names of the columns, `None` in a plain array.
+    /// Names of the columns; `None` for the columns of a plain array.
     pub(super) names: Vec<Option<String>>,
-    /// Fields of a row, with their positions in C order.
+    /// Fields of a row, with their offsets in a row in C order.
     pub(super) fields: Vec<Field>,
     pub(super) row: usize,
     pub(super) fortran: bool,
@@ -37,13 +37,13 @@ impl Header {
         self.names.iter().enumerate().map(|(i, name)| name.clone().unwrap_or_else(|| i.to_string())).collect()
     }
 
-    /// Returns the bytes of the values; `None` on overflow.
+    /// Returns the size of all values in bytes; `None` if it overflows.
     pub(super) fn bytes(&self) -> Option<u64> {
         self.rows.checked_mul(self.row as u64)
     }
 }
 
-/// Opens a file, and returns the rows of the shard.
+/// Opens a file. Returns the shard's rows as a table, and their number.
 pub(super) fn open(path: &Path, file: File, bytes: u64, shard: Shard) -> Result<(Records, u64), MomentsError> {
     let mut input = BufReader::new(file);
     let header = read_header(path, &mut input)?;
@@ -57,7 +57,8 @@ pub(super) fn open(path: &Path, file: File, bytes: u64, shard: Shard) -> Result<
     let starts: Vec<(u64, usize, Vec<Field>)> = if header.fortran {
         let column = |field: &Field| {
             let size = field.kind.size() as u64;
-            // In Fortran order each field is contiguous, and its position in a row determines where it starts.
+            // In Fortran order, the values of a field are contiguous. The field's offset in a row, times the number of
+            // rows, is the offset of its first value.
             let at = header.length + field.at as u64 * header.rows + rows.start * size;
             (at, field.kind.size(), vec![Field { at: 0, ..*field }])
         };
@@ -75,7 +76,7 @@ pub(super) fn open(path: &Path, file: File, bytes: u64, shard: Shard) -> Result<
     Ok((Records::new(path.to_owned(), FORMAT, header.names(), streams, rows), count))
 }
 
-/// Opens an array from a stream.
+/// Opens an array from a stream, such as standard input.
 pub(super) fn of_stream(path: &Path, mut input: Box<dyn Read + Send>) -> Result<(Records, u64), MomentsError> {
     let header = read_header(path, &mut input)?;
     if header.bytes().is_none() {
@@ -93,7 +94,7 @@ fn malformed(path: &Path, expected: String, found: String) -> MomentsError {
     MomentsError::Malformed { path: path.to_owned(), format: FORMAT, expected, found }
 }
 
-/// Reads an array's header.
+/// Reads the header of an array.
 pub(super) fn read_header(path: &Path, input: &mut dyn Read) -> Result<Header, MomentsError> {
     let found = npy::Header::read(input).map_err(|error| match error.kind() {
         io::ErrorKind::UnexpectedEof => {
@@ -109,7 +110,8 @@ pub(super) fn read_header(path: &Path, input: &mut dyn Read) -> Result<Header, M
     })
 }
 
-/// Returns the columns of an array, if they are numbers.
+/// Interprets an array as a table of samples. Returns `None` if the values aren't numbers of a supported type, or if
+/// the array's shape isn't supported.
 fn of_samples(found: &npy::Header) -> Option<Header> {
     let (rows, columns) = match found.shape[..] {
         [rows] => (rows, 1),

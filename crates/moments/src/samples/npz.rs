@@ -1,5 +1,6 @@
-//! NumPy archives (`.npz`): several arrays with the same number of rows. The column of a vector has its array's name,
-//! the columns of a matrix are `name.0`, `name.1`, ..., and the fields of a structured array have their own names.
+//! Reads NumPy archives (`.npz`) of several arrays with the same number of rows. The column of a one-dimensional array
+//! has the array's name. The columns of a matrix are named `name.0`, `name.1`, .... The columns of a structured array
+//! have the names of its fields.
 
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
@@ -24,7 +25,7 @@ struct Entry {
     deflated: bool,
 }
 
-/// Opens an archive, and returns the rows of the shard.
+/// Opens an archive. Returns the shard's rows as a table, and their number.
 pub(super) fn open(path: &Path, file: File, shard: Shard) -> Result<(Records, u64), MomentsError> {
     let malformed = |expected: &str, found: String| MomentsError::Malformed {
         path: path.to_owned(),
@@ -48,7 +49,7 @@ pub(super) fn open(path: &Path, file: File, shard: Shard) -> Result<(Records, u6
             return Err(malformed("arrays with the same number of rows", found));
         }
         names.extend(named(&entry.name, &header));
-        // Data before the shard must be decompressed, and is dropped.
+        // An archive's data can't be skipped by seeking: decompress the rows before the shard and discard them.
         let before = shard.range(header.rows).start * header.row as u64;
         let skipped = io::copy(&mut input.by_ref().take(before), &mut io::sink());
         if skipped.map_err(MomentsError::io(path, "read"))? != before {

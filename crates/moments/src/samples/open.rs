@@ -1,4 +1,4 @@
-//! Opens tables in the format indicated by the file's name.
+//! Opens a table in the format indicated by the file-name extension.
 
 use std::fs::File;
 use std::io::{self, BufReader, Read};
@@ -14,23 +14,25 @@ use super::{csv, npy, npz, ply, signal};
 use crate::MomentsError;
 use crate::moments::Shard;
 
-/// The name of standard input.
+/// Path that stands for standard input.
 pub(crate) const STDIN: &str = "-";
-/// Endings of the names of supported files.
+/// Supported file-name extensions of tables.
 pub const ENDINGS: [&str; 10] =
     [".npy", ".npz", ".csv", ".tsv", ".txt", ".parquet", ".arrow", ".feather", ".ply", ".las"];
 
-/// Endings of files with values on vertices, which are read over a sampling scheme; FreeSurfer's have no fixed ending.
+/// File-name extensions of values on vertices, which can only be read over a sampling scheme. FreeSurfer's other files
+/// of this kind have no fixed extension.
 const SIGNALS: [&str; 3] = [".gii", ".mgh", ".mgz"];
 
-/// An opened table, and the properties known before it is read.
+/// An opened table, and its properties that are known before it is read.
 pub(crate) struct Opened {
     pub(crate) table: Box<dyn Table>,
-    /// Size of the file; `None` for standard input.
+    /// Size of the file in bytes; `None` for standard input.
     pub(crate) bytes: Option<u64>,
-    /// Number of rows of the shard, if known.
+    /// Number of rows in the shard, if known.
     pub(crate) rows: Option<u64>,
-    /// The hash of standard input, which is complete once it has been read.
+    /// Running hash of the bytes read from standard input; `None` for files. It is complete after the last byte has
+    /// been read.
     pub(crate) hash: Option<Arc<Mutex<blake3::Hasher>>>,
 }
 
@@ -63,8 +65,9 @@ pub(crate) fn open(path: &Path, shard: Shard) -> Result<Opened, MomentsError> {
     Ok(Opened { table, bytes: Some(bytes), rows, hash: None })
 }
 
-/// Opens an entire table over a sampling scheme, even if only a shard is used: shards of text are determined by bytes,
-/// but here the rows' indices matter. Values on vertices are supported as well.
+/// Opens a table over a sampling scheme. The entire table is opened, even if only a shard is used: shards of text
+/// tables are byte ranges, but matching rows to directions requires row numbers. Files of values on vertices are also
+/// accepted.
 pub(crate) fn open_over_scheme(path: &Path, shard: Shard) -> Result<Opened, MomentsError> {
     if path.as_os_str() == STDIN {
         return standard_input(path, shard);
@@ -83,7 +86,7 @@ pub(crate) fn open_over_scheme(path: &Path, shard: Shard) -> Result<Opened, Mome
     Ok(Opened { table: Box::new(table), bytes: Some(bytes), rows, hash: None })
 }
 
-/// Whether a file's name is that of a table.
+/// Returns whether a file name has the extension of a table.
 pub(crate) fn is_table(path: &Path) -> bool {
     ending(path).is_some()
 }
@@ -93,7 +96,7 @@ fn ending(path: &Path) -> Option<&'static str> {
     ENDINGS.into_iter().find(|ending| name.ends_with(ending))
 }
 
-/// Opens a regular, nonempty file, and returns it with its size.
+/// Opens a regular, nonempty file. Returns the file and its size in bytes.
 fn open_file(path: &Path) -> Result<(File, u64), MomentsError> {
     let file = spharm_files::open(path).map_err(MomentsError::io(path, "open"))?;
     let bytes = file.metadata().map_err(MomentsError::io(path, "open"))?.len();
@@ -103,7 +106,7 @@ fn open_file(path: &Path) -> Result<(File, u64), MomentsError> {
     Ok((file, bytes))
 }
 
-/// Opens standard input: as a NumPy array if it begins like one, otherwise as text.
+/// Opens standard input: as a NumPy array if it begins with NumPy's magic number, otherwise as text.
 fn standard_input(path: &Path, shard: Shard) -> Result<Opened, MomentsError> {
     if shard != Shard::WHOLE {
         return Err(MomentsError::ShardOfStream);

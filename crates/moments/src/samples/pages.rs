@@ -1,8 +1,9 @@
 //! Checks the sizes declared in the pages of a Parquet file, before the crate `parquet` relies on them.
 //!
-//! Each column of each group of rows is a run of pages: a header with the page's compressed and uncompressed sizes,
-//! followed by the compressed bytes. As many bytes as either size are allocated, up to 2 GiB. Source: Apache Parquet
-//! format, "Data Pages", and `PageHeader` in `parquet.thrift`; Apache Thrift, "Thrift Compact protocol encoding".
+//! A Parquet file stores each column of a row group as a sequence of pages. A page is a header with the compressed and
+//! uncompressed sizes, followed by the compressed bytes. `parquet` allocates both declared sizes, up to 2 GiB each.
+//! Source: Apache Parquet format, "Data Pages", and `PageHeader` in `parquet.thrift`; Apache Thrift, "Thrift Compact
+//! protocol encoding".
 
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
@@ -10,19 +11,22 @@ use std::io::{self, BufReader, Read, Seek, SeekFrom};
 use parquet::file::metadata::{ColumnChunkMetaData, ParquetMetaData};
 use spharm_surface::io::{check_room, most_expanded};
 
-/// Bytes that a page may take in addition to 9 per row, which are a number of at most 64 bits and its levels.
+/// Bytes that a page may have beyond 9 bytes per row. The 9 bytes are a number of at most 64 bits, and its repetition
+/// and definition levels.
 const PADDING: u64 = 1 << 10;
-/// Deepest nesting of structures in a header; the format has three levels.
+/// Largest accepted nesting depth of structures in a header; the format itself uses three levels.
 const DEPTH: usize = 8;
-/// Longest header in bytes; it includes the smallest and largest values of text.
+/// Largest accepted length of a header in bytes. A header may be long because it contains the minimum and maximum of
+/// text columns.
 const HEADER: u64 = 16 << 20;
 
-/// Checks the given columns of all groups of rows: that their pages lie within the file, and that memory suffices for
-/// their uncompressed size. Pages of one column are read one after another, but several columns are read together.
+/// Checks for the given columns of all row groups that their pages lie within the file, and that the free memory
+/// suffices for the uncompressed pages. Memory for one page per column is counted: the pages of a column are read one
+/// after another, but all columns at the same time.
 ///
 /// # Errors
 ///
-/// The problem, as text.
+/// A description of the problem.
 pub(super) fn check(file: &File, metadata: &ParquetMetaData, columns: &[usize]) -> Result<(), String> {
     let bytes = file.metadata().map_err(|error| error.to_string())?.len();
     let schema = metadata.file_metadata().schema_descr();
@@ -39,8 +43,8 @@ pub(super) fn check(file: &File, metadata: &ParquetMetaData, columns: &[usize]) 
     Ok(())
 }
 
-/// Checks the pages of a column of a group of `rows` rows. Returns the most bytes that a page needs, compressed plus
-/// uncompressed, including the dictionary.
+/// Checks the pages of one column in a row group of `rows` rows. Returns the memory in bytes for the largest page,
+/// compressed and uncompressed, plus the dictionary.
 fn check_column(file: &File, bytes: u64, column: &ColumnChunkMetaData, rows: u64) -> Result<u64, String> {
     let start = column.dictionary_page_offset().unwrap_or(column.data_page_offset());
     let range = u64::try_from(start).ok().zip(u64::try_from(column.compressed_size()).ok());
@@ -58,7 +62,8 @@ fn check_column(file: &File, bytes: u64, column: &ColumnChunkMetaData, rows: u64
         let compressed = u64::try_from(page.compressed).map_err(|_| wrong())?;
         let expanded = u64::try_from(page.expanded).map_err(|_| "a page of less than no bytes")?;
         at = body.checked_add(compressed).filter(|&next| next <= end).ok_or_else(wrong)?;
-        // Constants compress to almost nothing, but they can't exceed the size of their rows.
+        // A page of equal numbers compresses to almost nothing, so a high ratio is valid. But no page is larger than
+        // the values of its rows.
         if expanded > most_expanded(compressed) && expanded > rows.saturating_mul(9).saturating_add(PADDING) {
             return Err(format!("{expanded} bytes in a page of {compressed} compressed ones, for {rows} rows"));
         }
@@ -72,10 +77,10 @@ fn check_column(file: &File, bytes: u64, column: &ColumnChunkMetaData, rows: u64
     Ok(page_most.saturating_add(dictionary))
 }
 
-/// The kind of a page that holds a dictionary.
+/// Code of the page type for dictionaries.
 const DICTIONARY: i64 = 2;
 
-/// Contents of a page's header.
+/// The fields of a page header that the check needs.
 #[derive(Debug, Default, PartialEq)]
 struct Page {
     kind: i64,
@@ -83,7 +88,7 @@ struct Page {
     compressed: i64,
 }
 
-/// Reader of a structure in Thrift's compact protocol.
+/// Reader of structures in Thrift's compact protocol.
 struct Compact<R> {
     input: R,
     /// Number of bytes read so far.
@@ -91,7 +96,7 @@ struct Compact<R> {
 }
 
 impl<R: Read> Compact<R> {
-    /// Reads a page's header completely.
+    /// Reads a page header to its end.
     fn page(&mut self) -> io::Result<Page> {
         let (mut page, mut field) = (Page::default(), 0);
         let mut found = [false; 3];
@@ -117,7 +122,8 @@ impl<R: Read> Compact<R> {
         if found == [true; 3] { Ok(page) } else { Err(invalid("no size in it")) }
     }
 
-    /// Reads the number and kind of the field after `last`; `None` at the end of the structure.
+    /// Reads the beginning of a field. Returns its number and type; `None` at the end of the structure. `last` is the
+    /// number of the previous field.
     fn field(&mut self, last: i64) -> io::Result<Option<(i64, u8)>> {
         let byte = self.byte()?;
         if byte == 0 {
@@ -138,7 +144,7 @@ impl<R: Read> Compact<R> {
         Ok(byte[0])
     }
 
-    /// Reads a variable-length integer with seven bits per byte.
+    /// Reads a variable-length integer: seven bits per byte, lowest bits first.
     fn variable(&mut self) -> io::Result<u64> {
         let mut number = 0;
         for shift in (0..64).step_by(7) {
@@ -151,7 +157,7 @@ impl<R: Read> Compact<R> {
         Err(invalid("an integer of more than 64 bits"))
     }
 
-    /// Reads a zigzag-encoded integer, whose sign is its lowest bit.
+    /// Reads a zigzag-encoded integer: the lowest bit holds the sign.
     fn integer(&mut self) -> io::Result<i64> {
         let number = self.variable()?;
         Ok((number >> 1) as i64 ^ -((number & 1) as i64))
@@ -163,7 +169,7 @@ impl<R: Read> Compact<R> {
         if passed == bytes { Ok(()) } else { Err(invalid("the end of its column")) }
     }
 
-    /// Skips the value of a field.
+    /// Skips the value of a field of type `kind`.
     fn skip(&mut self, kind: u8, depth: usize) -> io::Result<()> {
         if depth == 0 {
             return Err(invalid("structures within structures"));
@@ -194,7 +200,8 @@ impl<R: Read> Compact<R> {
         }
     }
 
-    /// Skips the elements of a list. Each needs at least a byte, so the file ends before `count` can become a problem.
+    /// Skips the elements of a list. Each element takes at least one byte, so a false `count` ends the loop at the end
+    /// of the header.
     fn skip_all(&mut self, kind: u8, count: u64, depth: usize) -> io::Result<()> {
         for _ in 0..count {
             let kind = if matches!(kind, TRUE | FALSE) { BYTE } else { kind };
@@ -232,7 +239,8 @@ mod tests {
 
     #[test]
     fn a_header_is_read_to_its_end() {
-        // A data page of 300 bytes, 40 compressed; a check sum; a structure with a list, text and a flag; more bytes.
+        // Header of a data page of 300 bytes, 40 compressed, with a checksum and a nested structure of a list, a text
+        // and a flag. Other bytes follow the header.
         let text: Vec<u8> = [&[0x18, 3][..], b"abc"].concat();
         let inner = [&[0x15, 2, 0x19, 0x25, 2, 4][..], &text, &[0x11, 0][..]].concat();
         let header = [&[0x15, 0, 0x15, 0xd8, 4, 0x15, 80, 0x15, 1, 0x1c][..], &inner, &[0][..]].concat();

@@ -1,4 +1,5 @@
-//! Point clouds in Stanford's PLY: one row per vertex, with all of its numbers. Faces are ignored.
+//! Reads point clouds in Stanford's PLY format, with one row per vertex and one column per numeric property. Faces are
+//! ignored.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
@@ -14,7 +15,7 @@ const FORMAT: &str = "PLY";
 const LONGEST_HEADER: u64 = 1 << 20;
 const BUFFER: usize = 1 << 18;
 
-/// The header's description of the vertices.
+/// The header's description of the vertex element.
 #[derive(Default)]
 struct Header {
     encoding: Option<Encoding>,
@@ -22,7 +23,7 @@ struct Header {
     fields: Vec<Field>,
     row: usize,
     rows: u64,
-    /// Number of elements of other kinds after the vertices.
+    /// Number of elements after the vertices, such as faces.
     others: u64,
 }
 
@@ -32,7 +33,7 @@ enum Encoding {
     Binary { little: bool },
 }
 
-/// Opens a file, and returns the rows of the shard, if known.
+/// Opens a file. Returns the shard's rows as a table, and their number if known.
 pub(super) fn open(
     path: &Path,
     file: File,

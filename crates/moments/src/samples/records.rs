@@ -1,4 +1,5 @@
-//! Rows of a fixed number of bytes, with each field at a fixed position: NumPy arrays and the vertices of PLY files.
+//! Reads rows of a fixed number of bytes, with each field at a fixed offset in the row: NumPy arrays and the vertices
+//! of PLY files.
 
 use std::io::{self, Read};
 use std::path::PathBuf;
@@ -6,10 +7,10 @@ use std::path::PathBuf;
 use super::table::Table;
 use crate::MomentsError;
 
-/// Bytes that are decoded together; they fit into a second-level cache.
+/// Number of bytes decoded at a time; this many bytes fit a core's L2 cache.
 const CACHED: usize = 1 << 18;
 
-/// A number's type.
+/// The type of a number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
     I8,
@@ -38,32 +39,32 @@ impl Kind {
 /// A field of a row.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Field {
-    /// Position of its first byte in the row.
+    /// Offset in bytes of the field's first byte in the row.
     pub(super) at: usize,
     pub(super) kind: Kind,
     pub(super) little: bool,
 }
 
-/// Rows of one stream of bytes.
+/// A stream of bytes that contains rows.
 pub(super) struct Stream {
     pub(super) input: Box<dyn Read + Send>,
-    /// Bytes of a row.
+    /// Number of bytes in a row.
     pub(super) row: usize,
-    /// The columns in this stream.
+    /// The fields of a row.
     pub(super) fields: Vec<Field>,
 }
 
-/// A table of rows, whose columns may come from several streams in parallel.
+/// A table of rows. Its columns may be split among several streams, which are read in parallel.
 pub(super) struct Records {
     pub(super) path: PathBuf,
     pub(super) format: &'static str,
     pub(super) names: Vec<String>,
     pub(super) streams: Vec<Stream>,
-    /// Number of rows of the table before the shard.
+    /// Number of the table's rows before the shard.
     pub(super) before: u64,
-    /// Number of rows that haven't been read.
+    /// Number of rows of the shard that haven't been read yet.
     pub(super) left: u64,
-    /// For each stream, the selected fields, each with its position in a row of the result.
+    /// For each stream, the selected fields, each with the index of its column in the resulting row.
     selected: Vec<Vec<(Field, usize)>>,
     width: usize,
     buffer: Vec<u8>,
@@ -111,7 +112,8 @@ impl Table for Records {
             if fields.is_empty() {
                 continue;
             }
-            // Decodes one field at a time, for groups of rows that stay in the cache between fields.
+            // Decode one field at a time, for groups of rows that fit the cache, so that the bytes stay in the cache
+            // from one field to the next.
             let together = (CACHED / stream.row).max(1);
             for out in out[start..].chunks_mut(together * self.width) {
                 self.buffer.resize(out.len() / self.width * stream.row, 0);
@@ -138,7 +140,7 @@ impl Table for Records {
     }
 }
 
-/// Decodes one field of all rows.
+/// Decodes one field of every row in `bytes`.
 fn decode<'a>(bytes: &[u8], row: usize, field: Field, out: impl Iterator<Item = &'a mut f64>) {
     fn each<'a, const N: usize>(
         bytes: &[u8],

@@ -1,4 +1,5 @@
-//! Values on vertices from GIfTI, FreeSurfer and similar files: one row per vertex, columns numbered from 0.
+//! Reads values on vertices from GIfTI, FreeSurfer and similar files, with one row per vertex and columns named by
+//! their indices from 0.
 
 use std::path::Path;
 
@@ -7,7 +8,7 @@ use spharm_surface::{Signal, SurfaceError};
 
 use super::table::Table;
 
-/// Values in memory.
+/// The values of a file, held in memory.
 pub(super) struct Values {
     signal: Signal,
     names: Vec<String>,
@@ -16,7 +17,7 @@ pub(super) struct Values {
     done: usize,
 }
 
-/// Reads a file. A vertex without a value has NaN, which is rejected with its row if the row is used.
+/// Reads a file. The value of a vertex without data is NaN; it causes an error only if the vertex's row is used.
 pub(super) fn open(path: &Path) -> Result<Values, SurfaceError> {
     let signal = read_signal_with_gaps(path)?;
     let names = (0..signal.channels).map(|channel| channel.to_string()).collect();

@@ -1,18 +1,20 @@
-//! The interface of tables in all formats.
+//! Defines the interface that tables of all formats share.
 
 use crate::MomentsError;
 
-/// A table that is read sequentially, from its first row to its last.
+/// A table whose rows are read in order.
 pub(crate) trait Table: Send {
-    /// Returns the names of the columns; their indices from 0 if they have none.
+    /// Returns the names of the columns. Columns without names are named by their indices from 0.
     fn columns(&self) -> &[String];
 
-    /// Selects the columns to read, by their indices.
+    /// Selects the columns to read, by their indices from 0.
     fn select(&mut self, columns: Vec<usize>);
 
-    /// Appends at most `most` rows, (rows, selected columns) row-major, and returns their number; 0 at the end.
+    /// Appends at most `most` rows to `out`, (rows, selected columns) row-major. Returns the number of rows appended; 0
+    /// at the end.
     fn read(&mut self, most: usize, out: &mut Vec<f64>) -> Result<usize, MomentsError>;
 
-    /// Returns the number, from 1 and in the entire table, of a row counted from 0 in the shard.
+    /// Returns the number of a row within the entire table, counted from 1. `row` is its index within the shard,
+    /// counted from 0.
     fn number_of(&self, row: u64) -> u64;
 }
