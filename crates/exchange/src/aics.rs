@@ -1,7 +1,8 @@
-//! Named coefficients of a radius, in the form of aics-shparam: `shcoeffs_L2M1C` is the cosine of degree 2, order 1.
+//! Writes the named coefficients of a radius as aics-shparam does: `shcoeffs_L2M1C` is the coefficient of the cosine of
+//! degree 2, order 1.
 //!
 //! aics-shparam expands the distance of the surface from its centre in pyshtools' default harmonics, normalised to 4
-//! pi. Its `get_even_reconstruction_from_coeffs` takes the same numbers as an array (2, L + 1, L + 1).
+//! pi. Its `get_even_reconstruction_from_coeffs` takes these coefficients as an array (2, L + 1, L + 1).
 
 use std::io::{self, Write};
 
@@ -10,8 +11,8 @@ use spharm_harmonics::index::column;
 
 use crate::format::Normalization;
 
-/// Returns names and values in aics-shparam's order: cosines, then sines; in each degree the orders from 0 to L, of
-/// which those above the degree and the sine of order 0 are zero.
+/// Returns names and values in aics-shparam's order: all cosines, then all sines, each by degree and then by order from
+/// 0 to L. Coefficients of orders above the degree, and of the sine of order 0, are zero.
 fn named(a: &Coefficients) -> Vec<(String, f64)> {
     let (factor, orders) = (Normalization::FourPi.factor(), 0..=a.max_degree());
     let value = |l: usize, m: usize, sine: bool| match m {
@@ -24,7 +25,7 @@ fn named(a: &Coefficients) -> Vec<(String, f64)> {
     places.map(|(sine, l, m)| (name(sine, l, m), value(l, m, sine))).collect()
 }
 
-/// Writes a JSON object with all of them, in their order.
+/// Writes a JSON object with all names and values, in aics-shparam's order.
 pub(crate) fn write_json(out: &mut dyn Write, a: &Coefficients) -> io::Result<()> {
     let named = named(a);
     writeln!(out, "{{")?;
@@ -35,7 +36,7 @@ pub(crate) fn write_json(out: &mut dyn Write, a: &Coefficients) -> io::Result<()
     writeln!(out, "}}")
 }
 
-/// Writes a line of names and a line of values, as read by pandas.
+/// Writes a line of names and a line of values, for pandas to read.
 pub(crate) fn write_csv(out: &mut dyn Write, a: &Coefficients) -> io::Result<()> {
     let (names, values): (Vec<_>, Vec<_>) = named(a).into_iter().map(|(name, x)| (name, format!("{x:?}"))).unzip();
     writeln!(out, "{}\n{}", names.join(","), values.join(","))

@@ -1,4 +1,5 @@
-//! SPHARM-PDM's `.coef`: `{ 169,{x, y, z},`, then one row per line, and `}` at the end.
+//! Reads and writes SPHARM-PDM's `.coef` files: `{ 169,{x, y, z},`, then one row of coefficients per line, and `}` at
+//! the end.
 
 use std::io::{self, Write};
 
@@ -9,7 +10,7 @@ use crate::convert::{from_pdm, to_pdm};
 use crate::flaw::Flaw;
 use crate::text::{number, quoted, text, write_row};
 
-/// Highest degree of SPHARM-PDM's own evaluation; above it overflows, by factorials of twice the degree.
+/// Highest degree that SPHARM-PDM can evaluate. Above it, its factorials of twice the degree overflow.
 pub(crate) const HIGHEST_EVALUATED: usize = 85;
 
 pub(crate) fn write(out: &mut dyn Write, a: &Coefficients) -> io::Result<()> {
@@ -23,7 +24,7 @@ pub(crate) fn write(out: &mut dyn Write, a: &Coefficients) -> io::Result<()> {
     writeln!(out, "}}")
 }
 
-/// Returns whether a text begins like such a file: with a brace and a number.
+/// Returns whether a text begins like a `.coef` file: with a brace, a number and a comma.
 pub(crate) fn is_coef(bytes: &[u8]) -> bool {
     let rest = bytes.trim_ascii_start().strip_prefix(b"{").unwrap_or_default().trim_ascii_start();
     let digits = rest.iter().take_while(|byte| byte.is_ascii_digit()).count();

@@ -1,4 +1,4 @@
-//! The error type of this crate.
+//! Defines the error type of this crate.
 
 use std::io;
 use std::path::PathBuf;
@@ -15,7 +15,7 @@ pub enum ExchangeError {
     Io {
         /// The file.
         path: PathBuf,
-        /// The cause.
+        /// Error of the operating system.
         source: io::Error,
     },
     /// The contents violate the format.
@@ -23,11 +23,11 @@ pub enum ExchangeError {
     Malformed {
         /// The file.
         path: PathBuf,
-        /// The format, with its article.
+        /// Description of a file in the format, with its indefinite article.
         format: &'static str,
-        /// Expected content.
+        /// What the format requires.
         expected: String,
-        /// The content found.
+        /// What the file contains instead.
         found: String,
     },
     /// The file's format can't be determined from its contents.
@@ -35,12 +35,12 @@ pub enum ExchangeError {
     Unknown {
         /// The file.
         path: PathBuf,
-        /// Description of its contents.
+        /// Description of the file's contents.
         found: String,
-        /// Formats that it may have.
+        /// The formats that the file may have, from which the user has to choose.
         remedy: &'static str,
     },
-    /// A format that can't hold the model.
+    /// The format can't represent the model.
     #[error(
         "{format} holds {holds}; the model has {channels} channel{}{hint}",
         if *.channels == 1 { "" } else { "s" }
@@ -48,46 +48,46 @@ pub enum ExchangeError {
     CannotHold {
         /// Name of the package's format.
         format: &'static str,
-        /// The models that it can hold.
+        /// The models that the format can represent.
         holds: &'static str,
         /// Number of channels of the model.
         channels: usize,
-        /// Hint at an alternative.
+        /// Hint at an alternative, appended to the message.
         hint: &'static str,
     },
-    /// A format that can only be written.
+    /// The format can only be written.
     #[error(
         "{}: files for {package} are written, not read: they hold one radius per direction, without position and pose",
         .path.display()
     )]
     WrittenOnly {
-        /// The file.
+        /// The file that was to be read.
         path: PathBuf,
-        /// The package.
+        /// Name of the package.
         package: &'static str,
     },
-    /// Files of one model whose degrees differ.
+    /// The files of one model have different degrees.
     #[error("{}: degree {found}; {} has degree {expected}", .path.display(), .first.display())]
     Degrees {
-        /// The file.
+        /// The file whose degree differs.
         path: PathBuf,
-        /// Its degree.
+        /// Degree of this file.
         found: usize,
-        /// The first file.
+        /// The first file of the model.
         first: PathBuf,
-        /// The first file's degree.
+        /// Degree of the first file.
         expected: usize,
     },
-    /// Files of one model whose formats differ.
+    /// The files of one model have different formats.
     #[error("{}: {found}, {} is {expected}; all channels of a model must be in one format", .path.display(), .first.display())]
     Formats {
-        /// The file.
+        /// The file whose format differs.
         path: PathBuf,
-        /// Its format, with its article.
+        /// Format of this file, with its indefinite article.
         found: &'static str,
-        /// The first file.
+        /// The first file of the model.
         first: PathBuf,
-        /// The first file's format.
+        /// Format of the first file, with its indefinite article.
         expected: &'static str,
     },
     /// The model can't be evaluated or written.

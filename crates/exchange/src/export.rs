@@ -1,4 +1,4 @@
-//! Export of models to files of other packages.
+//! Exports models to files of other packages.
 
 use std::ffi::OsString;
 use std::fmt;
@@ -16,29 +16,29 @@ use crate::{aics, beta, coef, fits, mat, npy, shtools, table};
 pub struct ExportOptions {
     /// Whether existing files are replaced.
     pub overwrite: bool,
-    /// Normalisation of pyshtools' harmonics; every other format has a fixed one.
+    /// Normalisation for pyshtools' files; all other formats have a fixed normalisation.
     pub normalization: Normalization,
 }
 
 /// Result of an export.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Exported {
-    /// The files: one, or one per channel.
+    /// The files written: one, or one per channel.
     pub files: Vec<PathBuf>,
-    /// Warnings about them.
+    /// Warnings about the files written.
     pub warnings: Vec<ExportWarning>,
 }
 
-/// A limitation of the other package with the file.
+/// A limitation when the other package uses an exported file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum ExportWarning {
-    /// SPHARM-PDM's own evaluation overflows above degree 85.
+    /// The model's degree exceeds 85, the highest degree that SPHARM-PDM can evaluate.
     PdmDegree {
         /// The model's degree.
         degree: usize,
     },
-    /// The model has no sphere: SPHARM-MAT gets the coefficients without surface and sphere.
+    /// The model has no sphere, so the exported SPHARM-MAT file has coefficients without surface and sphere.
     NoSphere,
 }
 
@@ -57,7 +57,8 @@ impl fmt::Display for ExportWarning {
     }
 }
 
-/// Returns the files of an exported model: `path`, or for formats with one file per channel `NAME.x.ENDING` and so on.
+/// Returns the paths of the files of an exported model: `path`, or for formats with one file per channel
+/// `NAME.x.ENDING`, `NAME.y.ENDING` and so on.
 #[must_use]
 pub fn files(format: Format, channels: usize, path: &Path) -> Vec<PathBuf> {
     if !format.file_a_channel() || channels == 1 {
@@ -74,7 +75,7 @@ pub fn files(format: Format, channels: usize, path: &Path) -> Vec<PathBuf> {
     table::channel_names(channels).into_iter().map(named).collect()
 }
 
-/// Checks whether a format can represent a model.
+/// Checks that a format can represent a model.
 ///
 /// # Errors
 ///
@@ -98,11 +99,11 @@ pub fn check(model: &Model, format: Format) -> Result<(), ExchangeError> {
     }
 }
 
-/// Writes a model in a format; each file is written atomically.
+/// Writes a model in a format. Each file is written atomically.
 ///
 /// # Errors
 ///
-/// [`CannotHold`](ExchangeError::CannotHold), and those of [`write_new`].
+/// [`CannotHold`](ExchangeError::CannotHold), and the errors of [`write_new`].
 pub fn export(model: &Model, format: Format, path: &Path, options: &ExportOptions) -> Result<Exported, ExchangeError> {
     check(model, format)?;
     let a = &model.coefficients;

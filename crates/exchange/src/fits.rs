@@ -1,5 +1,5 @@
-//! FITS files of healpy's `write_alm`: one binary table per channel, with columns index (l^2 + l + m + 1), real and
-//! imaginary part of the coefficients of orders from 0.
+//! Reads and writes FITS files as made by healpy's `write_alm`: one binary table per channel. Its columns are the index
+//! l^2 + l + m + 1, the real part and the imaginary part of each coefficient with m >= 0.
 //!
 //! Blocks have 2,880 bytes; headers are cards of 80 characters; numbers are big-endian. Source: FITS standard 4.0,
 //! sections 3, 4 and 7.3.
@@ -18,7 +18,7 @@ const CARD: usize = 80;
 /// Size of a written row in bytes: i64 and two f64.
 const ROW: usize = 24;
 
-/// Returns whether bytes begin like such a file.
+/// Returns whether bytes begin like a FITS file.
 pub(crate) fn is_fits(bytes: &[u8]) -> bool {
     bytes.starts_with(b"SIMPLE  =")
 }
@@ -80,11 +80,11 @@ fn header(out: &mut dyn Write, cards: &[(&str, String)]) -> io::Result<()> {
     write!(out, "{text:<length$}")
 }
 
-/// The cards of a header.
+/// The cards of a header, as pairs of keyword and value.
 struct Header<'a>(Vec<(&'a str, &'a str)>);
 
 impl<'a> Header<'a> {
-    /// Reads a header; `bytes` is advanced past it.
+    /// Reads a header, and advances `bytes` to the first byte after it.
     fn read(bytes: &mut &'a [u8]) -> Result<Self, Flaw> {
         let mut cards = Vec::new();
         let end = loop {
@@ -117,8 +117,8 @@ impl<'a> Header<'a> {
         value.and_then(|value| value.parse().ok()).ok_or_else(found)
     }
 
-    /// Returns the size of the data after the header: the product of the axes and the size of a number, plus a table's
-    /// heap.
+    /// Returns the size in bytes of the data after the header: the product of the axis lengths, plus a table's heap,
+    /// times the size of a number.
     fn length(&self) -> Result<usize, Flaw> {
         let large = || Flaw::new("data that fit in memory", "larger ones");
         let axes = self.number("NAXIS")?;
@@ -133,7 +133,7 @@ impl<'a> Header<'a> {
     }
 }
 
-/// Storage type of a column's numbers.
+/// Type of the numbers in a column.
 #[derive(Clone, Copy)]
 enum Number {
     I16,
@@ -163,7 +163,7 @@ impl Number {
     }
 }
 
-/// Reads every table of coefficients; returns canonical ones, one vector per channel.
+/// Reads every table of coefficients in a file. Returns the canonical coefficients, one vector per channel.
 pub(crate) fn read(mut bytes: &[u8]) -> Result<Vec<Vec<f64>>, Flaw> {
     let mut channels = Vec::new();
     while !bytes.is_empty() {
@@ -175,7 +175,7 @@ pub(crate) fn read(mut bytes: &[u8]) -> Result<Vec<Vec<f64>>, Flaw> {
         if header.text("XTENSION") == Some("BINTABLE") {
             channels.push(table(&header, data)?);
         }
-        // Some writers omit the padding of the last block.
+        // The padding of the last block may be missing, because some writers omit it.
         bytes = bytes.get(length.next_multiple_of(BLOCK)..).unwrap_or_default();
     }
     if channels.is_empty() { Err(Flaw::new("a binary table", "none")) } else { Ok(channels) }
@@ -206,7 +206,7 @@ fn table(header: &Header<'_>, data: &[u8]) -> Result<Vec<f64>, Flaw> {
     if at > width {
         return Err(Flaw::new(format!("rows of at least {at} bytes"), width));
     }
-    // The declared width of a table without rows is unchecked.
+    // Reject a table without rows: its declared width hasn't been checked against any data.
     if rows == 0 || width == 0 {
         return Err(Flaw::new("rows of index, real and imaginary part", "none"));
     }
@@ -227,7 +227,7 @@ fn table(header: &Header<'_>, data: &[u8]) -> Result<Vec<f64>, Flaw> {
         entries.push((l, m.unsigned_abs(), Complex64::new(re, im)));
     }
     let degree = entries.iter().map(|&(l, ..)| l).max().unwrap_or(0);
-    // Memory is allocated for a claimed degree only if the number of rows is consistent with it.
+    // Allocate memory for a degree only if the table has at least as many rows as the degree requires.
     if entries.len() <= degree {
         return Err(Flaw::new(format!("rows up to degree {degree}"), format!("{} rows", entries.len())));
     }

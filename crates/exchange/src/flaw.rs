@@ -1,10 +1,10 @@
-//! Errors of parsers, which don't know the file's name.
+//! Defines the errors of parsers, which know the contents of a file but not its path.
 
 use std::path::Path;
 
 use crate::error::ExchangeError;
 
-/// The problem of a file's contents.
+/// A violation of a file's format: what was expected, and what was found.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Flaw {
     expected: String,
@@ -22,7 +22,7 @@ impl Flaw {
     }
 }
 
-/// Returns a short excerpt of the file's text, without line breaks and escape sequences.
+/// Returns the beginning of a text without line breaks and escape sequences, for error messages.
 fn printable(text: &str) -> String {
     const MOST: usize = 160;
     let mut line = String::new();

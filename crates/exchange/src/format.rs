@@ -1,9 +1,9 @@
-//! The formats and their names.
+//! Lists the supported formats, their names and their file-name extensions.
 
 use std::fmt;
 use std::str::FromStr;
 
-/// Formats of other packages, and plain text.
+/// A file format for coefficients: that of another package, or plain text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Format {
@@ -11,28 +11,28 @@ pub enum Format {
     Pdm,
     /// SPHARM-MAT's `.mat`.
     Mat,
-    /// Text of SHTOOLS.
+    /// SHTOOLS' text files of coefficients.
     Pyshtools,
     /// FITS tables of healpy's `write_alm`.
     Healpy,
-    /// Arrays of s2fft.
+    /// s2fft's arrays of complex coefficients, as NumPy files.
     S2fft,
-    /// Arrays of ktch.
+    /// ktch's arrays of coefficients, as NumPy files.
     Ktch,
-    /// Arrays of FlowShape.
+    /// FlowShape's arrays of coefficients, as NumPy files.
     Flowshape,
-    /// Named coefficients of a radius, in the form of aics-shparam.
+    /// Named coefficients of a star-shaped body's radius, as in aics-shparam.
     Aics,
-    /// Matrices of weighted SPHARM, also used by AFNI.
+    /// Matrices of weighted SPHARM, as written by Chung's MATLAB code and AFNI.
     Afni,
-    /// A table: `l,m,x,y,z`.
+    /// A CSV table with columns `l,m,x,y,z`.
     Csv,
-    /// An object with the coefficients and their convention.
+    /// A JSON object with the coefficients and their convention.
     Json,
 }
 
 impl Format {
-    /// Every format.
+    /// All formats.
     pub const ALL: [Self; 11] = [
         Self::Pdm,
         Self::Mat,
@@ -47,7 +47,7 @@ impl Format {
         Self::Json,
     ];
 
-    /// Returns the name on the command line.
+    /// Returns the name of the format on the command line.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -65,7 +65,7 @@ impl Format {
         }
     }
 
-    /// Returns the file name extension of exported models.
+    /// Returns the file-name extension of models exported in this format.
     #[must_use]
     pub fn ending(self) -> &'static str {
         match self {
@@ -83,7 +83,7 @@ impl Format {
         }
     }
 
-    /// Returns a description of the format's files, with its article, for messages.
+    /// Returns a description of a file in this format, with its indefinite article, for messages.
     pub(crate) fn file(self) -> &'static str {
         match self {
             Self::Pdm => "a SPHARM-PDM .coef file",
@@ -100,7 +100,7 @@ impl Format {
         }
     }
 
-    /// Returns whether each channel is a separate file.
+    /// Returns whether each channel is stored in its own file.
     #[must_use]
     pub fn file_a_channel(self) -> bool {
         matches!(self, Self::Pyshtools | Self::Afni)
@@ -122,18 +122,18 @@ impl FromStr for Format {
     }
 }
 
-/// Normalisation of pyshtools' harmonics.
+/// Normalisation of the harmonics in pyshtools' files.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Normalization {
-    /// The integral of a square over the sphere is 1: pyshtools' `ortho`, and ours.
+    /// The square of a harmonic integrates to 1 over the sphere: pyshtools' `ortho`, which this library also uses.
     #[default]
     Orthonormal,
-    /// The integral is 4 pi, as in geodesy: pyshtools' `4pi`, its default.
+    /// The square of a harmonic integrates to 4 pi over the sphere, as in geodesy: pyshtools' `4pi`, its default.
     FourPi,
 }
 
 impl Normalization {
-    /// Returns the factor of canonical coefficients.
+    /// Returns the factor by which canonical coefficients are multiplied for this normalisation.
     pub(crate) fn factor(self) -> f64 {
         match self {
             Self::Orthonormal => 1.0,

@@ -1,4 +1,4 @@
-//! Import of models from files of other packages.
+//! Imports models from files of other packages.
 
 use std::io::{self, Read};
 use std::path::Path;
@@ -17,9 +17,9 @@ use crate::{beta, coef, fits, mat, npy, shtools, table};
 /// Options of [`import()`].
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct ImportOptions {
-    /// The format; by default it is determined from the contents, or the file is rejected.
+    /// The format of the files; `None` (default) to determine it from their contents.
     pub format: Option<Format>,
-    /// Normalisation of pyshtools' harmonics, which the file doesn't state.
+    /// Normalisation of pyshtools' files, which the files don't state.
     pub normalization: Normalization,
 }
 
@@ -28,13 +28,13 @@ pub struct ImportOptions {
 pub struct Imported {
     /// Canonical coefficients, (K, c), finite.
     pub coefficients: Coefficients,
-    /// SPHARM-MAT's sphere; the other formats have none.
+    /// The sphere of a SPHARM-MAT file; the other formats don't contain a sphere.
     pub sphere: Option<Sphere>,
     /// The format of the first file.
     pub format: Format,
 }
 
-/// Reads a model from one or more files, whose channels are concatenated.
+/// Reads a model from one or more files. The channels of all files are combined in the order of the files.
 ///
 /// # Errors
 ///
@@ -93,11 +93,12 @@ fn one(path: &Path, options: &ImportOptions) -> Result<Imported, ExchangeError> 
     Ok(Imported { coefficients, sphere, format })
 }
 
-/// Reads a regular file completely; a FIFO would block.
+/// Reads a regular file completely. Other kinds of files, such as FIFOs, are rejected, because reading them could
+/// block.
 fn load(path: &Path) -> io::Result<Vec<u8>> {
     let mut file = spharm_files::open(path)?;
-    // A sparse file can be far larger than its size on disk; the numbers of a text need about as many bytes as the
-    // text.
+    // Needed memory: the bytes of the file, and the numbers, which for text take about as many bytes as the text.
+    // Checked before reading, because a sparse file can be far larger than its size on disk.
     check_room(file.metadata()?.len().saturating_mul(2))
         .map_err(|room| io::Error::other(format!("its contents need {room}")))?;
     let mut bytes = Vec::new();
@@ -105,7 +106,7 @@ fn load(path: &Path) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Determines the format from the contents.
+/// Determines the format of a file from its contents.
 fn detect(path: &Path, bytes: &[u8]) -> Result<Format, ExchangeError> {
     let unknown = |found: String, remedy| ExchangeError::Unknown { path: path.to_owned(), found, remedy };
     if mat::is_mat(bytes) {
@@ -152,7 +153,7 @@ fn parse(bytes: &[u8], format: Format, options: &ImportOptions) -> Result<(Coeff
     Ok((coefficients, None))
 }
 
-/// Combines the coefficients of channels, which must have the same degree.
+/// Combines the coefficients of several channels, which must have equal degrees.
 fn columns(channels: &[Vec<f64>]) -> Result<Coefficients, Flaw> {
     let rows = channels.first().map_or(0, Vec::len);
     if let Some(other) = channels.iter().find(|channel| channel.len() != rows) {

@@ -1,8 +1,9 @@
-//! Export and import of SPHARM models to and from the files of other packages.
+//! Exports SPHARM models to files of other packages, and imports them from such files.
 //!
-//! A model's coefficients are real, orthonormal and without the Condon-Shortley phase, row `l^2 + l + m`. Every package
-//! has its own harmonics, order and file; [`Format`] lists them. [`export()`] writes a model in one of these formats,
-//! [`import()`] reads it back. Both are exact except for rounding: numbers in text have 17 digits.
+//! The canonical coefficients of a model are real, orthonormal and without the Condon-Shortley phase, in row `l^2 + l +
+//! m`. Every package has its own harmonics, order of coefficients and file format; [`Format`] lists the formats.
+//! [`export()`] writes a model in one of these formats, and [`import()`] reads it. Export and import are exact except
+//! for rounding: numbers in text files have 17 digits.
 //!
 //! | format | coefficients | file |
 //! |---|---|---|

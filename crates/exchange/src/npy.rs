@@ -1,4 +1,4 @@
-//! Arrays of s2fft, ktch, FlowShape and pyshtools as NumPy files.
+//! Reads and writes the arrays of s2fft, ktch, FlowShape and pyshtools as NumPy files.
 
 use std::io::{self, Write};
 
@@ -19,12 +19,12 @@ pub(crate) fn write(out: &mut dyn Write, a: &Coefficients, format: Format) -> io
     }
 }
 
-/// Returns whether bytes begin like such a file.
+/// Returns whether bytes begin like a NumPy array file.
 pub(crate) fn is_npy(bytes: &[u8]) -> bool {
     bytes.starts_with(b"\x93NUMPY")
 }
 
-/// Determines the format from an array's shape; the error describes the array.
+/// Determines the format from the shape of the array. If the shape fits no format, returns a description of the array.
 pub(crate) fn format_of(bytes: &[u8]) -> Result<Format, String> {
     let array = Array::from_bytes(bytes).map_err(|error| error.to_string())?;
     match *array.shape() {
@@ -63,7 +63,7 @@ pub(crate) fn read(bytes: &[u8], format: Format, normalization: Normalization) -
             found.ok_or_else(|| wrong("shape ((L + 1)^2, c)"))
         }
         _ => {
-            // ktch also stores all channels in a single row.
+            // ktch also stores all channels one after another in a vector or a single row.
             let flat = values.ndim() == 1 || values.shape().first() == Some(&1);
             let rows = if flat && values.len() % 3 == 0 && square(values.len() / 3) { 3 } else { 1 };
             let found = if flat {

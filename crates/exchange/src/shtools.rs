@@ -1,6 +1,6 @@
-//! Text of SHTOOLS, one file per channel: lines `l, m, C_lm, S_lm` for m from 0 to l.
+//! Reads and writes SHTOOLS' text files, one file per channel, with lines `l, m, C_lm, S_lm` for m from 0 to l.
 //!
-//! pyshtools reads it by `SHCoeffs.from_file(.., normalization="ortho", csphase=1)`. The file doesn't state its
+//! pyshtools reads these files by `SHCoeffs.from_file(.., normalization="ortho", csphase=1)`. A file doesn't state its
 //! convention.
 
 use std::io::{self, Write};
@@ -12,7 +12,7 @@ use crate::flaw::Flaw;
 use crate::format::Normalization;
 use crate::text::{number, quoted, text};
 
-/// Maximum degree that is read, far above any for which harmonics are evaluated here.
+/// Maximum degree accepted in a file. It is far above the degrees that this library can evaluate.
 const HIGHEST: usize = 20_000;
 
 pub(crate) fn write(
@@ -32,9 +32,9 @@ pub(crate) fn write(
     Ok(())
 }
 
-/// Reads the coefficients of a channel. Non-numeric lines before the first coefficient are treated as a header. From
-/// the lowest degree on (other programs' files omit degree 0 if it is 0) every order must occur exactly once, because a
-/// missing one indicates data loss.
+/// Reads the coefficients of one channel. Non-numeric lines before the first coefficient are skipped as a header. From
+/// the lowest degree in the file to the highest, every order must occur exactly once, because a missing order indicates
+/// lost data. The lowest degree need not be 0, because other programs omit degree 0 if its coefficient is 0.
 pub(crate) fn read(bytes: &[u8], normalization: Normalization) -> Result<Vec<f64>, Flaw> {
     let mut found: Vec<(usize, usize, [f64; 2])> = Vec::new();
     for (line, text) in text(bytes)?.lines().enumerate() {
@@ -46,7 +46,7 @@ pub(crate) fn read(bytes: &[u8], normalization: Normalization) -> Result<Vec<f64
             }
             return Err(Flaw::new(format!("degree and order on line {}", line + 1), quoted(text)));
         };
-        // Further columns, such as errors, are ignored.
+        // Columns after the fourth, such as errors of the coefficients, are ignored.
         let [_, _, cosine, sine, ..] = words[..] else {
             if found.is_empty() {
                 continue;
@@ -63,7 +63,7 @@ pub(crate) fn read(bytes: &[u8], normalization: Normalization) -> Result<Vec<f64
     }
     let highest = found.iter().map(|&(l, ..)| l).max();
     let highest = highest.ok_or_else(|| Flaw::new("lines l, m, C, S", "none"))?;
-    // Memory is allocated for a claimed degree only if the number of lines is consistent with it.
+    // Allocate memory for a degree only if the file has at least as many lines as the degree requires.
     if found.len() < highest {
         return Err(Flaw::new(format!("lines up to degree {highest}"), format!("{} lines", found.len())));
     }
@@ -83,7 +83,7 @@ pub(crate) fn read(bytes: &[u8], normalization: Normalization) -> Result<Vec<f64
     Ok(values)
 }
 
-/// Rejects coefficients if an order is missing, as in a truncated file, or duplicated.
+/// Rejects coefficients if an order is duplicated or, as in a truncated file, missing.
 fn check_whole(found: &[(usize, usize, [f64; 2])], highest: usize) -> Result<(), Flaw> {
     let mut orders: Vec<(usize, usize)> = found.iter().map(|&(l, m, _)| (l, m)).collect();
     orders.sort_unstable();
@@ -103,7 +103,7 @@ fn check_whole(found: &[(usize, usize, [f64; 2])], highest: usize) -> Result<(),
     }
 }
 
-/// Returns whether a text's first coefficient is a line of degree, order and two numbers.
+/// Returns whether one of the first lines of a text consists of degree, order and two numbers.
 pub(crate) fn is_shtools(text: &str) -> bool {
     let lines = text.lines().take(4).filter(|line| !line.trim_start().starts_with('#'));
     lines.map(|line| line.split(|c: char| c.is_whitespace() || c == ',').filter(|word| !word.is_empty()).collect()).any(

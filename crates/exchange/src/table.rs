@@ -1,8 +1,9 @@
-//! Coefficients as text: a CSV table and a JSON object.
+//! Reads and writes coefficients as text: a CSV table or a JSON object.
 //!
-//! The table is `l,m,x,y,z` with canonical coefficients (`l,m,c0,c1,...` unless there are three channels), or, as
-//! written by `spharm fit --coefficients-csv`, `l,m,x_re,x_im,...` with the complex ones of Shen and Chung. The object
-//! has `convention`, `max_degree`, `channels` and `coefficients`, one row per harmonic.
+//! The table has columns `l,m,x,y,z` with canonical coefficients, or `l,m,c0,c1,...` if the number of channels isn't
+//! three. Tables by `spharm fit --coefficients-csv` can also be read: their columns are `l,m,x_re,x_im,...`, with the
+//! complex coefficients of Shen and Chung. The JSON object has `convention`, `max_degree`, `channels` and
+//! `coefficients`, one row per harmonic.
 
 use std::io::{self, Write};
 
@@ -16,7 +17,7 @@ use spharm_model::CONVENTION;
 use crate::flaw::Flaw;
 use crate::text::{number, quoted, text};
 
-/// Names of the channels.
+/// Returns the names of the channels.
 pub(crate) fn channel_names(channels: usize) -> Vec<String> {
     match channels {
         3 => ["x", "y", "z"].map(str::to_owned).to_vec(),
@@ -35,7 +36,7 @@ pub(crate) fn write_csv(out: &mut dyn Write, a: &Coefficients) -> io::Result<()>
     Ok(())
 }
 
-/// Returns whether a text is such a table.
+/// Returns whether a text begins like a CSV table of coefficients.
 pub(crate) fn is_csv(text: &str) -> bool {
     text.trim_start().starts_with("l,m,")
 }
@@ -79,7 +80,7 @@ pub(crate) fn read_csv(bytes: &[u8]) -> Result<Coefficients, Flaw> {
         .map_err(|_| Flaw::new("a row for each order of every degree", format!("{rows} rows, the last degree cut off")))
 }
 
-/// Returns a row as in the file, for messages.
+/// Returns the cells of a row, separated by commas and in quotes, for error messages.
 fn cells(record: &csv::StringRecord) -> String {
     quoted(&record.iter().collect::<Vec<_>>().join(","))
 }

@@ -1,10 +1,10 @@
-//! Reading and writing of numbers in text.
+//! Reads and writes numbers in text files.
 
 use std::io::{self, Write};
 
 use crate::flaw::Flaw;
 
-/// Writes numbers with 17 digits between separators.
+/// Writes the numbers of a row with 17 significant digits, separated by a separator.
 pub(crate) fn write_row<'a>(
     out: &mut dyn Write,
     values: impl IntoIterator<Item = &'a f64>,
@@ -19,7 +19,7 @@ pub(crate) fn write_row<'a>(
     Ok(())
 }
 
-/// Reads a finite number, which may have Fortran's `D` before its exponent.
+/// Parses a finite number. Its exponent may begin with Fortran's `D` instead of `e`.
 pub(crate) fn number(word: &str, line: usize) -> Result<f64, Flaw> {
     let parsed = word.parse().or_else(|_| word.replace(['d', 'D'], "e").parse());
     parsed
@@ -28,7 +28,7 @@ pub(crate) fn number(word: &str, line: usize) -> Result<f64, Flaw> {
         .ok_or_else(|| Flaw::new(format!("a number on line {line}"), quoted(word)))
 }
 
-/// Returns a quoted excerpt of a word of the file, for messages.
+/// Returns the first 40 characters of a word in quotes, for error messages.
 pub(crate) fn quoted(word: &str) -> String {
     format!("{:?}", word.chars().take(40).collect::<String>())
 }

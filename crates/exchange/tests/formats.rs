@@ -1,4 +1,4 @@
-//! Round trips of every format, its conventions by formula, and malformed files.
+//! Tests round trips of every format, the formulas of its convention, and malformed files.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -26,7 +26,7 @@ fn read(path: &Path, format: Format) -> Result<Imported, ExchangeError> {
     import(&[path], &ImportOptions { format: Some(format), ..ImportOptions::default() })
 }
 
-/// One file for each format with a single file per model.
+/// Writes one file for each format that stores a model in a single file and can be read. Returns the formats and paths.
 fn files(folder: &Path, degree: usize) -> Vec<(Format, PathBuf)> {
     let formats = Format::ALL.into_iter().filter(|format| *format != Format::Aics && !format.file_a_channel());
     let write = |format: Format| {
@@ -67,7 +67,7 @@ fn any_degree_and_number_of_channels_returns() {
     }
 }
 
-/// The rows of docs/conventions.md, written out.
+/// Checks every conversion against the formulas in docs/conventions.md.
 #[test]
 fn conventions_are_those_of_the_documentation() {
     let a = coefficients(3, 1);
@@ -96,7 +96,7 @@ fn conventions_are_those_of_the_documentation() {
         assert!((s2fft[[0, l, 3 - n]] - sign(m) * complex.conj()).norm() < 1e-15);
         assert_eq!(alm[[0, at.iter().position(|&place| place == (l, n)).unwrap()]], complex);
     }
-    // healpy's order: all degrees of order 0, then of order 1, ...
+    // healpy's order is by order, then by degree: all degrees of order 0, then all degrees of order 1, ...
     assert_eq!(at[..6], [(0, 0), (1, 0), (2, 0), (3, 0), (1, 1), (2, 1)]);
 }
 
@@ -123,7 +123,7 @@ fn text_of_other_programs_is_read() {
         std::fs::write(&path, text).unwrap();
         path
     };
-    // A header, Fortran's exponents, errors in further columns, and a missing degree 0.
+    // The text has a header, Fortran's exponents, errors in further columns, and no degree 0.
     let path = write("gravity.txt", "1738.0, 4902.8, 1\n1 0 1.0D+00 0 9 9\n1 1 2.5d-1, 3 9 9\n\n");
     let found = read(&path, Format::Pyshtools).unwrap();
     assert_eq!(found.coefficients.values().column(0).to_vec(), [0.0, 3.0, 1.0, 0.25]);
@@ -162,8 +162,9 @@ fn what_is_cut_short_is_an_error() {
         for length in (0..last).filter(|length| length % 7 == 0 || *length > last - 9) {
             std::fs::write(&path, &whole[..length]).unwrap();
             match read(&path, format) {
-                // A truncated last number of a table is still a number. Without its last tables a FITS file has fewer
-                // channels, and a truncated CSV table a lower degree.
+                // Truncation can't be noticed within the last number of a table, because the remaining digits are still
+                // a number; nor where only the last tables of a FITS file or the last degrees of a CSV table are
+                // missing.
                 Ok(found) => assert!(
                     length > last - 40
                         || (format == Format::Healpy && length >= 6000)
@@ -176,7 +177,8 @@ fn what_is_cut_short_is_an_error() {
     }
 }
 
-/// A MAT file with one compressed matrix of zeros, of `claimed` bytes by its tags, but actually `there` bytes.
+/// Returns a MAT file with one compressed matrix of zeros, whose tags declare `claimed` bytes, but which inflates to
+/// `there` bytes.
 fn compressed(claimed: u32, there: usize) -> Vec<u8> {
     let number = u32::to_le_bytes;
     let mut matrix: Vec<u8> = [14, claimed, 6, 8, 6, 0, 5, 8].into_iter().flat_map(number).collect();
@@ -227,7 +229,7 @@ fn bombs_and_lying_headers_are_refused() {
         "bytes of data",
     );
     refused(&changed("TFORM1  = 'K       '", "TFORM1  = 'A       '"), Format::Healpy, "column 1 of numbers");
-    // An index far beyond the rows.
+    // An index of degree 1000, in a table whose rows suffice for degree 2.
     let mut far = fits.clone();
     far[5760..5768].copy_from_slice(&1_001_001_i64.to_be_bytes());
     refused(&far, Format::Healpy, "rows up to degree 1000");
@@ -250,7 +252,7 @@ fn a_sphere_goes_to_matlab_and_back() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 200, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Changed bytes give coefficients or an error.
+    /// Files with changed bytes are read as coefficients or cause an error, but never a panic.
     #[test]
     fn changed_bytes_never_panic(changes in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6)) {
         thread_local! {

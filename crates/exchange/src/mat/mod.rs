@@ -1,13 +1,14 @@
-//! SPHARM-MAT's models: `fvec` (K, 3) complex, and with a sphere also `vertices`, `faces` from 1 and `sph_verts`.
+//! Reads and writes SPHARM-MAT's models. A file has the complex matrix `fvec` (K, 3) and, if the model has a sphere,
+//! `vertices`, `faces` (vertices numbered from 1) and `sph_verts`.
 //!
 //! | file | contents |
 //! |---|---|
-//! | `write` | MAT files of level 5, uncompressed |
-//! | `read` | the same, in either byte order, compressed or not, numbers of any type |
+//! | `write` | writes MAT files of level 5, uncompressed |
+//! | `read` | reads MAT files of level 5, in either byte order, compressed or not, with numbers of any type |
 //!
-//! A file is a header of 128 bytes followed by elements; an element is its type, its size in bytes, and the bytes,
-//! padded to a multiple of eight. A matrix is an element that contains elements: flags, dimensions, name, real parts,
-//! imaginary parts, column by column.
+//! A file consists of a header of 128 bytes and elements. An element consists of its type, its size in bytes, and its
+//! contents, padded to a multiple of eight bytes. A matrix is an element whose contents are elements: flags,
+//! dimensions, name, real parts, imaginary parts, column by column.
 //!
 //! Source: "MAT-File Format", MathWorks.
 
@@ -24,7 +25,7 @@ use read::Matrix;
 pub(crate) use read::is_mat;
 pub(crate) use write::{Surface, write};
 
-/// Reads `fvec`, and the sphere if there is one.
+/// Reads the coefficients in `fvec`, and the sphere if the file has one.
 pub(crate) fn read(bytes: &[u8]) -> Result<(Coefficients, Option<Sphere>), Flaw> {
     let [fvec, sph_verts, faces] = read::matrices(bytes, ["fvec", "sph_verts", "faces"])?;
     let fvec = fvec.ok_or_else(|| Flaw::new("a matrix `fvec`", "none"))?;

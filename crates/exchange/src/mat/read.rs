@@ -1,7 +1,7 @@
-//! Reader of MAT files of level 5.
+//! Reads MATLAB's MAT files of level 5.
 //!
-//! Nothing is allocated beyond the bytes present, whatever a count claims. A compressed matrix is inflated only if it
-//! is requested, and to no more than deflate can produce from its bytes or [`LARGEST`].
+//! Declared sizes are checked against the bytes present before memory is allocated. A compressed matrix is inflated
+//! only if it is requested, and to at most [`LARGEST`] bytes.
 
 use std::io::Read;
 
@@ -14,9 +14,10 @@ use crate::flaw::Flaw;
 const COMPRESSED: u32 = 15;
 const MATRIX: u32 = 14;
 const COMPLEX: u32 = 1 << 11;
-/// Maximum size in bytes of an inflated matrix: 4 million vertices, or coefficients of degree 1,400, each three times.
+/// Maximum size in bytes of an inflated matrix. It is nearly three times the size of the coordinates of 4 million
+/// vertices, or of 3 channels of complex coefficients of degree 1,400.
 const LARGEST: u64 = 256 << 20;
-/// Number of bytes that contain flags, dimensions and name of a matrix.
+/// Number of bytes at the beginning of a matrix that contain its flags, dimensions and name.
 const HEAD: u64 = 512;
 
 /// Returns whether bytes begin like a MAT file.
@@ -29,7 +30,7 @@ pub(super) struct Matrix {
     pub(super) rows: usize,
     pub(super) columns: usize,
     re: Vec<f64>,
-    /// Empty for a real matrix.
+    /// Imaginary parts; empty for a real matrix.
     im: Vec<f64>,
 }
 
@@ -58,11 +59,12 @@ impl Order {
         Some(if self.big { u32::from_be_bytes(bytes) } else { u32::from_le_bytes(bytes) })
     }
 
-    /// Takes the first element: its type and its bytes.
+    /// Removes the first element from `bytes`. Returns its type and its contents.
     fn element<'a>(self, bytes: &mut &'a [u8]) -> Result<(u32, &'a [u8]), Flaw> {
         let cut = || Flaw::new("an element", "the end of the file");
         let tag = self.number(bytes).ok_or_else(cut)?;
-        // Up to four bytes are stored in the tag: the size is in the upper half of the type.
+        // Elements of up to four bytes are stored within the 8-byte tag; their size is in the upper half of the type
+        // field.
         let (kind, length, from) = match tag >> 16 {
             0 => (tag, self.number(bytes.get(4..).unwrap_or_default()).ok_or_else(cut)? as usize, 8),
             small => (tag & 0xffff, small as usize, 4),
@@ -74,7 +76,7 @@ impl Order {
         let found = found.ok_or_else(|| {
             Flaw::new(format!("an element of {length} bytes"), format!("{} bytes", bytes.len().saturating_sub(from)))
         })?;
-        // Compressed elements aren't padded; the padding of the last element may be missing.
+        // Compressed elements have no padding, and the padding of the last element may be missing.
         let end = if from == 4 {
             8
         } else if kind == COMPRESSED {
@@ -87,7 +89,7 @@ impl Order {
     }
 }
 
-/// Reads the matrices of the given names that are present.
+/// Reads the matrices with the given names; `None` for a name that the file doesn't have.
 pub(super) fn matrices<const N: usize>(bytes: &[u8], names: [&str; N]) -> Result<[Option<Matrix>; N], Flaw> {
     let head = bytes.get(..128).ok_or_else(|| Flaw::new("a header of 128 bytes", format!("{} bytes", bytes.len())))?;
     if head.starts_with(b"MATLAB 7.3") {
@@ -119,7 +121,8 @@ pub(super) fn matrices<const N: usize>(bytes: &[u8], names: [&str; N]) -> Result
     Ok(found)
 }
 
-/// Inflates a compressed matrix if its name is requested; for other matrices only the start that contains the name.
+/// Inflates a compressed matrix if it has one of the names. Otherwise inflates only its beginning, which contains the
+/// name.
 fn inflate(order: Order, contents: &[u8], names: &[&str]) -> Result<Vec<u8>, Flaw> {
     let wrong = |error: std::io::Error| Flaw::new("a compressed matrix", error);
     let mut decoder = ZlibDecoder::new(contents);
@@ -142,7 +145,7 @@ fn inflate(order: Order, contents: &[u8], names: &[&str]) -> Result<Vec<u8>, Fla
     Ok(matrix)
 }
 
-/// Returns the name of a matrix: its third element.
+/// Returns the name of a matrix, which is the third of the elements that the matrix consists of.
 fn name(order: Order, mut matrix: &[u8]) -> Option<&[u8]> {
     for _ in 0..2 {
         order.element(&mut matrix).ok()?;
@@ -153,7 +156,7 @@ fn name(order: Order, mut matrix: &[u8]) -> Option<&[u8]> {
 fn parse(order: Order, mut matrix: &[u8], name: &str) -> Result<Matrix, Flaw> {
     let (_, flags) = order.element(&mut matrix)?;
     let flags = order.number(flags).ok_or_else(|| Flaw::new("flags", "none"))?;
-    // Classes 6 to 15 are full numeric matrices.
+    // Classes 6 to 15 are full numeric matrices; sparse matrices, cells, structures and text have lower numbers.
     if !(6..=15).contains(&(flags & 0xff)) {
         return Err(Flaw::new(format!("{name}: a full matrix of numbers"), format!("class {}", flags & 0xff)));
     }
@@ -166,7 +169,7 @@ fn parse(order: Order, mut matrix: &[u8], name: &str) -> Result<Matrix, Flaw> {
     order.element(&mut matrix)?;
     let mut part = || -> Result<Vec<f64>, Flaw> {
         let (kind, bytes) = order.element(&mut matrix)?;
-        // Numbers of one byte are the smallest.
+        // Values may be stored in one byte each, and take 8 bytes each in memory.
         check_room(8 * bytes.len() as u64).map_err(|room| Flaw::new("a matrix that fits in memory", room))?;
         let values = numbers(order, kind, bytes)
             .ok_or_else(|| Flaw::new(format!("{name}: numbers"), format!("data of type {kind}")))?;
@@ -183,7 +186,8 @@ fn parse(order: Order, mut matrix: &[u8], name: &str) -> Result<Matrix, Flaw> {
     Ok(Matrix { rows, columns, re, im })
 }
 
-/// Reads numbers of a type; MATLAB stores integers in as few bytes as possible.
+/// Converts the numbers of an element to f64; `None` for an unknown type. MATLAB stores whole numbers in the smallest
+/// integer type that can hold them.
 fn numbers(order: Order, kind: u32, bytes: &[u8]) -> Option<Vec<f64>> {
     fn all<const N: usize>(order: Order, bytes: &[u8], number: impl Fn([u8; N]) -> f64) -> Vec<f64> {
         let in_order = |mut bytes: [u8; N]| {

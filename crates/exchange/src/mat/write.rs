@@ -1,4 +1,4 @@
-//! Writer of MAT files of level 5.
+//! Writes MATLAB's MAT files of level 5.
 
 use std::io::{self, Write};
 
@@ -12,11 +12,11 @@ const I32: u32 = 5;
 const U32: u32 = 6;
 const F64: u32 = 9;
 const MATRIX: u32 = 14;
-/// Class of f64 matrices, and the flag of complex ones.
+/// Class of f64 matrices, and flag of complex matrices.
 const DOUBLE: u32 = 6;
 const COMPLEX: u32 = 1 << 11;
 
-/// Geometry of a surface model with a sphere: positions, triangles from 0, directions.
+/// Geometry of a surface model with a sphere: positions, triangles with vertices numbered from 0, and directions.
 pub(crate) struct Surface<'a> {
     pub(crate) vertices: &'a [[f64; 3]],
     pub(crate) faces: &'a [[u32; 3]],
@@ -44,7 +44,8 @@ fn columns(rows: &[[f64; 3]]) -> Vec<f64> {
     array.into_iter().collect()
 }
 
-/// Writes a matrix with values by columns. `parts` holds the real part and, for a complex matrix, the imaginary part.
+/// Writes a matrix whose values are given column by column. `parts` has the real parts and, for a complex matrix, the
+/// imaginary parts.
 fn matrix(out: &mut dyn Write, name: &str, (rows, columns): (usize, usize), parts: &[Vec<f64>]) -> io::Result<()> {
     let mut body = Vec::new();
     let flags = DOUBLE | if parts.len() > 1 { COMPLEX } else { 0 };
