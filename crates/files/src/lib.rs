@@ -1,9 +1,10 @@
 //! Opens regular files without blocking, and reads them completely within a size limit.
 //!
-//! Opening a FIFO waits for its writer, reading from one or from a terminal waits for data, and a device may have no
-//! end. None of them is a valid table, list, study or model that is to be read again, so they are rejected: before they
-//! are opened, and again once they are open, since a path may be replaced in between. Reading an entire file has a
-//! limit, which also applies to files that grow while they are read and to those of unknown size, as in `/proc`.
+//! Opening a FIFO waits for a writer, reading from a FIFO or terminal waits for data, and a device may supply data
+//! without end. A file that is read several times can't be of these kinds, so they are rejected. The kind is checked
+//! before opening, and again after opening, because the path may be replaced in between. Functions that read an entire
+//! file have a size limit. The limit also applies to files that grow while they are read, and to files of unknown size,
+//! such as those in `/proc`.
 //!
 //! ```
 //! # fn main() -> std::io::Result<()> {
@@ -21,25 +22,25 @@ use std::fs::{File, FileType, OpenOptions};
 use std::io::{self, Read};
 use std::path::Path;
 
-/// Opens a regular file to read it.
+/// Opens a regular file for reading.
 ///
 /// # Errors
 ///
-/// When it can't be opened, or isn't a regular file.
+/// If the file can't be opened, or isn't a regular file.
 pub fn open(path: impl AsRef<Path>) -> io::Result<File> {
     open_with(path, OpenOptions::new().read(true))
 }
 
-/// Opens a regular file with the given options, for example to append to it; the options may create it.
+/// Opens a regular file with the given options, for example for appending. The options may create the file.
 ///
 /// # Errors
 ///
-/// When it can't be opened, or isn't a regular file.
+/// If the file can't be opened, or isn't a regular file.
 pub fn open_with(path: impl AsRef<Path>, options: &OpenOptions) -> io::Result<File> {
     let path = path.as_ref();
     match std::fs::metadata(path) {
         Ok(found) => check(found.file_type())?,
-        // `options` may create the file; otherwise opening it fails with the same error.
+        // If the file doesn't exist, `options` may create it; otherwise the open below fails with this error.
         Err(error) if error.kind() == io::ErrorKind::NotFound => {}
         Err(error) => return Err(error),
     }
@@ -54,15 +55,15 @@ pub fn open_with(path: impl AsRef<Path>, options: &OpenOptions) -> io::Result<Fi
     Ok(file)
 }
 
-/// Identity of a file, the same under all of its names: device and inode.
+/// Identity of a file, equal for all paths and links to it: device and inode.
 #[cfg(unix)]
 pub type FileId = (u64, u64);
 
-/// Identity of a file, the same under all of its names: its canonical path.
+/// Identity of a file, equal for all paths and symbolic links to it: its canonical path.
 #[cfg(not(unix))]
 pub type FileId = std::path::PathBuf;
 
-/// Returns the identity of a regular file; `None` if there is none of this name.
+/// Returns the identity of a regular file; `None` if the path doesn't name a regular file.
 #[cfg(unix)]
 #[must_use]
 pub fn file_id(path: &Path) -> Option<FileId> {
@@ -70,20 +71,20 @@ pub fn file_id(path: &Path) -> Option<FileId> {
     std::fs::metadata(path).ok().filter(std::fs::Metadata::is_file).map(|found| (found.dev(), found.ino()))
 }
 
-/// Returns the identity of a regular file; `None` if there is none of this name.
+/// Returns the identity of a regular file; `None` if the path doesn't name a regular file.
 #[cfg(not(unix))]
 #[must_use]
 pub fn file_id(path: &Path) -> Option<FileId> {
     path.canonicalize().ok().filter(|path| path.is_file())
 }
 
-/// Returns the first output that is also an input, however their paths are written, even through links.
+/// Returns the first output that is the same file as one of the inputs, even if their paths differ or are links.
 #[must_use]
 pub fn first_input<'i, 'a>(
     inputs: impl IntoIterator<Item = &'i Path>,
     outputs: impl IntoIterator<Item = &'a Path>,
 ) -> Option<&'a Path> {
-    // An output that doesn't exist can't be an input, and most don't.
+    // Outputs that don't exist can't be inputs. If no output exists, as in most runs, the inputs need not be examined.
     let mut outputs = outputs.into_iter().filter_map(|path| Some((path, file_id(path)?))).peekable();
     outputs.peek()?;
     let inputs: HashSet<FileId> = inputs.into_iter().filter_map(file_id).collect();
@@ -94,7 +95,7 @@ pub fn first_input<'i, 'a>(
 ///
 /// # Errors
 ///
-/// Those of [`open`]; for a longer file, with its length; if reading fails.
+/// The errors of [`open`]; if the file is longer than `most` bytes; if reading fails.
 pub fn read(path: impl AsRef<Path>, most: u64) -> io::Result<Vec<u8>> {
     let file = open(path)?;
     let length = file.metadata()?.len();
@@ -114,7 +115,7 @@ pub fn read(path: impl AsRef<Path>, most: u64) -> io::Result<Vec<u8>> {
 ///
 /// # Errors
 ///
-/// Those of [`read`]; for text that isn't UTF-8.
+/// The errors of [`read`]; if the text isn't UTF-8.
 pub fn read_text(path: impl AsRef<Path>, most: u64) -> io::Result<String> {
     let text = String::from_utf8(read(path, most)?).map_err(|error| {
         let at = error.utf8_error().valid_up_to();
@@ -124,7 +125,7 @@ pub fn read_text(path: impl AsRef<Path>, most: u64) -> io::Result<String> {
     Ok(text.strip_prefix('\u{feff}').map(str::to_owned).unwrap_or(text))
 }
 
-/// Describes the kind of a file that isn't a regular one; `None` for a regular file.
+/// Returns the kind of a file that isn't a regular file; `None` for a regular file.
 #[must_use]
 pub fn other_kind(found: FileType) -> Option<&'static str> {
     if found.is_file() {
@@ -194,14 +195,14 @@ mod tests {
         std::fs::write(&path, "0123456789").unwrap();
         assert_eq!(read(&path, 10).unwrap(), b"0123456789");
         assert_eq!(message(read(&path, 9)), "expected at most 9 bytes, found 10");
-        // A sparse file takes no room on a disk.
+        // A sparse file of 1 TiB, which takes no space on disk.
         File::create(&path).unwrap().set_len(1 << 40).unwrap();
         assert_eq!(message(read(&path, 1 << 20)), "expected at most 1048576 bytes, found 1099511627776");
         std::fs::write(&path, b"ab\xff").unwrap();
         assert_eq!(message(read_text(&path, 10)), "expected UTF-8 text, found byte 0xff at 2");
     }
 
-    /// Files whose length isn't known in advance.
+    /// Files in `/proc` have no known length before they are read; the limit applies to them too.
     #[cfg(target_os = "linux")]
     #[test]
     fn files_without_a_length_are_read_within_the_bound() {

@@ -1,8 +1,8 @@
-//! Progress and cancellation of long computations.
+//! Reports the progress of long computations, and lets the caller cancel them.
 //!
 //! Every function of this project that may take longer than a second takes a `&dyn Monitor`. The function announces a
-//! stage, counts its steps, and checks between steps whether it should stop. Programs show a bar, a binding calls back,
-//! and [`Silent`] does nothing.
+//! stage, counts its steps, and checks between steps whether it should stop. A command-line program implements
+//! `Monitor` by a progress bar, a language binding by callbacks; [`Silent`] does nothing.
 //!
 //! ```
 //! use std::sync::atomic::{AtomicU64, Ordering};
@@ -44,14 +44,14 @@ pub enum Unit {
     Bytes,
     /// Floating-point operations.
     Flops,
-    /// Something else, named in the plural, such as "columns".
+    /// Any other unit, named by a plural noun such as "columns".
     Count(&'static str),
 }
 
-/// A part of a computation with its own progress.
+/// A part of a computation, with its own progress.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Stage {
-    /// Name: a word or two in lower case, such as "fit".
+    /// Name of the stage: one or two words in lower case, such as "fit".
     pub name: &'static str,
     /// Unit of the steps.
     pub unit: Unit,
@@ -69,41 +69,41 @@ impl Stage {
     }
 }
 
-/// Importance of a note.
+/// Importance of a note to the user.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Level {
-    /// The current activity, shown beside the progress and replaced by the next status.
+    /// The current activity, shown beside the progress until the next status replaces it.
     Status,
-    /// For users who asked for more output.
+    /// Shown only to users who asked for detailed output.
     Detail,
-    /// For all users.
+    /// Shown to all users.
     Info,
 }
 
-/// Receives the progress of a computation and may stop it. Its methods are called from several threads.
+/// Receives the progress of a computation, and can cancel it. Several threads may call the methods at the same time.
 ///
-/// Warnings about a result are not sent here: they are part of the result.
+/// Warnings about a result aren't sent to the monitor; they are part of the result.
 pub trait Monitor: Sync {
-    /// Begins a stage of `total` steps, or zero if their number is unknown. Ends the previous stage.
+    /// Ends the previous stage, and begins a stage of `total` steps; 0 if the number of steps is unknown.
     fn begin(&self, stage: Stage, total: u64) {
         let _ = (stage, total);
     }
 
-    /// Advances the stage by `steps` steps.
+    /// Advances the current stage by `steps` steps.
     fn step(&self, steps: u64) {
         let _ = steps;
     }
 
-    /// Ends the stage.
+    /// Ends the current stage.
     fn end(&self) {}
 
-    /// Receives a text for the user.
+    /// Receives a note for the user.
     fn note(&self, level: Level, text: fmt::Arguments<'_>) {
         let _ = (level, text);
     }
 
-    /// Returns whether the computation should stop as soon as it can.
+    /// Returns whether the computation should stop as soon as possible.
     fn cancelled(&self) -> bool {
         false
     }
@@ -112,13 +112,13 @@ pub trait Monitor: Sync {
     ///
     /// # Errors
     ///
-    /// [`Interrupted`] if [`Monitor::cancelled`].
+    /// [`Interrupted`] if [`Monitor::cancelled`] returns true.
     fn check(&self) -> Result<(), Interrupted> {
         if self.cancelled() { Err(Interrupted) } else { Ok(()) }
     }
 }
 
-/// Error of a computation that was interrupted on request.
+/// Error of a computation that was cancelled by its monitor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("interrupted")]
 pub struct Interrupted;
@@ -129,7 +129,8 @@ pub struct Silent;
 
 impl Monitor for Silent {}
 
-/// A monitor for work within a single step of a stage: forwards cancellation and hides progress.
+/// A monitor for work within a single step of a stage: forwards cancellation to another monitor, and hides progress
+/// from it.
 pub struct OnlyCancel<'a>(pub &'a dyn Monitor);
 
 impl Monitor for OnlyCancel<'_> {
@@ -138,7 +139,7 @@ impl Monitor for OnlyCancel<'_> {
     }
 }
 
-/// A monitor that shows nothing and stops the computation once the flag is set.
+/// The flag as a monitor: it shows nothing, and cancels the computation when it is set to true.
 impl Monitor for AtomicBool {
     fn cancelled(&self) -> bool {
         self.load(Ordering::Relaxed)
