@@ -1,4 +1,4 @@
-//! NumPy archives of named matrices and texts, for the results of group analyses.
+//! Reads and writes NumPy archives of named matrices and texts, for the results of group analyses.
 
 use std::fs::File;
 use std::io::{BufReader, Write};
@@ -13,7 +13,7 @@ use crate::error::ModelError;
 use crate::npy::{Array, write_header, write_text};
 use crate::npz::{Archive, write_all};
 
-/// A named entry of an archive.
+/// A named entry to write to an archive.
 #[derive(Debug, Clone, Copy)]
 pub enum Entry<'a> {
     /// A matrix of f64.
@@ -24,11 +24,11 @@ pub enum Entry<'a> {
     Text(&'a str),
 }
 
-/// Writes an archive atomically; replaces an existing file if `overwrite`.
+/// Writes an archive, which appears only when it is complete. An existing file is replaced only if `overwrite` is set.
 ///
 /// # Errors
 ///
-/// Those of [`write_new`].
+/// The errors of [`write_new`].
 pub fn write_arrays(path: &Path, overwrite: bool, entries: &[(&str, Entry<'_>)]) -> Result<(), ModelError> {
     let options = SimpleFileOptions::default().compression_method(CompressionMethod::Stored).large_file(true);
     write_new(path, overwrite, |out| {
@@ -76,7 +76,7 @@ impl Arrays {
     ///
     /// # Errors
     ///
-    /// [`Invalid`](ModelError::Invalid), also if there is no entry of that name.
+    /// [`Invalid`](ModelError::Invalid) if the archive has no entry of that name, or the entry isn't a matrix.
     pub fn matrix(&mut self, name: &str) -> Result<Array2<f64>, ModelError> {
         self.array(name, Array::matrix)
     }
@@ -85,7 +85,7 @@ impl Arrays {
     ///
     /// # Errors
     ///
-    /// [`Invalid`](ModelError::Invalid), also if there is no entry of that name.
+    /// [`Invalid`](ModelError::Invalid) if the archive has no entry of that name, or the entry isn't a text.
     pub fn text(&mut self, name: &str) -> Result<String, ModelError> {
         self.array(name, Array::text)
     }

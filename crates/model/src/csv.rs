@@ -1,16 +1,16 @@
-//! The paper's complex coefficients as a table.
+//! Writes the complex coefficients of Shen and Chung's paper as a CSV table.
 
 use std::io::{self, Write};
 
 use spharm_harmonics::Coefficients;
 use spharm_harmonics::index::degree_order;
 
-/// Writes complex coefficients as rows `l,m,x_re,x_im,y_re,y_im,z_re,z_im`. If the number of channels isn't three, they
-/// are named `c0`, `c1`, ...
+/// Writes complex coefficients as rows `l,m,x_re,x_im,y_re,y_im,z_re,z_im`. If the number of channels isn't three, the
+/// channels are named `c0`, `c1`, ...
 ///
 /// # Errors
 ///
-/// Those of `out`.
+/// The errors of `out`.
 pub fn write_complex_csv(coefficients: &Coefficients, out: &mut dyn Write) -> io::Result<()> {
     let complex = coefficients.to_complex();
     let names: Vec<String> = match coefficients.channels() {

@@ -1,4 +1,4 @@
-//! The error type of this crate.
+//! Defines the error type of this crate.
 
 use std::io;
 use std::path::PathBuf;
@@ -15,7 +15,7 @@ pub enum ModelError {
     Open {
         /// The file.
         path: PathBuf,
-        /// The cause.
+        /// Error of the operating system.
         source: io::Error,
     },
     /// An input file of a model can't be read.
@@ -23,10 +23,10 @@ pub enum ModelError {
     Input {
         /// The file.
         path: PathBuf,
-        /// The cause.
+        /// Error of the operating system.
         source: io::Error,
     },
-    /// The file isn't an archive or contains no valid model.
+    /// The file isn't an archive, or doesn't contain a valid model.
     #[error(
         "{}: not a SPHARM model: {problem}; expected a NumPy archive (.npz) with an array `coefficients`",
         .path.display()
@@ -34,10 +34,10 @@ pub enum ModelError {
     Invalid {
         /// The file.
         path: PathBuf,
-        /// The problem.
+        /// Description of the problem.
         problem: String,
     },
-    /// A coefficient is NaN or infinite; such models are neither read nor written.
+    /// A coefficient is NaN or infinite. Such a model is neither read nor written.
     #[error("{}: coefficient {row} of channel {channel} is {value}; it must be finite", .path.display())]
     NonFinite {
         /// The file.
@@ -46,30 +46,30 @@ pub enum ModelError {
         row: usize,
         /// Channel, from 0.
         channel: usize,
-        /// The value.
+        /// Value of the coefficient.
         value: f64,
     },
-    /// The model's own sampling was requested, but it has no sphere.
+    /// The model's own sphere is required, but the model has none.
     #[error("the model has no sphere of its own; give one to evaluate it on")]
     NoSphere,
-    /// A degree above the model's.
+    /// The requested degree exceeds the degree of the model.
     #[error("the model goes to degree {max_degree}, {degree} is above it")]
     DegreeTooHigh {
         /// The requested degree.
         degree: usize,
-        /// The model's highest degree.
+        /// Highest degree of the model.
         max_degree: usize,
     },
-    /// A surface was requested from the model of a signal.
+    /// A surface was requested, but the model is of a signal.
     #[error("expected a model of a surface, found one of a signal with {channels} channels")]
     NotASurface {
         /// Number of channels of the model.
         channels: usize,
     },
-    /// A surface was requested on a sampling without triangles.
+    /// A surface was requested over a sphere without triangles.
     #[error("this sampling has no triangles; give a sphere that is a mesh")]
     NoTriangles,
-    /// The record of the surface's cuts doesn't match the sphere.
+    /// The record of the surface's cuts contradicts the sphere.
     #[error("the model's record of the seams doesn't match its sphere: {0}; fit the surface again")]
     Seam(String),
     /// The harmonics can't be evaluated.

@@ -1,4 +1,4 @@
-//! Evaluation of a model on any sphere, to any degree.
+//! Evaluates a model on any sphere, up to any degree of the model.
 
 use ndarray::Array2;
 use spharm_harmonics::Directions;
@@ -10,7 +10,7 @@ use crate::geometry::Geometry;
 use crate::model::Model;
 
 impl Model {
-    /// Returns the values at directions, (n, c), using the degrees up to `degree`.
+    /// Returns the values of the model at directions, (n, c), using the degrees up to `degree`.
     ///
     /// # Errors
     ///
@@ -23,12 +23,12 @@ impl Model {
         Ok(synthesis(directions, self.coefficients.up_to(degree))?)
     }
 
-    /// Returns the bytes needed to evaluate a model of `channels` channels to a degree over a sphere of `vertices`
-    /// vertices and `faces` triangles, and to write the result, including the sphere and the result.
+    /// Returns the memory in bytes needed to evaluate a model over a sphere and to write the result to a file. The
+    /// sphere and the result are included.
     ///
-    /// 24 per vertex and 12 per triangle for the sphere; the plan and the call of a transform, see
-    /// [`Transform::bytes`]; 8 per value as computed, in the mesh or signal, and while it is written; the triangles of
-    /// the result.
+    /// The sphere takes 24 bytes per vertex and 12 per triangle. The transform takes [`Transform::bytes`]. The values
+    /// take 8 bytes each, three times: as computed, in the mesh or signal, and while they are written. The result's
+    /// triangles take 12 bytes each.
     #[must_use]
     pub fn bytes_to_evaluate(vertices: u64, faces: u64, channels: usize, degree: usize) -> u64 {
         let params = TransformParams { max_degree: degree, accuracy: FINEST, channels: channels.clamp(1, 3) };
@@ -38,11 +38,12 @@ impl Model {
         arrays.saturating_add(transform)
     }
 
-    /// Returns the surface over a sphere, with the sphere's triangles and the known metadata of the input's volume.
+    /// Evaluates the model's surface at the vertices of a sphere. The result has the sphere's triangles, and the
+    /// metadata of the input's file that the model preserves.
     ///
     /// # Errors
     ///
-    /// [`NotASurface`](ModelError::NotASurface), [`NoTriangles`](ModelError::NoTriangles), and those of
+    /// [`NotASurface`](ModelError::NotASurface), [`NoTriangles`](ModelError::NoTriangles), and the errors of
     /// [`evaluate`](Self::evaluate).
     pub fn reconstruct(&self, sphere: &Sphere, degree: usize) -> Result<Mesh, ModelError> {
         if self.kind() != Kind::Surface {
@@ -56,12 +57,14 @@ impl Model {
         Ok(Mesh { meta: self.meta(), ..Mesh::new(vertices, sphere.faces.clone()) })
     }
 
-    /// Returns the fitted surface, at its own vertices and with its own triangles. If handles of the surface were cut,
-    /// this is the surface before the cuts: fillings are left out, seams are welded.
+    /// Evaluates the model at the vertices of the surface to which it was fitted, and returns it with that surface's
+    /// triangles. If handles of the surface were cut before the fit, the cuts are undone: fillings are removed and
+    /// seams are welded.
     ///
     /// # Errors
     ///
-    /// [`NoSphere`](ModelError::NoSphere), [`Seam`](ModelError::Seam), and those of [`reconstruct`](Self::reconstruct).
+    /// [`NoSphere`](ModelError::NoSphere), [`Seam`](ModelError::Seam), and the errors of
+    /// [`reconstruct`](Self::reconstruct).
     pub fn reconstruct_original(&self, degree: usize) -> Result<Welded, ModelError> {
         let sphere = self.own_sphere()?;
         let mesh = self.reconstruct(sphere, degree)?;
@@ -71,11 +74,11 @@ impl Model {
         }
     }
 
-    /// Returns the values over a sphere as a signal.
+    /// Evaluates the model at the directions of a sphere, and returns the values as a signal.
     ///
     /// # Errors
     ///
-    /// Those of [`evaluate`](Self::evaluate).
+    /// The errors of [`evaluate`](Self::evaluate).
     pub fn reconstruct_signal(&self, sphere: &Sphere, degree: usize) -> Result<Signal, ModelError> {
         let values = self.evaluate(&sphere.directions, degree)?;
         let (vertices, channels) = values.dim();
@@ -135,7 +138,8 @@ mod tests {
         let (faces, first) = (sphere.faces.len(), sphere.faces[0]);
         model.sphere = Some(sphere.clone());
         assert_eq!(model.reconstruct_original(2).unwrap().mesh, model.reconstruct(&sphere, 2).unwrap());
-        // The penultimate vertex is a copy, the last one filling; the removed triangles are filling too.
+        // Vertex 40 is a copy of vertex 0, and vertex 41 belongs to the filling. The triangles at these two vertices
+        // are removed and replaced by one triangle of the filling.
         sphere.faces.retain(|face| face.iter().all(|&v| v < 41));
         let own = sphere.faces.len();
         sphere.faces.push([first[0], first[1], 41]);

@@ -1,4 +1,4 @@
-//! Reading and writing models.
+//! Reads and writes model files.
 
 use std::io::{self, BufReader, Cursor, Write};
 use std::path::Path;
@@ -10,21 +10,22 @@ use crate::model::Model;
 use crate::npz;
 
 impl Model {
-    /// Writes the model to a new file atomically.
+    /// Writes the model to a new file. The file appears only when it is complete.
     ///
     /// # Errors
     ///
-    /// [`NonFinite`](ModelError::NonFinite); those of [`write_new`], such as
+    /// [`NonFinite`](ModelError::NonFinite), and the errors of [`write_new`], such as
     /// [`OutputExists`](spharm_surface::SurfaceError::OutputExists).
     pub fn write(&self, path: impl AsRef<Path>) -> Result<(), ModelError> {
         self.write_with(path, false)
     }
 
-    /// Writes the model atomically; replaces an existing file if `overwrite`.
+    /// Writes the model to a file, which appears only when it is complete. An existing file is replaced only if
+    /// `overwrite` is set.
     ///
     /// # Errors
     ///
-    /// Those of [`write`](Self::write).
+    /// The errors of [`write`](Self::write).
     pub fn write_with(&self, path: impl AsRef<Path>, overwrite: bool) -> Result<(), ModelError> {
         let path = path.as_ref();
         if let Some((row, channel, value)) = self.not_finite() {
@@ -33,19 +34,19 @@ impl Model {
         Ok(write_new(path, overwrite, |out| self.write_to(out))?)
     }
 
-    /// Writes the archive; `out` doesn't need to be seekable.
+    /// Writes the model's archive to a stream, which need not be seekable.
     ///
     /// # Errors
     ///
-    /// Those of `out`; [`InvalidData`](io::ErrorKind::InvalidData) for a coefficient that isn't finite.
+    /// The errors of `out`; [`InvalidData`](io::ErrorKind::InvalidData) for a coefficient that isn't finite.
     pub fn write_to(&self, out: &mut dyn Write) -> io::Result<()> {
         npz::write(self, out)
     }
 
     /// Reads a model: any NumPy archive with an array `coefficients`.
     ///
-    /// Its values may be f32 or f64, in C or Fortran order, stored or deflated. `max_degree` and `convention` are
-    /// verified if present. Directions need not have length 1.
+    /// The values may be f32 or f64, in C or Fortran order, stored or deflated. The arrays `max_degree` and
+    /// `convention` are optional and are checked if present. The vectors in `directions` may have any nonzero length.
     ///
     /// # Errors
     ///
@@ -56,7 +57,7 @@ impl Model {
         npz::read(path, BufReader::new(spharm_files::open(path).map_err(open)?))
     }
 
-    /// Reads a model from the bytes of an archive, like [`read`](Self::read) from a file.
+    /// Reads a model from the bytes of an archive. See [`read`](Self::read) for what the archive may contain.
     ///
     /// # Errors
     ///

@@ -1,12 +1,13 @@
-//! Position of a surface in its volume, as stated by its file: kept in a model, and written again with a
-//! reconstruction. The file's author and date aren't kept.
+//! Preserves the position of a surface in its volume, as stated by the surface's file: a model stores it, and it is
+//! written again with a reconstruction. The file's author and date aren't preserved.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde::{Deserialize, Serialize};
 use spharm_surface::{CoordinateSystem, Meta};
 
-/// The metadata of a surface's file. Positions are as stored: none of these transforms has been applied to them.
+/// Metadata of a surface's file. The positions of the surface are those in the file: none of the transforms here has
+/// been applied.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Geometry {
@@ -19,24 +20,24 @@ pub struct Geometry {
     /// GIfTI's `CoordinateSystemTransformMatrix`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub coordinate_system: Option<Transform>,
-    /// The bytes after a FreeSurfer file's triangles, in base64.
+    /// Bytes after the triangles of a FreeSurfer file, in base64.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub freesurfer_footer: Option<String>,
 }
 
-/// A transform from the stored positions to another space.
+/// A transform from the space of the stored positions to another space.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Transform {
-    /// The space of the stored positions.
+    /// Name of the space of the stored positions.
     pub data_space: String,
-    /// The space of the transformed positions.
+    /// Name of the space of the transformed positions.
     pub transformed_space: String,
-    /// Rows of a 4 x 4 matrix.
+    /// Rows of the 4 x 4 transformation matrix.
     pub matrix: [[f64; 4]; 4],
 }
 
 impl Geometry {
-    /// Returns the metadata of a file; `None` if it has none.
+    /// Returns the metadata of a surface's file that a model preserves; `None` if the file has none.
     #[must_use]
     pub fn of(meta: &Meta) -> Option<Self> {
         let geometry = Self {
@@ -52,7 +53,7 @@ impl Geometry {
         (geometry != Self::default()).then_some(geometry)
     }
 
-    /// Returns the metadata in the form of a mesh. A footer that isn't valid base64 is left out.
+    /// Returns the metadata as needed for a mesh. A FreeSurfer footer that isn't valid base64 is omitted.
     #[must_use]
     pub fn to_meta(&self) -> Meta {
         Meta {
@@ -70,7 +71,7 @@ impl Geometry {
     }
 }
 
-/// Returns metadata without the standard entries for a file's author and date.
+/// Returns metadata without the standard entries for author and date of a file.
 fn without_maker(metadata: &[(String, String)]) -> Vec<(String, String)> {
     metadata.iter().filter(|(name, _)| !["Date", "UserName"].contains(&name.as_str())).cloned().collect()
 }

@@ -1,4 +1,4 @@
-//! SPHARM models: the coefficients of a fit, its sphere, and its provenance.
+//! Defines SPHARM models: the coefficients of a fit, its sphere and its provenance. Reads, writes and evaluates them.
 //!
 //! A model is a NumPy archive, `NAME.spharm.npz`:
 //!
@@ -14,9 +14,10 @@
 //! | `scheme_key` | text () | key of the sampling scheme in a basis store |
 //! | `provenance` | text () | JSON: origin of the model, see [`Provenance`] |
 //!
-//! The bytes depend on the contents only: they include no times and no names of machines or users, except those in the
-//! paths of input and sphere, which are kept as given. Only `coefficients` is required for reading, so that a mean of
-//! models is a model: `numpy.savez_compressed("mean.npz", coefficients=mean)`.
+//! The bytes of a file depend only on the model's contents. They don't include times or the names of machines and
+//! users, unless the paths of input and sphere, which are stored as given, contain such names. Only the array
+//! `coefficients` is required for reading, so a mean of models can be written as a model:
+//! `numpy.savez_compressed("mean.npz", coefficients=mean)`.
 //!
 //! # Modules
 //!

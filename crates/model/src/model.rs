@@ -1,23 +1,23 @@
-//! A fitted model.
+//! Defines the model of a surface or signal, and the parts from which it is made.
 
 use spharm_harmonics::Coefficients;
 use spharm_surface::{Kind, Sphere};
 
 use crate::provenance::Provenance;
 
-/// Value of `convention` in every model.
+/// Value of the array `convention` in the file of every model.
 pub const CONVENTION: &str = "real orthonormal, no Condon-Shortley phase, row l^2 + l + m, sin(m phi) for negative m";
 
-/// A fitted model.
+/// A fitted model, or coefficients of unknown origin.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Model {
-    /// Canonical coefficients, (K, c), finite, in the input's unit.
+    /// Canonical coefficients, (K, c), finite, in the unit of the input.
     pub coefficients: Coefficients,
-    /// The sampling over which the model was fitted; `None` for a model of coefficients alone.
+    /// Sphere over which the model was fitted; `None` for a model of coefficients only.
     pub sphere: Option<Sphere>,
-    /// Key of the sampling scheme in a basis store: 64 hexadecimal digits.
+    /// Key of the sampling scheme in a basis store, as 64 hexadecimal digits.
     pub scheme_key: Option<String>,
-    /// Origin of the model.
+    /// Origin of the model: input, sphere and settings.
     pub provenance: Provenance,
 }
 
@@ -26,9 +26,9 @@ pub struct Model {
 pub struct Fitted {
     /// Canonical coefficients, (K, c).
     pub coefficients: Coefficients,
-    /// Key of the sampling scheme in a basis store.
+    /// Key of the sampling scheme in a basis store, as 64 hexadecimal digits.
     pub scheme_key: Option<String>,
-    /// Origin of the coefficients.
+    /// Origin of the coefficients: input, sphere and settings.
     pub provenance: Provenance,
 }
 
@@ -39,7 +39,7 @@ impl From<Coefficients> for Fitted {
 }
 
 impl Model {
-    /// Returns the model of a fit over a sphere, or of coefficients with a sphere.
+    /// Returns the model of a fit over `sphere`, or of coefficients together with a sphere.
     #[must_use]
     pub fn new(sphere: Sphere, fitted: impl Into<Fitted>, kind: Kind) -> Self {
         let mut model = Self::without_sphere(fitted, kind);
@@ -49,7 +49,7 @@ impl Model {
         model
     }
 
-    /// Returns a model without its own sampling, which can be evaluated on any sphere.
+    /// Returns a model without a sphere of its own. It can be evaluated on any sphere.
     #[must_use]
     pub fn without_sphere(fitted: impl Into<Fitted>, kind: Kind) -> Self {
         let Fitted { coefficients, scheme_key, provenance } = fitted.into();
@@ -57,14 +57,15 @@ impl Model {
         Self { coefficients, sphere: None, scheme_key, provenance }
     }
 
-    /// Returns the meaning of the channels: x, y and z if there are three, unless the provenance states otherwise.
+    /// Returns the meaning of the channels: positions x, y and z if there are three channels, unless the provenance
+    /// says that the model is of a signal.
     #[must_use]
     pub fn kind(&self) -> Kind {
         let surface = self.coefficients.channels() == 3 && self.provenance.surface.unwrap_or(true);
         if surface { Kind::Surface } else { Kind::Signal }
     }
 
-    /// Returns row, channel and value of the first coefficient that isn't finite.
+    /// Returns the row, channel and value of the first coefficient that is NaN or infinite; `None` if all are finite.
     pub(crate) fn not_finite(&self) -> Option<(usize, usize, f64)> {
         let mut values = self.coefficients.values().indexed_iter();
         values.find(|(_, value)| !value.is_finite()).map(|((row, channel), &value)| (row, channel, value))

@@ -1,7 +1,8 @@
-//! NumPy's array files (`.npy`), to the extent required for models and other packages' coefficients.
+//! Reads and writes the NumPy array files (`.npy`) in which models and other packages store coefficients.
 //!
-//! Supported are versions 1 to 3, numbers of 32 and 64 bits in either byte order, complex ones of twice that, text in
-//! UCS-4, and C and Fortran order. Sizes are validated against the available bytes before any allocation.
+//! Versions 1 to 3 of the format can be read, with real numbers of 32 or 64 bits, complex numbers of 64 or 128 bits, or
+//! text in UCS-4, in either byte order, and in C or Fortran order. Declared sizes are checked against the bytes present
+//! before memory is allocated.
 //!
 //! Source: NumPy Enhancement Proposal 1, and `numpy.lib.format`.
 
@@ -12,7 +13,7 @@ use num_complex::Complex64;
 use spharm_surface::io::check_room;
 use spharm_surface::npy::{Header, MAGIC};
 
-/// The problem of an array file.
+/// Description of a problem with an array file.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct NpyError(String);
@@ -29,7 +30,7 @@ impl Array {
     ///
     /// # Errors
     ///
-    /// Any other contents, including a shape that doesn't match the length.
+    /// If the bytes aren't exactly one array, for example because the shape doesn't match the number of bytes.
     pub fn from_bytes(mut bytes: &[u8]) -> Result<Self, NpyError> {
         let most = bytes.len() as u64;
         Self::read(&mut bytes, most).map_err(NpyError)
@@ -47,11 +48,11 @@ impl Array {
         self.header.kind == 'c'
     }
 
-    /// Returns the values as complex numbers; the array may have any number of axes.
+    /// Returns the values as complex numbers, in an array of the same shape.
     ///
     /// # Errors
     ///
-    /// The values aren't numbers of 32 or 64 bits.
+    /// If the values aren't supported numbers.
     pub fn complex(&self) -> Result<ArrayD<Complex64>, NpyError> {
         let numbers = self.numbers().map_err(NpyError)?;
         let values = if self.is_complex() {
@@ -63,19 +64,20 @@ impl Array {
         Ok(array.map_err(|error| NpyError(error.to_string()))?.as_standard_layout().into_owned())
     }
 
-    /// Reads an array of at most `most` bytes.
+    /// Reads an array whose values have at most `most` bytes.
     pub(crate) fn read(input: &mut dyn Read, most: u64) -> Result<Self, String> {
         let header = Header::read(input).map_err(|error| error.to_string())?;
         let count = header.bytes().ok_or("its shape doesn't fit its length: more values than can be")?;
         if count > most {
             return Err(format!("its shape doesn't fit its length: {count} bytes of values, of {most} that can be"));
         }
-        // The bytes, the parsed numbers, and those in row order; for complex numbers also their parts.
+        // Memory for the bytes of the file, for the parsed numbers, and for the numbers in row order; complex numbers
+        // also need memory for their real and imaginary parts.
         let each = if header.kind == 'c' { 48 } else { 16 };
         let numbers = header.count().map_or(u64::MAX, |values| values.saturating_mul(each));
         check_room(count.saturating_add(numbers)).map_err(|room| format!("its values take {room}"))?;
         let mut bytes = Vec::new();
-        // Reads one byte more to reach the end, at which the archive's checksum is verified.
+        // Reading one byte beyond the values reaches the end of the entry, at which the archive's checksum is verified.
         input.take(count + 1).read_to_end(&mut bytes).map_err(|error| error.to_string())?;
         if bytes.len() as u64 != count {
             return Err("its shape doesn't fit its length".to_owned());
@@ -83,7 +85,7 @@ impl Array {
         Ok(Self { header, bytes })
     }
 
-    /// Returns all values in the order of the file.
+    /// Returns all values as f64, in the order of the file.
     fn numbers(&self) -> Result<Vec<f64>, String> {
         fn all<const N: usize>(array: &Array, number: impl Fn([u8; N]) -> f64) -> Vec<f64> {
             let in_order = |mut bytes: [u8; N]| {
@@ -94,7 +96,7 @@ impl Array {
             };
             array.bytes.as_chunks().0.iter().copied().map(in_order).collect()
         }
-        // A complex number is stored as two, the real part first.
+        // A complex number is stored as two real numbers, the real part first.
         Ok(match (self.header.kind, self.header.size) {
             ('c', 16) => all(self, f64::from_le_bytes),
             ('c', 8) => all(self, |b| f32::from_le_bytes(b).into()),
@@ -108,7 +110,7 @@ impl Array {
         })
     }
 
-    /// Returns a matrix; a vector is returned as a single column.
+    /// Returns the array as a matrix; a vector becomes a matrix of one column.
     pub(crate) fn matrix(&self) -> Result<Array2<f64>, String> {
         if self.is_complex() {
             return Err("complex values; expected real ones".to_owned());
@@ -122,7 +124,7 @@ impl Array {
         Ok(matrix.map_err(|error| error.to_string())?.as_standard_layout().into_owned())
     }
 
-    /// Returns the value of an array with a single element.
+    /// Returns the value of an array that has exactly one element.
     pub(crate) fn scalar(&self) -> Result<f64, String> {
         match self.numbers()?[..] {
             [value] => Ok(value),
@@ -130,7 +132,7 @@ impl Array {
         }
     }
 
-    /// Returns a text.
+    /// Returns the value of an array that has exactly one text.
     pub(crate) fn text(&self) -> Result<String, String> {
         if self.header.kind != 'U' || self.header.count() != Some(1) {
             return Err("expected a text".to_owned());
@@ -147,7 +149,7 @@ impl Array {
 ///
 /// # Errors
 ///
-/// Those of `out`.
+/// The errors of `out`.
 pub fn write_real(out: &mut dyn Write, array: &ArrayViewD<'_, f64>) -> io::Result<()> {
     write_header(out, "<f8", &tuple(array.shape()))?;
     array.iter().try_for_each(|x| out.write_all(&x.to_le_bytes()))
@@ -157,7 +159,7 @@ pub fn write_real(out: &mut dyn Write, array: &ArrayViewD<'_, f64>) -> io::Resul
 ///
 /// # Errors
 ///
-/// Those of `out`.
+/// The errors of `out`.
 pub fn write_complex(out: &mut dyn Write, array: &ArrayViewD<'_, Complex64>) -> io::Result<()> {
     write_header(out, "<c16", &tuple(array.shape()))?;
     array.iter().flat_map(|x| [x.re, x.im]).try_for_each(|x| out.write_all(&x.to_le_bytes()))
@@ -169,10 +171,10 @@ fn tuple(shape: &[usize]) -> String {
     format!("({lengths})")
 }
 
-/// Writes an array's header in version 1.
+/// Writes the header of an array file in version 1 of the format.
 pub(crate) fn write_header(out: &mut dyn Write, descr: &str, shape: &str) -> io::Result<()> {
     let mut header = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}");
-    // Padded such that the values start at a multiple of 64 bytes; the header ends with a newline.
+    // Pad the header so that the values start at a multiple of 64 bytes. The header ends with a newline.
     let before = MAGIC.len() + 4;
     let length = (before + header.len() + 1).next_multiple_of(64) - before;
     header.extend(std::iter::repeat_n(' ', length - header.len() - 1));
@@ -184,9 +186,9 @@ pub(crate) fn write_header(out: &mut dyn Write, descr: &str, shape: &str) -> io:
     out.write_all(header.as_bytes())
 }
 
-/// Writes a text in the form in which NumPy stores `numpy.array("text")`: shape (), UCS-4.
+/// Writes a text as NumPy stores `numpy.array("text")`: shape (), UCS-4.
 pub(crate) fn write_text(out: &mut dyn Write, text: &str) -> io::Result<()> {
-    // NumPy doesn't support texts of length 0.
+    // NumPy doesn't support text of length 0, so an empty text is stored as one null character.
     write_header(out, &format!("<U{}", text.chars().count().max(1)), "()")?;
     for character in text.chars().chain(text.is_empty().then_some('\0')) {
         out.write_all(&u32::from(character).to_le_bytes())?;

@@ -1,4 +1,4 @@
-//! Models as NumPy archives.
+//! Reads and writes models as NumPy archives (`.npz`).
 
 use std::io::{self, Read, Seek, Write};
 use std::path::{Path, PathBuf};
@@ -16,7 +16,7 @@ use crate::model::{CONVENTION, Model};
 use crate::npy::{Array, write_header, write_text};
 use crate::provenance::Provenance;
 
-/// Writes the arrays of a model, uncompressed.
+/// Writes the arrays of a model to an uncompressed archive.
 pub(crate) fn write(model: &Model, out: &mut dyn Write) -> io::Result<()> {
     if model.not_finite().is_some() {
         return Err(io::Error::new(io::ErrorKind::InvalidData, "a coefficient is NaN or infinite"));
@@ -70,7 +70,7 @@ pub(crate) fn write_all<const N: usize>(out: &mut dyn Write, values: impl Iterat
     out.flush()
 }
 
-/// Reads a model from an archive; `path` is used for messages.
+/// Reads a model from an archive; `path` is only used in error messages.
 pub(crate) fn read(path: &Path, input: impl Read + Seek) -> Result<Model, ModelError> {
     let mut zip = ZipArchive::new(input).map_err(|error| invalid(path, error))?;
     Archive { path, zip: &mut zip }.read()
@@ -126,7 +126,7 @@ impl<R: Read + Seek> Archive<'_, &mut ZipArchive<R>> {
         let path = self.path;
         let Some(directions) = self.array("directions", Array::matrix)? else { return Ok(None) };
         let vectors = triples(&directions).ok_or_else(|| invalid(path, "directions: expected three columns"))?;
-        // Unit vectors, as written by `write`, are kept bit for bit.
+        // Vectors of exact unit length, as `write` stores them, keep all their bits; other vectors are normalised.
         let directions = Directions::from_unit_vectors(vectors.clone())
             .or_else(|_| Directions::from_vertices(&vectors))
             .map_err(|error| invalid(path, format!("directions: {error}")))?;
@@ -143,7 +143,7 @@ impl<R: Read + Seek> Archive<'_, &mut ZipArchive<R>> {
         Ok(Some(sphere))
     }
 
-    /// Reads the record of the surface's cuts, if any.
+    /// Reads the record of the surface's cuts; `None` if the model has no such record.
     fn seam(&mut self, vertices: usize, faces: usize) -> Result<Option<Seam>, ModelError> {
         let path = self.path;
         let Some(cut_from) = self.array("cut_from", Array::matrix)? else { return Ok(None) };
@@ -158,7 +158,7 @@ impl<R: Read + Seek> Archive<'_, &mut ZipArchive<R>> {
         seam.checked(vertices, faces).map(Some).map_err(|found| invalid(path, format!("cut_from, seam: {found}")))
     }
 
-    /// Reads an array if there is one of that name.
+    /// Reads and converts an array; `None` if the archive has no array of that name.
     pub(crate) fn array<T>(
         &mut self,
         name: &str,

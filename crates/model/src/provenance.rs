@@ -1,6 +1,6 @@
-//! Origin of a model: input, sphere, settings.
+//! Records the origin of a model: input, sphere and settings.
 //!
-//! It contains the information needed to decide whether an existing model is up to date.
+//! The record is sufficient to decide whether an existing model is up to date.
 
 use std::fmt;
 use std::io;
@@ -14,84 +14,85 @@ use spharm_surface::range::times_within;
 use crate::error::ModelError;
 use crate::geometry::Geometry;
 
-/// Origin of a model. In JSON it is an object with the fields of this and of [`Settings`].
+/// Origin of a model. In JSON it is one object with the fields of this struct and of [`Settings`].
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Provenance {
-    /// The program or library call.
+    /// Name of the program or library function that made the model.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tool: Option<String>,
-    /// Versions of the software.
+    /// Versions of the software that made the model.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub versions: Option<Versions>,
     /// Name of the surface in a study's table, if it belongs to one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub id: Option<String>,
-    /// The file of the fitted surface or signal; unknown in models of version 0.1.
+    /// File of the fitted surface or signal; `None` in models of version 0.1.
     #[serde(deserialize_with = "record")]
     pub input: Option<FileRecord>,
-    /// The mask or label of the vertices whose values were read, if the others were extrapolated from its edge.
+    /// File of the mask or label that selects the vertices with known values, if the values of the other vertices were
+    /// extrapolated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub region: Option<FileRecord>,
-    /// The sphere's file, as given. The model's scheme key is that of its directions.
+    /// Path of the sphere's file, as given by the user. The model's scheme key identifies the sphere's directions.
     pub sphere: Option<String>,
-    /// Whether the sphere was made for this surface.
+    /// Whether the sphere was computed as a parametrization of this surface.
     pub parametrized: bool,
-    /// The settings.
+    /// Settings of the fit.
     #[serde(flatten)]
     pub settings: Option<Settings>,
-    /// Whether the channels are x, y and z.
+    /// Whether the channels are the positions x, y and z.
     pub surface: Option<bool>,
-    /// Cube root of the volume of the input's bounding box, in the input's unit.
+    /// Cube root of the volume of the input's bounding box, in the unit of the input.
     pub scale: Option<f64>,
-    /// Distances of the model from the input's vertices.
+    /// Distances between the model and the input's vertices.
     pub distances: Option<Distances>,
-    /// GIfTI's `AnatomicalStructurePrimary`, such as `CortexLeft`.
+    /// GIfTI's `AnatomicalStructurePrimary` of the input, such as `CortexLeft`.
     pub anatomical_structure_primary: Option<String>,
-    /// Size of the voxels along x, y and z, in mm, if it was given to override the volume file's.
+    /// Voxel size along x, y and z in mm, if the user gave it in place of the size in the volume's file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub voxel_size: Option<[f64; 3]>,
-    /// Whether the repair of a label or mesh was requested, even if it had no effect.
+    /// Whether repairing the label or mesh was requested, even if no repair was needed.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub fix: bool,
-    /// Whether the cutting of handles was requested, even if there were none.
+    /// Whether cutting handles was requested, even if the surface had no handles.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub cut_handles: bool,
-    /// Changes made to a label of nonzero genus before extracting its surface, or to a mesh.
+    /// Changes made by the repair: to a label of nonzero genus before its surface was extracted, or to a mesh.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub repair: Option<Map<String, Value>>,
-    /// Cuts and fillings, if the surface had handles: genus, loops, areas.
+    /// Cuts and fillings, if the surface had handles: genus, loops and areas.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub handles: Option<Map<String, Value>>,
-    /// Position of the input in its volume.
+    /// Position of the input surface in its volume, from the input's file.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub geometry: Option<Geometry>,
-    /// Fields of the JSON other than the above, preserved unchanged.
+    /// Unknown fields of the JSON, which are preserved unchanged.
     #[serde(flatten)]
     pub other: Map<String, Value>,
 }
 
-/// Versions on which a result may depend.
+/// Software versions and platform on which a result may depend.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Versions {
     /// Version of the library and its programs.
     pub spharm: String,
-    /// Version of the store's format.
+    /// Version of the basis store's format.
     pub store_format: u32,
-    /// Operating system and processor.
+    /// Operating system and processor architecture.
     pub platform: (String, String),
 }
 
-/// An input file of a model.
+/// Identity of an input file of a model.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FileRecord {
-    /// Its path, as given.
+    /// Path of the file, as given by the user.
     pub path: String,
-    /// Its size in bytes.
+    /// Size of the file in bytes.
     pub bytes: u64,
-    /// The BLAKE3 hash of its contents: 64 hexadecimal digits.
+    /// BLAKE3 hash of the file's contents, as 64 hexadecimal digits.
     pub blake3: String,
-    /// For a volume, the label from which the surface was extracted.
+    /// Label from which the surface was extracted, if the file is a volume.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub label: Option<i64>,
 }
@@ -104,7 +105,7 @@ impl fmt::Display for FileRecord {
 }
 
 impl FileRecord {
-    /// Reads a file's size and hash.
+    /// Computes the size and hash of a file.
     ///
     /// # Errors
     ///
@@ -121,92 +122,93 @@ impl FileRecord {
         Ok(Self { path: path.to_string_lossy().into_owned(), bytes, blake3, label: None })
     }
 
-    /// Returns whether two files have the same contents, regardless of their names, and the same label is used.
+    /// Returns whether two files have the same contents and label, regardless of their paths.
     #[must_use]
     pub fn same_contents(&self, other: &Self) -> bool {
         (self.bytes, &self.blake3, self.label) == (other.bytes, &other.blake3, other.label)
     }
 }
 
-/// The settings on which a model depends.
+/// Settings on which the coefficients of a model depend, and the outcome of the fit's iterations.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Settings {
-    /// `lsq`, `irf`, `sirf`, `mirf`, `nlsf` or `quadrature`.
+    /// Method of the fit: `lsq`, `irf`, `sirf`, `mirf`, `nlsf` or `quadrature`.
     pub method: String,
-    /// The objective of the fit: `surface`, `vertices`, or `samples` for moments; unknown in models of version 0.1,
-    /// which were fitted to the vertices.
+    /// Objective of the fit: `surface`, `vertices`, or `samples` for moments. `None` in models of version 0.1, which
+    /// were fitted to the vertices.
     #[serde(default, alias = "target")]
     pub objective: Option<String>,
-    /// Allowed area distortion of the map of a mesh without a sphere, if given.
+    /// Largest area distortion allowed when a mesh without a sphere was mapped, if given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub area: Option<f64>,
     /// Number of passes over the basis.
     pub passes: usize,
-    /// Maximum number of columns of a block, g, for the methods that have one.
+    /// Maximum number of columns per block, g, for methods with blocks.
     pub granularity: Option<usize>,
-    /// Last degree of the first block, s, for the methods that have one.
+    /// Last degree of the first block, s, for methods with blocks.
     pub start_degree: Option<usize>,
-    /// Whether pairs of passes were accelerated by conjugate gradients.
+    /// Whether conjugate gradients accelerated pairs of passes.
     #[serde(default)]
     pub accelerate: bool,
-    /// `uniform`, `area`, or the file of the weights.
+    /// Weights of the vertices: `uniform`, `area`, or the path of a file of weights.
     pub weights: String,
-    /// For weights from a file, a BLAKE3 hash of their values: 64 hexadecimal digits.
+    /// BLAKE3 hash of the weights, as 64 hexadecimal digits, if they were read from a file.
     #[serde(default)]
     pub weights_blake3: Option<String>,
-    /// Fraction of the vertices held out.
+    /// Fraction of the vertices that the fit held out.
     #[serde(default)]
     pub hold_out: Option<f64>,
-    /// Requested optimality; unknown in models of version 0.1.
+    /// Requested tolerance for the optimality; `None` in models of version 0.1.
     #[serde(default)]
     pub tolerance: Option<f64>,
     /// Maximum number of iterations, for iterative methods.
     #[serde(default)]
     pub max_iterations: Option<usize>,
-    /// Requested preconditioner, for the methods that have one.
+    /// Requested preconditioner, for methods that use one.
     #[serde(default)]
     pub preconditioner: Option<String>,
-    /// Optimality reached, for the methods that have a tolerance.
+    /// Optimality reached, for methods with a tolerance.
     #[serde(default)]
     pub optimality: Option<f64>,
     /// Whether the iterations converged, for iterative methods.
     #[serde(default)]
     pub converged: Option<bool>,
-    /// How lambda was chosen: `default`, `fixed` or `auto`; unknown in models of version 0.1.
+    /// How the smoothness penalty lambda was chosen: `default`, `fixed` or `auto`; `None` in models of version 0.1.
     #[serde(default)]
     pub smoothness_choice: Option<String>,
-    /// The smoothness penalty used, lambda.
+    /// Smoothness penalty used, lambda.
     pub smoothness: f64,
     /// Scalar type of the basis: `f64` or `f32`.
     pub dtype: String,
 }
 
-/// Mean and maximal squared distance of a model from its target; msd and xsd with the bounding box scaled to volume 1.
+/// Mean and maximal squared distance of a model from its target. msd and xsd refer to a bounding box scaled to volume
+/// 1.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Distances {
-    /// Whether these distances include an additional pass after the requested ones, which removes the remaining
-    /// rounding.
+    /// Whether the distances were measured after an additional pass, which removes remaining rounding errors.
     pub refinement: bool,
-    /// Mean squared distance; none if there is no volume.
+    /// Mean squared distance for a bounding box of volume 1; `None` if the bounding box has no volume.
     pub msd: Option<f64>,
-    /// Maximal squared distance; none if there is no volume.
+    /// Maximal squared distance for a bounding box of volume 1; `None` if the bounding box has no volume.
     pub xsd: Option<f64>,
-    /// Mean squared distance, in the input's unit squared.
+    /// Mean squared distance, in the square of the input's unit.
     pub msd_raw: f64,
-    /// Maximal squared distance, in the input's unit squared.
+    /// Maximal squared distance, in the square of the input's unit.
     pub xsd_raw: f64,
-    /// Root of `msd_raw`, in the input's unit, if the square overflows or underflows f64, in which case `msd_raw` is
-    /// clamped.
+    /// Root of the mean squared distance, in the input's unit. It is needed if the squared distance leaves the range of
+    /// f64; `msd_raw` is then clamped to that range.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rms_raw: Option<f64>,
-    /// Root of `xsd_raw`, likewise.
+    /// Largest distance, in the input's unit. It is needed if its square leaves the range of f64; `xsd_raw` is then
+    /// clamped to that range.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max_raw: Option<f64>,
 }
 
 impl Distances {
-    /// Returns the distances for a mean and a maximal square, in the input's unit squared, of a surface whose bounding
-    /// box has the volume `scale^3`.
+    /// Returns the distances of a surface whose bounding box has the volume `scale^3`. `mean_square` and `max_square`
+    /// are in the square of the input's unit.
     #[must_use]
     pub fn new(mean_square: f64, max_square: f64, refinement: bool, scale: Option<f64>) -> Self {
         let normalised = |value: f64| scale.map(|scale| value / (scale * scale));
@@ -233,7 +235,7 @@ impl Distances {
         self.max_raw.unwrap_or_else(|| self.xsd_raw.sqrt())
     }
 
-    /// Returns the distances for an input scaled by 2^exponent.
+    /// Returns the distances after the input has been scaled by 2^exponent.
     #[must_use]
     pub fn times(self, exponent: i32) -> Self {
         if exponent == 0 {
@@ -250,20 +252,21 @@ impl Distances {
 }
 
 impl Provenance {
-    /// Parses a model's JSON. Invalid text gives an empty provenance, because the coefficients don't depend on it.
+    /// Parses the provenance in a model's file. Invalid JSON gives an empty provenance instead of an error, because the
+    /// coefficients don't depend on the provenance.
     #[must_use]
     pub fn parse(json: &str) -> Self {
         serde_json::from_str(json).unwrap_or_default()
     }
 
-    /// Takes over the metadata of a surface's file.
+    /// Stores the metadata of a surface's file in the provenance.
     pub fn set_meta(&mut self, meta: &Meta) {
         self.anatomical_structure_primary.clone_from(&meta.anatomical_structure_primary);
         self.geometry = Geometry::of(meta);
     }
 }
 
-/// Reads a record; `None` for a bare name, as in models of version 0.1.
+/// Deserializes a file record. Models of version 0.1 store only the file's name, which gives `None`.
 fn record<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<FileRecord>, D::Error> {
     #[derive(Deserialize)]
     #[serde(untagged)]
@@ -327,7 +330,7 @@ mod tests {
         assert_eq!(Provenance::parse("{}").settings, None);
     }
 
-    /// In the form of version 0.1.
+    /// The JSON has the form written by version 0.1.
     #[test]
     fn an_old_model_is_understood() {
         let json = r#"{"tool":"fit","versions":{"spharm":"0.1.0","store_format":1,"platform":["linux","x86_64"]},

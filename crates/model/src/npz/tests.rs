@@ -26,7 +26,7 @@ fn read_bytes(bytes: &[u8]) -> Result<Model, ModelError> {
     read(Path::new("a.npz"), Cursor::new(bytes))
 }
 
-/// Creates an archive of arrays: name, type, order, shape and values.
+/// Creates a `.npz` archive of arrays, each given as name, type, whether in Fortran order, shape and values.
 fn archive(method: CompressionMethod, arrays: &[(&str, &str, bool, &str, &[u8])]) -> Vec<u8> {
     let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
     for (name, descr, fortran, shape, values) in arrays {
@@ -55,7 +55,7 @@ fn what_is_written_is_read_and_the_bytes_are_the_same_each_time() {
     model().write_with(&path, true).unwrap();
 }
 
-/// A fit over a sphere that was made for its surface is smoothed by default, even if the sphere comes from a model.
+/// A model keeps the flag that its sphere was made for its surface: fits over such a sphere are smoothed by default.
 #[test]
 fn a_sphere_is_known_again_as_one_made_for_its_surface() {
     let Model { sphere, coefficients, .. } = model();
@@ -64,7 +64,8 @@ fn a_sphere_is_known_again_as_one_made_for_its_surface() {
     assert_eq!(read_bytes(&bytes_of(&model)).unwrap().sphere, model.sphere);
 }
 
-/// Old readers ignore unknown arrays; models without these arrays, such as all old ones, have no seam.
+/// The record of a surface's cuts is optional, as in models of old versions. It is kept by writing and reading, and
+/// rejected if it contradicts the sphere.
 #[test]
 fn where_a_surface_was_cut_returns_and_must_fit() {
     let mut cut = model();
@@ -119,7 +120,7 @@ fn a_damaged_model_is_an_error_at_any_length() {
     }
 }
 
-/// A header that claims more than there is must not be trusted: it would allocate 24 TB.
+/// The declared shape would take 24 TB. It must be checked against the bytes present before memory is allocated.
 #[test]
 fn an_array_that_claims_to_be_huge_is_refused() {
     for method in [CompressionMethod::Stored, CompressionMethod::Deflated] {
@@ -129,8 +130,8 @@ fn an_array_that_claims_to_be_huge_is_refused() {
     }
 }
 
-/// Row 19 of the problems of first-time users: a mean model by `numpy.savez_compressed`, in 32 bits, with coefficients
-/// only.
+/// A mean model written by `numpy.savez_compressed` in single precision, with the coefficients as its only array:
+/// problem 19 in the list of first-time users' problems.
 #[test]
 fn coefficients_alone_are_a_model() {
     let values: Vec<f32> = (0..12).map(|k| 0.5 * k as f32).collect();
@@ -181,7 +182,7 @@ fn what_is_not_finite_is_neither_read_nor_written() {
     assert!(matches!(error, Err(ModelError::NonFinite { row: 0, channel: 0, .. })), "{error:?}");
 }
 
-/// Against NumPy itself, if available.
+/// Tests the exchange of archives with NumPy itself, if it is available.
 #[test]
 fn archives_by_numpy_are_read_and_ours_are_read_by_numpy() {
     let Some(python) = std::env::var_os("SPHARM_PYTHON") else {
