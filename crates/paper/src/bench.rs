@@ -1,4 +1,4 @@
-//! Construction of bases and fits of surfaces, with timing.
+//! Builds bases and fits surfaces, and measures the time.
 
 use std::cell::RefCell;
 use std::fmt::Display;
@@ -19,12 +19,12 @@ use crate::surfaces::Surface;
 #[derive(Clone, Copy)]
 pub(crate) struct Bench<'a> {
     pub(crate) monitor: &'a dyn Monitor,
-    /// Warnings about results.
+    /// Warnings about results, collected from all experiments.
     pub(crate) warnings: &'a RefCell<Vec<String>>,
     /// Maximum memory of a build or a fit, in bytes.
     pub(crate) memory: usize,
     pub(crate) threads: usize,
-    /// Bytes used by the surfaces and the program.
+    /// Memory in bytes that the surfaces and the program take.
     pub(crate) held: usize,
 }
 
@@ -35,11 +35,11 @@ pub(crate) struct Measured {
     pub(crate) seconds: f64,
 }
 
-/// Maximum number of sweeps beyond NLSF's one pass, as in `fit`.
+/// Maximum number of refinement sweeps after the single pass of NLSF, equal to the value in `fit`.
 const REFINEMENTS: usize = 5;
 
 impl Bench<'_> {
-    /// Reports the current experiment.
+    /// Tells the monitor which experiment is running.
     pub(crate) fn note(&self, text: impl Display) {
         self.monitor.note(Level::Info, format_args!("{text}"));
     }
@@ -48,7 +48,8 @@ impl Bench<'_> {
         self.warnings.borrow_mut().push(text.to_string());
     }
 
-    /// Builds the missing part of a basis in a store. The seconds include writing the files to disk.
+    /// Builds the missing files of a basis in a store. Returns the report, and the time in seconds, which includes
+    /// syncing the files to disk.
     pub(crate) fn build(&self, store: &Path, directions: &Directions, max_degree: usize) -> Result<(BuildReport, f64)> {
         let params = BuildParams { max_degree, memory: self.memory, threads: self.threads, ..BuildParams::default() };
         let started = Instant::now();
@@ -73,8 +74,8 @@ impl Bench<'_> {
         }
     }
 
-    /// Fits a surface. Returns the accuracy after each sweep with the cumulative seconds, and the final coefficients.
-    /// The seconds are those of the sweeps alone, which include reading the basis.
+    /// Fits a surface. Returns, for each sweep, the accuracy and the cumulative seconds; and the final coefficients.
+    /// Only the sweeps are timed, including the reading of the basis.
     pub(crate) fn fit(
         &self,
         operator: &DiskOperator,

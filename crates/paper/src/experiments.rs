@@ -1,4 +1,4 @@
-//! The experiments: measured quantities and their ranges.
+//! Runs the experiments of figures 3, 5, 6 and 7 and of table 1.
 
 use std::path::Path;
 
@@ -17,7 +17,7 @@ use crate::families::Family;
 use crate::published::{Quality, Reference};
 use crate::surfaces::Surface;
 
-/// Figure 5: one degree per block, one pass.
+/// Result of a fit for figure 5: SIRF, with one degree per block and one pass.
 #[derive(Debug)]
 pub(crate) struct Sirf {
     pub(crate) surface: String,
@@ -27,7 +27,7 @@ pub(crate) struct Sirf {
     pub(crate) reference: Option<Quality>,
 }
 
-/// Figures 6 and 7: result after one of the passes at one granularity.
+/// Result for figures 6 and 7: the state after one of the passes, for one granularity.
 #[derive(Debug)]
 pub(crate) struct Pass {
     pub(crate) surface: String,
@@ -39,7 +39,7 @@ pub(crate) struct Pass {
     pub(crate) reference: Option<Quality>,
 }
 
-/// The last fit of the grid, evaluated between the vertices.
+/// Distance between surface and reconstruction for the last fit of figures 6 and 7, measured between the vertices too.
 #[derive(Debug)]
 pub(crate) struct Between {
     pub(crate) surface: String,
@@ -50,26 +50,26 @@ pub(crate) struct Between {
     pub(crate) distance: SurfaceDistance,
 }
 
-/// Table 1: memory required by the full least squares.
+/// A row of table 1: the degrees that a full least-squares fit (NLSF) can reach within a memory limit.
 #[derive(Debug)]
 pub(crate) struct Nlsf {
     pub(crate) vertices: usize,
     /// Memory limit in bytes.
     pub(crate) memory: usize,
-    /// The largest degree whose plan fits; none if not even degree 0's does.
+    /// Largest degree whose planned memory is within the limit; `None` if even degree 0 exceeds it.
     pub(crate) max_degree: Option<usize>,
-    /// Whether the basis ends at that degree, so that a higher one might fit too.
+    /// Whether `max_degree` is the highest degree of the basis, so that higher degrees weren't tried.
     pub(crate) capped: bool,
-    /// Planned bytes at that degree.
+    /// Planned memory in bytes at `max_degree`.
     pub(crate) planned: Option<usize>,
-    /// A fit within that memory: its degree and result.
+    /// Degree and result of a fit that was run within the limit.
     pub(crate) fitted: Option<(usize, Measured)>,
 }
 
-/// Figure 3: one basis, built from scratch.
+/// A point of figure 3: a basis built from scratch, and its time and size.
 #[derive(Debug)]
 pub(crate) struct Basis {
-    /// The axis of figure 3: `degree` or `vertices`.
+    /// Quantity that varies along this curve of figure 3: `degree` or `vertices`.
     pub(crate) along: &'static str,
     pub(crate) vertices: usize,
     pub(crate) max_degree: usize,
@@ -77,7 +77,7 @@ pub(crate) struct Basis {
     pub(crate) bytes: u64,
 }
 
-/// All measurements.
+/// Results of all experiments.
 #[derive(Debug, Default)]
 pub(crate) struct Results {
     pub(crate) sirf: Vec<Sirf>,
@@ -88,8 +88,8 @@ pub(crate) struct Results {
     pub(crate) basis: Vec<Basis>,
 }
 
-/// Runs the experiment of figure 5. SIRF's work at a degree doesn't depend on the highest degree, but msd and time are
-/// measured for each fit.
+/// Runs the fits of figure 5. Although SIRF's fit to a degree contains its fits to all lower degrees, each degree is
+/// fitted anew, because msd and time are measured for each fit.
 pub(crate) fn sirf(
     bench: &Bench<'_>,
     extent: &Extent,
@@ -111,8 +111,8 @@ pub(crate) fn sirf(
     extent.sirf.iter().map(one).collect()
 }
 
-/// Figures 6 and 7. Runs one fit with the most passes for each g: its state after p passes is the result of a fit with
-/// p passes.
+/// Runs the fits of figures 6 and 7. For each granularity g, one fit with the largest number of passes suffices,
+/// because its state after p passes is the result of a fit with p passes.
 pub(crate) fn grid(
     bench: &Bench<'_>,
     extent: &Extent,
@@ -145,8 +145,8 @@ pub(crate) fn grid(
     Ok((grid, last.map(between).transpose()?))
 }
 
-/// Measures the distance of a surface from its reconstruction at four times as many vertices: msd and xsd refer to the
-/// fitted vertices, between which a fit is unconstrained.
+/// Measures the distance between a surface and its reconstruction at about four times as many vertices. msd and xsd
+/// measure only the fitted vertices, but a fit isn't constrained between the vertices.
 fn between(surface: &Surface, coefficients: &Coefficients, monitor: &dyn Monitor) -> Result<SurfaceDistance> {
     let denser = surface.denser_sphere();
     let values = synthesis(&Directions::from_vertices(&denser.vertices)?, coefficients.values().view())?;
@@ -156,8 +156,9 @@ fn between(surface: &Surface, coefficients: &Coefficients, monitor: &dyn Monitor
     Ok(surface_distance(&given, &found, &SurfaceDistanceParams::default(), monitor)?)
 }
 
-/// Runs table 1: for memory limits around the given one, finds the largest degree of NLSF by the solver's plan; within
-/// the given limit, fits at that degree or at the highest one that is still quick.
+/// Runs table 1. For the memory limit, and 1/2, 1/4 and 1/8 of it, finds the largest degree at which the solver plans
+/// to fit NLSF within the limit. Within the full limit, also runs a fit at that degree, or at `extent.nlsf` if that is
+/// lower.
 pub(crate) fn nlsf(
     bench: &Bench<'_>,
     extent: &Extent,
@@ -185,7 +186,7 @@ pub(crate) fn nlsf(
     Ok(rows)
 }
 
-/// Runs figure 3, with each basis in its own folder in `store`.
+/// Builds the bases of figure 3, each in its own temporary folder in `store`.
 pub(crate) fn basis(bench: &Bench<'_>, extent: &Extent, store: &Path) -> Result<Vec<Basis>> {
     let by_degree = extent.basis_degrees.iter().map(|&degree| ("degree", extent.subdivisions, degree));
     let by_vertices = extent.basis_subdivisions.iter().map(|&s| ("vertices", s, extent.basis_degree));
@@ -204,7 +205,7 @@ pub(crate) fn basis(bench: &Bench<'_>, extent: &Extent, store: &Path) -> Result<
 }
 
 impl Pass {
-    /// Returns whether this is the result of a fit of `passes` passes at granularity `granularity`.
+    /// Returns whether this is the result after `passes` passes at granularity `granularity`.
     pub(crate) fn is(&self, passes: usize, granularity: usize) -> bool {
         self.pass == passes && self.granularity == granularity
     }

@@ -1,20 +1,21 @@
-//! Settings of the experiments: size, memory and number of threads.
+//! Defines the settings of the experiments: size, memory and number of threads.
 
-/// Size of the experiments.
+/// Sizes of the surfaces and fits in the experiments.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Extent {
-    /// Subdivisions of the generated cortex.
+    /// Number of subdivisions of the generated cortex.
     pub(crate) subdivisions: u32,
-    /// Degree of the grid, and of the bases in the store.
+    /// Highest degree of the fits in figures 6 and 7, and of the bases in the store.
     pub(crate) max_degree: usize,
-    /// Figure 5: degrees of the SIRF fits.
+    /// Degrees of the SIRF fits in figure 5.
     pub(crate) sirf: &'static [usize],
-    /// Figures 6 and 7: values of g and the largest p.
+    /// Values of the granularity g in figures 6 and 7; `passes` is the largest number of passes p.
     pub(crate) granularities: &'static [usize],
     pub(crate) passes: usize,
-    /// Table 1: the degree above which NLSF is only planned, not run.
+    /// Highest degree at which NLSF is run for table 1; for higher degrees, only its memory is planned.
     pub(crate) nlsf: usize,
-    /// Figure 3: degrees at the cortex's number of vertices, and icospheres at one degree.
+    /// Degrees of figure 3 at the cortex's number of vertices. `basis_degree` and `basis_subdivisions` are the degree
+    /// and the icospheres for the second part of figure 3.
     pub(crate) basis_degrees: &'static [usize],
     pub(crate) basis_degree: usize,
     pub(crate) basis_subdivisions: &'static [u32],
@@ -22,7 +23,7 @@ pub(crate) struct Extent {
     pub(crate) families: &'static [usize],
 }
 
-/// The paper's size.
+/// The sizes used in the paper.
 const FULL: Extent = Extent {
     subdivisions: 6,
     max_degree: 100,
@@ -36,7 +37,7 @@ const FULL: Extent = Extent {
     families: &[20, 40, 60, 80, 100, 150, 200],
 };
 
-/// Seconds rather than minutes, to check that everything works.
+/// Small sizes that take seconds rather than minutes, to check that the experiments work.
 const QUICK: Extent = Extent {
     subdivisions: 4,
     max_degree: 20,
@@ -53,7 +54,7 @@ const QUICK: Extent = Extent {
 /// Settings of the experiments.
 #[derive(Debug, Clone, Copy)]
 pub struct Settings {
-    /// Whether to use a small surface and low degrees, to check within a few seconds that everything works.
+    /// Whether to use a small surface and low degrees, to check within seconds that the experiments work.
     pub quick: bool,
     /// Memory limit of each build and each fit in bytes, including mapped files.
     pub memory: usize,
@@ -62,7 +63,7 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// Returns the size of the experiments.
+    /// Returns the sizes of the surfaces and fits.
     pub(crate) fn extent(&self) -> &'static Extent {
         if self.quick { &QUICK } else { &FULL }
     }

@@ -1,5 +1,5 @@
-//! Comparison of two families of methods, which the paper leaves for future work: least squares at the vertices, and
-//! Healy's quadrature on a grid to which the surface is resampled.
+//! Compares two families of methods, a comparison that the paper leaves for future work: least squares at the vertices,
+//! and Healy's quadrature on a grid to which the surface is resampled.
 
 use std::time::Instant;
 
@@ -26,12 +26,12 @@ pub(crate) struct Family {
     pub(crate) vertices: usize,
     pub(crate) max_degree: usize,
     pub(crate) least_squares: Measured,
-    /// Whether the least squares reached its tolerance.
+    /// Whether the least-squares iteration reached its tolerance.
     pub(crate) converged: bool,
     pub(crate) quadrature: Measured,
 }
 
-/// Accuracy of the transforms, as in `fit`.
+/// Accuracy of the transforms, equal to the value in `fit`.
 const ACCURACY: f64 = 1e-12;
 
 pub(crate) fn families(bench: &Bench<'_>, extent: &Extent, surface: &Surface) -> Result<Vec<Family>> {

@@ -1,16 +1,17 @@
-//! The curves of each figure.
+//! Selects the curves of each figure.
 
 use crate::experiments::{Basis, Nlsf, Pass, Results, Sirf};
 use crate::extent::Extent;
 use crate::plots::{Axis, Curve, Panel, svg};
 
-/// Returns the file names of all figures: those of all surfaces, then figures 6 and 7 of each surface.
+/// Returns the file names of all figures: first the figures that show all surfaces, then figures 6 and 7 of each
+/// surface.
 pub(crate) fn names(surfaces: &[String]) -> Vec<String> {
     let of_all = ["figure3.svg", "figure5.svg", "table1.svg"].map(str::to_owned);
     of_all.into_iter().chain(surfaces.iter().map(|surface| format!("figures6-7.{surface}.svg"))).collect()
 }
 
-/// Returns all figures as files: name and SVG.
+/// Returns the name and SVG text of every figure.
 pub(crate) fn all(results: &Results, extent: &Extent, surfaces: &[String]) -> Vec<(String, String)> {
     let of_all = [figure3(&results.basis, extent), figure5(&results.sirf, surfaces), table1(&results.nlsf)];
     let of_each = surfaces.iter().map(|surface| figures6_7(&results.grid, extent, surface));
@@ -18,7 +19,7 @@ pub(crate) fn all(results: &Results, extent: &Extent, surfaces: &[String]) -> Ve
 }
 
 const DEGREE: Axis = Axis::linear("largest degree L");
-/// Axis on which a power of the degree is a straight line.
+/// Logarithmic axis of the degree, on which a power of the degree is a straight line.
 const LOG_DEGREE: Axis = Axis::log("largest degree L");
 const PASSES: Axis = Axis::linear("passes p");
 const MSD: Axis = Axis::log("msd (bounding-box volume 1)");

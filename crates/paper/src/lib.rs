@@ -1,8 +1,9 @@
-//! Repetition of the paper's experiments: L. Shen and M. K. Chung, "Large-scale modeling of parametric surfaces using
+//! Repeats the experiments of a paper: L. Shen and M. K. Chung, "Large-scale modeling of parametric surfaces using
 //! spherical harmonics", 3DPVT 2006.
 //!
-//! [`Experiments::new`] reads the surfaces and [`Experiments::run`] measures. The resulting documents (tables as CSV,
-//! figures as SVG and a summary in Markdown) are returned as text, for the caller to write.
+//! [`Experiments::new`] reads the surfaces, and [`Experiments::run`] makes the measurements. [`Experiments::documents`]
+//! returns the results as text: tables as CSV, figures as SVG and a summary in Markdown. The caller writes them to
+//! files.
 //!
 //! | module | contents |
 //! |---|---|

@@ -1,4 +1,4 @@
-//! Curves as SVG: panels side by side with a common legend.
+//! Draws curves as SVG, in panels side by side with a common legend.
 
 use std::sync::Arc;
 
@@ -32,7 +32,7 @@ pub(crate) struct Curve {
     pub(crate) points: Vec<(f64, f64)>,
 }
 
-/// Curves on a common pair of axes.
+/// One panel of a figure: curves on a common pair of axes.
 #[derive(Debug)]
 pub(crate) struct Panel {
     pub(crate) x: Axis,
@@ -40,8 +40,8 @@ pub(crate) struct Panel {
     pub(crate) curves: Vec<Curve>,
 }
 
-/// Colours that colour-blind people can distinguish (B. Wong, Nature Methods 8, 2011), without the pale yellow; the
-/// markers differ as well, for print in black and white.
+/// Colours that colour-blind people can distinguish (B. Wong, Nature Methods 8, 2011), except the pale yellow. The
+/// markers differ too, for printing in black and white.
 const STYLES: [(&str, MarkerShape); 7] = [
     ("#0072B2", MarkerShape::Circle),
     ("#D55E00", MarkerShape::Square),
@@ -52,7 +52,8 @@ const STYLES: [(&str, MarkerShape); 7] = [
     ("#000000", MarkerShape::Plus),
 ];
 
-/// Draws panels, `columns` per row. The labels and order of the curves are those of the first panel.
+/// Draws a figure with `columns` panels per row. The legend shows the labels of the first panel's curves, in their
+/// order.
 pub(crate) fn svg(title: &str, columns: usize, panels: Vec<Panel>) -> String {
     let legend: Vec<LegendEntry> = panels.first().map_or(Vec::new(), |panel| {
         let entry = |(curve, (color, marker)): (&Curve, &(&str, MarkerShape))| LegendEntry {
@@ -70,7 +71,7 @@ pub(crate) fn svg(title: &str, columns: usize, panels: Vec<Panel>) -> String {
         .with_plots(plots)
         .with_layouts(layouts)
         .with_cell_size(430.0, 330.0);
-    // A single curve is identified by its axes.
+    // A single curve needs no legend, because the axis labels describe it.
     if legend.len() > 1 {
         figure = figure.with_shared_legend_right_middle().with_shared_legend_entries(legend);
     }
@@ -90,7 +91,7 @@ fn draw(panel: &Panel) -> (Vec<Plot>, Layout) {
             ScatterPlot::new().with_data(points).with_color(*color).with_marker(*marker).with_size(4.0),
         ));
     }
-    // The automatic margins ignore the labels of logarithmic ticks.
+    // kuva's automatic margins don't account for the labels of logarithmic ticks, so set the margins here.
     let mut layout = Layout::auto_from_plots(&plots)
         .with_x_label(panel.x.label)
         .with_y_label(panel.y.label)
@@ -107,10 +108,10 @@ fn draw(panel: &Panel) -> (Vec<Plot>, Layout) {
 const LEFT_MARGIN: f64 = 75.0;
 const RIGHT_MARGIN: f64 = 20.0;
 
-/// Formats a logarithmic tick with one digit, as a plain number if that is short.
+/// Formats the label of a logarithmic tick with one significant digit; short numbers are written without an exponent.
 fn tick(value: f64) -> String {
     if (0.009..99_999.0).contains(&value) {
-        // Parsed from one digit to remove rounding errors.
+        // Format with one digit and parse again, to remove rounding errors such as 0.30000000000000004.
         format!("{}", format!("{value:.0e}").parse::<f64>().unwrap_or(value))
     } else {
         format!("{value:.0e}")

@@ -1,4 +1,4 @@
-//! Values for comparison: the paper's own numbers, and the reference file in the data folder.
+//! Provides values for comparison: the paper's results, and expected results from a reference file in the data folder.
 //!
 //! L. Shen and M. K. Chung, "Large-scale modeling of parametric surfaces using spherical harmonics", 3DPVT 2006.
 
@@ -8,7 +8,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use serde::Deserialize;
 
-/// The paper's surfaces.
+/// The surfaces of the paper.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Kind {
     Cortex,
@@ -16,7 +16,7 @@ pub(crate) enum Kind {
     Hippocampus,
 }
 
-/// One of the paper's fits to degree 100.
+/// A fit to degree 100 whose result the paper reports.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Published {
     pub(crate) kind: Kind,
@@ -41,10 +41,10 @@ pub(crate) const PUBLISHED: [Published; 3] = [
     fit(Kind::Hippocampus, "hippocampus", 10_082, 2, 1, [210.0, 2.33e-5, 1.63e-3]),
 ];
 
-/// Approximate degree reached by the full least squares at 40,962 vertices in 2006.
+/// Approximate degree that a full least-squares fit (NLSF) reached at 40,962 vertices in 2006.
 pub(crate) const NLSF_DEGREE: usize = 24;
 
-/// msd and xsd of a fit.
+/// Accuracy of a fit: mean (msd) and maximal (xsd) squared distance.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 pub(crate) struct Quality {
     pub(crate) msd: f64,
@@ -56,7 +56,7 @@ struct OfSurface {
     results: BTreeMap<String, Quality>,
 }
 
-/// Expected results of the fits of the surfaces, from a `reference.json`: surface, then method, then msd and xsd.
+/// Expected results of fits, read from `reference.json`: for each surface and method, msd and xsd.
 #[derive(Debug, Default, Deserialize)]
 pub(crate) struct Reference(BTreeMap<String, OfSurface>);
 
@@ -64,7 +64,7 @@ pub(crate) struct Reference(BTreeMap<String, OfSurface>);
 const LARGEST: u64 = 1 << 24;
 
 impl Reference {
-    /// Reads the reference of a data folder; empty if there is no such file.
+    /// Reads `reference.json` in a data folder. Without such a file, the reference is empty.
     pub(crate) fn beside(data: &Path) -> Result<Self> {
         let path = data.join("reference.json");
         if !path.exists() {
@@ -75,12 +75,12 @@ impl Reference {
         serde_json::from_str(&text).with_context(|| format!("{}: not a reference as the README says", path.display()))
     }
 
-    /// Returns the reference after `pass` passes of IRF.
+    /// Returns the expected result of IRF after `pass` passes; `None` if unknown.
     pub(crate) fn irf(&self, surface: &str, pass: usize, granularity: usize, max_degree: usize) -> Option<Quality> {
         self.get(surface, &format!("irf p={pass} g={granularity} L={max_degree}"))
     }
 
-    /// Returns the reference of SIRF.
+    /// Returns the expected result of SIRF; `None` if unknown.
     pub(crate) fn sirf(&self, surface: &str, max_degree: usize) -> Option<Quality> {
         self.get(surface, &format!("sirf L={max_degree}"))
     }
@@ -91,7 +91,7 @@ impl Reference {
 }
 
 impl Quality {
-    /// Returns the larger of the relative differences of msd and xsd from a reference.
+    /// Returns the larger of the relative deviations of msd and xsd from the expected values.
     pub(crate) fn off(self, reference: Self) -> f64 {
         let off = |found: f64, expected: f64| ((found - expected) / expected).abs();
         off(self.msd, reference.msd).max(off(self.xsd, reference.xsd))

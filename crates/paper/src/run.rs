@@ -1,4 +1,4 @@
-//! Execution of all experiments, and the resulting documents.
+//! Runs all experiments and returns the resulting documents.
 
 use std::cell::RefCell;
 use std::path::Path;
@@ -17,18 +17,18 @@ use crate::summary::{Circumstances, summary};
 use crate::surfaces::{Surface, among, generated};
 use crate::{families, figures, tables};
 
-/// A text to be written to a file.
+/// A text to be written to a file by the caller.
 #[derive(Debug, Clone)]
 pub struct Document {
     /// Name of the file.
     pub name: String,
-    /// Its contents.
+    /// Contents of the file.
     pub text: String,
 }
 
 const SUMMARY: &str = "paper.md";
 
-/// The surfaces of the experiments, and the expected results of their fits.
+/// The surfaces of the experiments, and the expected results of the fits.
 pub struct Experiments {
     settings: Settings,
     surfaces: Vec<Surface>,
@@ -36,7 +36,8 @@ pub struct Experiments {
 }
 
 impl Experiments {
-    /// Generates a cortex and reads the known surfaces in a folder; missing ones are skipped, with a note.
+    /// Generates a cortex, and reads the known surfaces in the folder `data`. Surfaces whose files are missing are
+    /// skipped, with a note to the monitor.
     ///
     /// # Errors
     ///
@@ -51,20 +52,21 @@ impl Experiments {
         Ok(Self { settings, surfaces, reference })
     }
 
-    /// Returns the names of the documents, which don't depend on the results.
+    /// Returns the file names of all documents. They are known before the experiments are run.
     pub fn document_names(&self) -> Vec<String> {
         let empty = Results::default();
         let tables = tables::all_csv(&empty).into_iter().map(|(name, _)| name.to_owned());
         tables.chain(figures::names(&self.names())).chain([SUMMARY.to_owned()]).collect()
     }
 
-    /// Runs all experiments, with bases in the folder `store`, or in a temporary folder within `beside`.
+    /// Runs all experiments. The bases are stored in the folder `store`, or, for `None`, in a temporary folder within
+    /// `beside`.
     ///
     /// # Errors
     ///
-    /// If a basis can't be built, a fit fails, or the monitor interrupts.
+    /// If a basis can't be built, a fit fails, or the monitor cancels.
     pub fn run(&self, store: Option<&Path>, beside: &Path, monitor: &dyn Monitor) -> Result<Measurements> {
-        /// Bytes of the program, its stacks and allocator, as in `fit`.
+        /// Memory in bytes of the program, its stacks and its allocator, equal to the estimate in `fit`.
         const BASE: usize = 12 << 20;
         let Settings { memory, threads, .. } = self.settings;
         let store = Store::new(store, beside)?;
@@ -98,7 +100,7 @@ impl Experiments {
         Ok(results)
     }
 
-    /// Returns the tables, the figures and, last, the summary.
+    /// Returns the tables, then the figures, then the summary.
     pub fn documents(&self, measured: &Measurements, circumstances: &Circumstances) -> Vec<Document> {
         let (results, extent) = (&measured.results, self.settings.extent());
         let tables = tables::all_csv(results).into_iter().map(|(name, text)| Document { name: name.to_owned(), text });
@@ -113,7 +115,7 @@ impl Experiments {
     }
 }
 
-/// The measurements.
+/// The results of all experiments.
 #[derive(Debug)]
 pub struct Measurements {
     results: Results,

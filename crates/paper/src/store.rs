@@ -1,18 +1,18 @@
-//! The folder of the bases.
+//! Manages the folder of the bases, which may be temporary.
 
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 
-/// A folder of bases.
+/// A folder that holds bases.
 pub(crate) struct Store {
     pub(crate) folder: PathBuf,
-    /// Removes the folder when dropped.
+    /// The temporary folder, which is removed when dropped; `None` for a permanent folder.
     temporary: Option<tempfile::TempDir>,
 }
 
 impl Store {
-    /// Opens a permanent folder, or creates a temporary one within `beside`.
+    /// Opens the permanent folder `kept`, or creates a temporary folder within `beside`.
     pub(crate) fn new(kept: Option<&Path>, beside: &Path) -> Result<Self> {
         if let Some(folder) = kept {
             let made = std::fs::create_dir_all(folder);
@@ -25,8 +25,8 @@ impl Store {
         Ok(Self { folder: temporary.path().to_path_buf(), temporary: Some(temporary) })
     }
 
-    /// Removes a basis from a temporary store, so that the store never holds more than one, and neither the disk nor
-    /// the system's cache has to hold all of them.
+    /// Removes a basis from a temporary store. The store then holds only one basis at a time, which limits the space
+    /// needed on disk and in the system's file cache.
     pub(crate) fn done_with(&self, basis: &Path) -> Result<()> {
         if self.temporary.is_some() {
             std::fs::remove_dir_all(basis).with_context(|| format!("{}: cannot remove", basis.display()))?;

@@ -1,4 +1,4 @@
-//! The summary: measurements compared with the paper.
+//! Writes the summary, which compares the measurements with the paper.
 
 use crate::experiments::{Pass, Results};
 use crate::extent::{Extent, Settings};
@@ -6,16 +6,16 @@ use crate::published::{NLSF_DEGREE, PUBLISHED, Quality};
 use crate::surfaces::Surface;
 use crate::tables::markdown;
 
-/// Other circumstances of the measurements.
+/// Peak memory and duration of the run that made the measurements.
 #[derive(Debug, Clone, Copy)]
 pub struct Circumstances {
-    /// Largest resident size of the process in bytes, if the system reports it.
+    /// Peak resident memory of the process in bytes; `None` if the system doesn't report it.
     pub peak: Option<u64>,
-    /// Duration of the entire run.
+    /// Duration of the entire run in seconds.
     pub seconds: f64,
 }
 
-/// Returns the summary as Markdown.
+/// Returns the summary as Markdown text.
 pub(crate) fn summary(
     results: &Results,
     extent: &Extent,
@@ -52,7 +52,7 @@ fn size(bytes: u64) -> String {
     }
 }
 
-/// Formats seconds with about three digits.
+/// Formats a number of seconds with about three significant digits.
 fn seconds(value: f64) -> String {
     let decimals = [1.0, 10.0, 100.0].into_iter().position(|bound| value < bound).map_or(0, |at| 3 - at);
     format!("{value:.decimals$}")
@@ -112,7 +112,7 @@ fn beside_the_paper(results: &Results, surfaces: &[Surface], quick: bool) -> Str
                 published.granularity.to_string(),
                 seconds(pass.measured.seconds),
                 format!("{}", published.seconds),
-                // No ratio, because the work differs.
+                // The quick experiments are smaller than the paper's, so a ratio of the times would be meaningless.
                 if quick { "-".to_owned() } else { format!("{:.0}", published.seconds / pass.measured.seconds) },
                 short(quality.msd),
                 short(published.msd),

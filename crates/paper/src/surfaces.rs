@@ -1,4 +1,4 @@
-//! The surfaces of the experiments.
+//! Reads and generates the surfaces of the experiments.
 
 use std::path::Path;
 
@@ -11,19 +11,19 @@ use spharm_surface::{Mesh, read_sphere, read_target};
 
 use crate::published::Kind;
 
-/// A surface and its sphere.
+/// A surface with its spherical parametrization.
 pub(crate) struct Surface {
-    /// Short name, for files and tables.
+    /// Short name of the surface, for file names and tables.
     pub(crate) name: String,
-    /// The paper's surface with which it is compared.
+    /// The surface of the paper with which this surface is compared.
     pub(crate) kind: Kind,
-    /// The sphere's vertices.
+    /// Vertices of the sphere, one for each vertex of the surface.
     pub(crate) directions: Directions,
-    /// Positions.
+    /// Positions of the surface's vertices.
     pub(crate) vertices: Vec<[f64; 3]>,
-    /// Triangles, of the surface and of the sphere.
+    /// Triangles, which surface and sphere share.
     pub(crate) faces: Vec<[u32; 3]>,
-    /// Cube root of the bounding box's volume.
+    /// Cube root of the volume of the surface's bounding box.
     pub(crate) scale: f64,
 }
 
@@ -34,21 +34,23 @@ impl Surface {
         Ok(Self { name: name.to_owned(), kind, directions, vertices, faces, scale })
     }
 
-    /// Returns the sphere at four times the number of vertices.
+    /// Returns the sphere subdivided once, with about four times as many vertices.
     pub(crate) fn denser_sphere(&self) -> Mesh {
         subdivide_sphere(&Mesh::new(self.directions.as_slice().to_vec(), self.faces.clone()))
     }
 
-    /// Returns the memory used, in bytes.
+    /// Returns the memory that the surface takes, in bytes.
     pub(crate) fn bytes(&self) -> usize {
         2 * 24 * self.vertices.len() + 12 * self.faces.len()
     }
 }
 
-/// A known surface in the data: name, files of surface and sphere, and whether to subdivide it.
+/// A surface that the data folder may contain: name, files of surface and sphere, the paper's surface, and whether to
+/// subdivide it.
 type Known = (&'static str, &'static str, &'static str, Kind, bool);
 
-/// The paper's hippocampus has 10,082 vertices; these have about 2,400 before subdivision.
+/// The hippocampi are subdivided, because their files have about 2,400 vertices, whereas the paper's hippocampus has
+/// 10,082.
 const KNOWN: [Known; 5] = [
     ("cort40962", "cort40962.surf.gii", "cort40962.sphere.surf.gii", Kind::Cortex, false),
     ("head27618", "head27618.surf.gii", "head27618.sphere.surf.gii", Kind::Head, false),
@@ -57,14 +59,14 @@ const KNOWN: [Known; 5] = [
     ("hippo_a03_l", "hippo_a03_l.obj", "hippo_a03_l.sphere.obj", Kind::Hippocampus, true),
 ];
 
-/// Generates the cortex, whose sphere is an icosphere.
+/// Generates an artificial cortex whose sphere is an icosphere.
 pub(crate) fn generated(subdivisions: u32) -> Result<Surface> {
     let (surface, sphere) = cortex(&Cortex { subdivisions, variant: 0 });
     let directions = Directions::from_vertices(&sphere.vertices)?;
     Surface::new("generated", Kind::Cortex, surface, directions)
 }
 
-/// Reads the known surfaces in a data folder. Missing ones are skipped, with a note.
+/// Reads the known surfaces in a data folder. Surfaces whose files are missing are skipped, with a note to the monitor.
 pub(crate) fn among(data: &Path, monitor: &dyn Monitor) -> Result<Vec<Surface>> {
     std::fs::read_dir(data).with_context(|| format!("{}: cannot open the folder of the surfaces", data.display()))?;
     let mut found = Vec::new();

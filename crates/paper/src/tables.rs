@@ -1,21 +1,21 @@
-//! The measurements as CSV with full precision, and tables as Markdown.
+//! Writes the measurements as CSV with full precision, and formats tables as Markdown.
 
 use crate::bench::Measured;
 use crate::experiments::{Basis, Between, Nlsf, Pass, Results, Sirf};
 use crate::families::Family;
 use crate::published::Quality;
 
-/// Formats an optional value; empty if there is none.
+/// Formats an optional value; `None` becomes an empty cell.
 fn cell<T: ToString>(value: Option<T>) -> String {
     value.map_or(String::new(), |value| value.to_string())
 }
 
 fn csv(header: &str, rows: impl Iterator<Item = Vec<String>>) -> String {
-    // No cell contains a comma or a quote: all are numbers and our own names.
+    // No quoting is needed: the cells are numbers and names without commas or quotes.
     std::iter::once(header.to_owned()).chain(rows.map(|row| row.join(","))).map(|line| line + "\n").collect()
 }
 
-/// Formats a small number with full precision.
+/// Formats a small number in exponent notation with full precision.
 fn digits(value: f64) -> String {
     format!("{value:e}")
 }
@@ -31,7 +31,7 @@ fn against(found: Quality, reference: Option<Quality>) -> [String; 3] {
 
 const REFERENCE: &str = "reference_msd,reference_xsd,relative_difference";
 
-/// Returns all experiments as files: name and text.
+/// Returns the name and text of a CSV file for each experiment.
 pub(crate) fn all_csv(results: &Results) -> Vec<(&'static str, String)> {
     let sirf = |row: &Sirf| {
         let mut cells = vec![row.surface.clone(), row.vertices.to_string(), row.max_degree.to_string()];
@@ -111,8 +111,8 @@ pub(crate) fn all_csv(results: &Results) -> Vec<(&'static str, String)> {
     ]
 }
 
-/// Formats a Markdown table, aligned so that it is readable in a terminal too: the first row is the header, the first
-/// column is left-aligned and the others right-aligned.
+/// Formats a Markdown table whose columns are aligned, so that it is also readable in a terminal. The first row is the
+/// header, the first column is left-aligned and the others right-aligned.
 pub(crate) fn markdown(rows: &[Vec<String>]) -> String {
     let columns = rows.first().map_or(0, Vec::len);
     let length = |row: &Vec<String>, column: usize| row.get(column).map_or(0, |cell| cell.chars().count());
