@@ -1,10 +1,11 @@
-//! The fast sweep against 50-digit references, the textbook form, and identities that the harmonics satisfy.
+//! Tests the fast recurrence against reference values, against the textbook form, and by identities that the harmonics
+//! satisfy.
 
 use proptest::prelude::*;
 use spharm_harmonics::textbook::harmonic;
 use spharm_harmonics::{Directions, Recurrence, Sweep, basis_size, column};
 
-/// Every harmonic to `max_degree` at one direction, by column.
+/// Returns every harmonic up to `max_degree` at one direction, in the order of the columns.
 fn all(recurrence: &Recurrence, direction: [f64; 3], max_degree: usize) -> Vec<f64> {
     let mut values = vec![0.0; basis_size(max_degree)];
     let mut sweep = Sweep::new(recurrence, &[direction]);
@@ -18,7 +19,8 @@ fn scale(degree: usize) -> f64 {
     ((2 * degree + 1) as f64 / (4.0 * std::f64::consts::PI)).sqrt()
 }
 
-/// `tests/data/reference.csv`, made by `make_reference.py` with mpmath: poles, 1e-8 from them, equator, seam, to 2,000.
+/// The references in `tests/data/reference.csv` were computed by `make_reference.py` with mpmath, to degree 2,000, at
+/// directions that include the poles, 1e-8 from the poles, the equator and the seam.
 #[test]
 fn agrees_with_fifty_digit_references_to_degree_2000() {
     let table = include_str!("data/reference.csv");
@@ -45,7 +47,8 @@ fn agrees_with_fifty_digit_references_to_degree_2000() {
     assert!(worst.0 <= 1e-12, "{worst:?}");
 }
 
-/// The sums over the orders of one degree: `sum_m S_lm(x) S_lm(y) = (2l+1)/(4 pi) P_l(x . y)`, here for x = y.
+/// The addition theorem for the orders of one degree is `sum_m S_lm(x) S_lm(y) = (2l+1)/(4 pi) P_l(x . y)`. Here x = y,
+/// so the sum is `(2l+1)/(4 pi)`.
 #[test]
 fn addition_theorem_holds_to_degree_2000_at_any_colatitude() {
     let recurrence = Recurrence::new(2000).unwrap();
@@ -59,7 +62,8 @@ fn addition_theorem_holds_to_degree_2000_at_any_colatitude() {
     }
 }
 
-/// Exact quadrature (Gauss-Legendre by Newton's method x equal azimuths) makes the Gram matrix the identity.
+/// With an exact quadrature, the Gram matrix of the harmonics is the identity. The quadrature has Gauss-Legendre nodes
+/// in colatitude, found by Newton's method, and equidistant azimuths.
 #[test]
 fn harmonics_are_orthonormal_over_the_sphere() {
     let max_degree = 24;
@@ -128,7 +132,7 @@ proptest! {
         }
     }
 
-    /// `sum_m S_lm(x) S_lm(y) = (2l+1)/(4 pi) P_l(x . y)` for any two directions.
+    /// The addition theorem `sum_m S_lm(x) S_lm(y) = (2l+1)/(4 pi) P_l(x . y)` holds for any two directions.
     #[test]
     fn addition_theorem_holds_between_any_two_directions(a in direction(), b in direction()) {
         let recurrence = Recurrence::new(150).unwrap();
@@ -144,8 +148,8 @@ proptest! {
         }
     }
 
-    /// A rotation maps the harmonics of one degree onto each other by an orthogonal matrix, so inner products are
-    /// preserved.
+    /// A rotation transforms the harmonics of one degree by an orthogonal matrix. So the inner product of their values
+    /// at two directions stays equal if both directions are rotated.
     #[test]
     fn inner_products_of_a_degree_survive_rotation(a in direction(), b in direction(), axis in direction(), angle in 0.0..6.3f64) {
         let recurrence = Recurrence::new(40).unwrap();
@@ -169,7 +173,8 @@ proptest! {
     }
 }
 
-/// One row at a time, all at once, or with degrees skipped: the same bits.
+/// Values have the same bits whether they are computed for one direction at a time, for all directions together, or
+/// with degrees skipped.
 #[test]
 fn values_do_not_depend_on_the_run_they_are_computed_in() {
     let directions: Vec<[f64; 3]> = (0..37)

@@ -1,11 +1,11 @@
-//! Transforms compared with the direct sums of `harmonics`, and with each other.
+//! Tests the transforms against direct sums by `harmonics`, and against each other.
 
 use ndarray::{Array2, ArrayView1};
 use spharm_harmonics::index::basis_size;
 use spharm_harmonics::{Directions, synthesis};
 use spharm_transform::{Transform, TransformParams};
 
-/// Uniform in [-1, 1), from a counter.
+/// Returns a pseudorandom number for a counter, uniform in [-1, 1).
 fn noise(i: usize) -> f64 {
     let mut z = (i as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
     z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -13,7 +13,7 @@ fn noise(i: usize) -> f64 {
     ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
 }
 
-/// Scattered directions, and those most likely to go wrong: poles, next to them, the seam, the equator.
+/// Returns scattered directions and numerically critical ones: at the poles, near them, at the seam and on the equator.
 fn directions(scattered: usize) -> Directions {
     let mut vertices = vec![[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [-0.0, 0.0, 1.0]];
     for sign in [1.0, -1.0] {
@@ -35,7 +35,8 @@ fn coefficients(max_degree: usize, channels: usize) -> Array2<f64> {
     Array2::from_shape_fn((basis_size(max_degree), channels), |(k, c)| noise(k * 31 + c * 1_000_003 + 17))
 }
 
-/// Written out: ndarray's `dot` calls the BLAS chosen by the workspace, which this crate doesn't link.
+/// A plain dot product: ndarray's `dot` would call the BLAS that the workspace selects, and this crate doesn't link
+/// one.
 fn dot(a: ArrayView1<'_, f64>, b: ArrayView1<'_, f64>) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
@@ -48,7 +49,8 @@ fn check(max_degree: usize, scattered: usize, channels: usize, accuracies: &[f64
     let directions = directions(scattered);
     let x = coefficients(max_degree, channels);
     let direct = synthesis(&directions, x.view()).unwrap();
-    // Random coefficients are larger at a pole, by the root of the degree, than elsewhere.
+    // Random coefficients give larger values at a pole than elsewhere, by a factor of the root of the degree, so the
+    // largest error is compared with the largest value.
     let peak = direct.iter().fold(0.0f64, |a, v| a.max(v.abs()));
     for &accuracy in accuracies {
         let params = TransformParams { max_degree, accuracy, ..Default::default() };
@@ -70,7 +72,7 @@ fn synthesis_is_the_direct_sum_to_the_accuracy_asked_for() {
     }
 }
 
-/// Models are evaluated several at a time; a single one gives the same bits.
+/// The synthesis of a channel has the same bits whether it is computed alone or together with other channels.
 #[test]
 fn a_channel_has_the_same_bits_among_any_others() {
     for (max_degree, scattered) in [(1, 30), (20, 4000), (61, 900)] {
@@ -95,8 +97,8 @@ fn synthesis_is_the_direct_sum_at_high_degrees() {
     check(2000, 100, 1, &[1e-6, 1e-12, 1e-13]);
 }
 
-/// Compares entry by entry: an error in a single direction, at the edge of a strip of the grid, is hidden in sums over
-/// many directions.
+/// The adjoint of each unit vector is compared with the basis entry by entry. A sum over many directions would hide an
+/// error in a single direction at the edge of a strip of the grid.
 #[test]
 fn adjoint_of_each_direction_is_its_row_of_the_basis() {
     for max_degree in [9, 12] {
@@ -108,7 +110,7 @@ fn adjoint_of_each_direction_is_its_row_of_the_basis() {
             let transform = Transform::new(&directions, &params).unwrap();
             let adjoint = transform.adjoint_synthesis(Array2::eye(directions.len()).view()).unwrap();
             let worst = (&adjoint - &basis.t()).iter().fold(0.0f64, |a, e| a.max(e.abs()));
-            // Each row's own size is some (L + 1) / sqrt(4 pi).
+            // The norm of a row of the basis is about (L + 1) / sqrt(4 pi).
             assert!(worst <= 3.0 * accuracy * (max_degree + 1) as f64, "degree {max_degree}, {accuracy:e}: {worst:e}");
         }
     }
@@ -204,8 +206,8 @@ fn plans_of_a_lower_degree_share_the_directions() {
     }
 }
 
-/// Covers groups that are sorted together, which depends on the number of directions, and a last group with fewer
-/// channels.
+/// A group of channels has the same bits whether it is transformed alone or with other groups. The numbers of
+/// directions cover groups that are sorted together; the last group has fewer channels.
 #[test]
 fn groups_of_channels_are_transformed_as_if_alone() {
     for (n, channels) in [(1000, 11), (200_000, 20)] {
@@ -231,7 +233,7 @@ fn groups_of_channels_are_transformed_as_if_alone() {
 fn weighted_sums_are_adjoint_syntheses_of_weights_and_weighted_samples() {
     let directions = directions(700);
     let n = directions.len();
-    // Fewer channels at a time than there are.
+    // Transforms 2 channels at a time, fewer than the 3 of the samples.
     let params = TransformParams { max_degree: 20, accuracy: 1e-12, channels: 2 };
     let transform = Transform::new(&directions, &params).unwrap();
     let samples = Array2::from_shape_fn((n, 3), |(i, c)| noise(5 * i + c));

@@ -101,14 +101,14 @@ def seam(theta, sign, y):
 def directions():
     """(thin, (x, y, z)) for each; `thin` ones get fewer orders at high degree."""
     full = [(0.0, 0.0, 1.0), (0.0, 0.0, -1.0)]
-    # By the poles, where z rounds to +-1 and x, y hold all there is to know.
+    # Near the poles, z rounds to +-1, and only x and y determine the direction.
     full += [direction("1e-8", phi) for phi in ("0.7", "2.9", "-1.3")]
     full += [direction("1e-8", phi, south=True) for phi in ("0.2", "1.9", "-2.4")]
     full += [direction(theta, phi) for theta, phi in (
         ("1e-5", "0.61"), ("1e-4", "-2.17"), ("1e-3", "1.83"), ("4e-3", "-0.37"),
         ("0.01", "2.71"), ("0.03", "-1.49"), ("0.1", "0.93"), ("0.3", "-2.93"))]
     thin = []
-    # The equator, and just off it.
+    # On the equator, and 1e-9 from it.
     x, y, _ = direction(mp.pi / 2, "1.1")
     thin += [(x, y, 0.0), (x, y, 1e-9), (-x, y, -1e-9)]
     thin += [(1.0, 0.0, 0.0)]
@@ -117,7 +117,7 @@ def directions():
     thin += [seam("0.45", 1, y) for y in (1e-9, -1e-9)]
     thin += [seam("1.35", -1, y) for y in (0.0, -0.0)]
     thin += [seam("0.8", -1, y) for y in (1e-300, -1e-300)]
-    # One in each octant.
+    # One direction in each octant.
     thin += [direction("1.2", "0.4"), direction("0.6", "2.2"),
              direction("0.9", "-2.6"), direction("1.5", "-0.8"),
              direction("2.5", "1.0"), direction("1.7", "2.0"),
