@@ -1,4 +1,4 @@
-//! Finds inputs that occur twice, whatever their names.
+//! Finds inputs that occur twice, regardless of the names of their files.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -7,7 +7,7 @@ use spharm::FileRecord;
 
 use crate::Row;
 
-/// Names grouped by key, to find those with equal keys.
+/// Names grouped by a key, such as the contents of a file.
 #[derive(Debug)]
 pub struct EqualSets<Key>(BTreeMap<Key, Vec<String>>);
 
@@ -18,12 +18,12 @@ impl<Key> Default for EqualSets<Key> {
 }
 
 impl<Key: Ord> EqualSets<Key> {
-    /// Adds a name.
+    /// Adds a name under its key.
     pub fn add(&mut self, key: Key, name: String) {
         self.0.entry(key).or_default().push(name);
     }
 
-    /// Returns the names of each set of two or more, sorted.
+    /// Returns each set of two or more names with the same key. The sets, and the names of each set, are sorted.
     pub fn sets(&self) -> Vec<Vec<&str>> {
         let several = self.0.values().filter(|names| names.len() > 1);
         let mut sets: Vec<Vec<&str>> = several.map(|names| names.iter().map(String::as_str).collect()).collect();
@@ -33,21 +33,21 @@ impl<Key: Ord> EqualSets<Key> {
     }
 }
 
-/// Input of a model: contents, label and weights. The sphere isn't included, since that of a copied subject has another
-/// path.
+/// Key of a model's input: hash of the file's contents, label, and file of weights. The sphere isn't included, because
+/// the sphere of a duplicated subject has another path.
 type Made = (String, Option<i64>, Option<PathBuf>);
 
-/// The inputs of a call, by their contents.
+/// The inputs of a run, grouped by their contents.
 #[derive(Debug, Default)]
 pub struct Inputs(EqualSets<Made>);
 
 impl Inputs {
-    /// Adds a row with its file's record.
+    /// Adds a row with the record of its file.
     pub fn add_row(&mut self, row: &Row, record: &FileRecord) {
         self.add(record, row.weights.clone(), row.id.clone());
     }
 
-    /// Adds an input under a name.
+    /// Adds an input with its name.
     pub fn add(&mut self, record: &FileRecord, weights: Option<PathBuf>, name: String) {
         self.0.add((record.blake3.clone(), record.label, weights), name);
     }
@@ -58,7 +58,7 @@ impl Inputs {
     }
 }
 
-/// Returns the first `most` names, and the number of the others: `a, b and 3 more`.
+/// Returns the first `most` names and the number of further names, such as `a, b and 3 more`.
 pub fn first_of<'a>(names: impl IntoIterator<Item = &'a str>, most: usize) -> String {
     let mut names = names.into_iter();
     let shown: Vec<&str> = names.by_ref().take(most).collect();
@@ -68,7 +68,7 @@ pub fn first_of<'a>(names: impl IntoIterator<Item = &'a str>, most: usize) -> St
     }
 }
 
-/// Returns the warning about equal inputs, by their names.
+/// Returns a warning that the inputs with these names are equal.
 pub fn same_inputs(names: &[&str]) -> String {
     const NAMED: usize = 12;
     let named = first_of(names.iter().copied(), NAMED);

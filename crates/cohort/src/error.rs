@@ -1,9 +1,9 @@
-//! Errors of manifests, shards and status files.
+//! Defines the errors of manifests, shards and status files.
 
 use std::io;
 use std::path::PathBuf;
 
-/// Errors of this crate. Lines of tables are counted from 1, including the header.
+/// Errors of this crate. Lines of tables are counted from 1; the header counts as a line.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CohortError {
@@ -12,52 +12,52 @@ pub enum CohortError {
     Io {
         /// The file.
         path: PathBuf,
-        /// The operation.
+        /// The operation that failed.
         action: &'static str,
-        /// Why it failed.
+        /// Error of the operating system.
         source: io::Error,
     },
-    /// A table that isn't UTF-8 text.
+    /// The table isn't UTF-8 text.
     #[error("{}: line {line}: expected UTF-8 text, found {found}; save the table as UTF-8", .path.display())]
     Encoding {
         /// The table.
         path: PathBuf,
-        /// Line.
+        /// Number of the line.
         line: usize,
         /// The bytes found.
         found: String,
     },
-    /// A table without any row below its header.
+    /// The table has no row below its header.
     #[error("{}: the table has no rows; expected a header and one row per surface", .path.display())]
     NoRows {
         /// The table.
         path: PathBuf,
     },
-    /// A missing required column.
+    /// The table lacks a required column.
     #[error("{}: line {line}: missing column {column}; found {}{hint}", .path.display(), .found.join(", "))]
     NoColumn {
         /// The table.
         path: PathBuf,
-        /// Line of the header.
+        /// Number of the header's line.
         line: usize,
-        /// The column.
+        /// Name of the missing column.
         column: &'static str,
-        /// The existing columns.
+        /// Names of the table's columns.
         found: Vec<String>,
-        /// A possible reason, beginning with a semicolon; or empty.
+        /// A possible reason for the problem, beginning with a semicolon; empty if unknown.
         hint: &'static str,
     },
-    /// Two columns with the same name.
+    /// Two columns have the same name.
     #[error("{}: line {line}: duplicate column {column}; rename one", .path.display())]
     ColumnTwice {
         /// The table.
         path: PathBuf,
-        /// Line of the header.
+        /// Number of the header's line.
         line: usize,
-        /// The column.
+        /// Name of the columns.
         column: String,
     },
-    /// A column whose name is almost that of a known column.
+    /// The name of a column is almost that of a known column.
     #[error(
         "{}: line {line}: unknown column {column:?}; rename it to {nearest}, or to something less similar",
         .path.display()
@@ -65,79 +65,79 @@ pub enum CohortError {
     NearlyColumn {
         /// The table.
         path: PathBuf,
-        /// Line of the header.
+        /// Number of the header's line.
         line: usize,
-        /// The column.
+        /// Name of the column.
         column: String,
-        /// The most similar known column.
+        /// Name of the most similar known column.
         nearest: &'static str,
     },
-    /// A row with more or fewer cells than the header.
+    /// A row has more or fewer cells than the header.
     #[error("{}: line {line}: expected {expected} cells as in the header, found {found}", .path.display())]
     Cells {
         /// The table.
         path: PathBuf,
-        /// Line.
+        /// Number of the row's line.
         line: usize,
-        /// Number of cells of the header.
+        /// Number of cells in the header.
         expected: usize,
-        /// Number of cells of the row.
+        /// Number of cells in the row.
         found: usize,
     },
-    /// A cell with an invalid value.
+    /// A cell has an invalid value.
     #[error("{}: line {line}: column {column}: expected {expected}, found {found}", .path.display())]
     Cell {
         /// The table.
         path: PathBuf,
-        /// Line.
+        /// Number of the cell's line.
         line: usize,
-        /// The column.
+        /// Name of the column.
         column: &'static str,
         /// Valid values.
         expected: &'static str,
-        /// Its value, with control characters escaped.
+        /// Value of the cell, with control characters escaped.
         found: String,
     },
-    /// Two rows with the same id or the same output.
+    /// Two rows have the same id or the same output.
     #[error("{}: line {line}: duplicate {what} {value}, first used on line {first}", .path.display())]
     Twice {
         /// The table.
         path: PathBuf,
-        /// Line.
+        /// Line number of the second of the two rows.
         line: usize,
-        /// `id` or `output`.
+        /// The duplicated property: `id` or `output`.
         what: &'static str,
-        /// The value.
+        /// The duplicated value.
         value: String,
-        /// Line of the first occurrence.
+        /// Line number of the first of the two rows.
         first: usize,
     },
-    /// A status file that another process is writing to.
+    /// Another process is writing to the status file.
     #[error("{}: another process is writing to this status file; give each shard its own status file", .path.display())]
     Locked {
         /// The file.
         path: PathBuf,
     },
-    /// A file that exists and isn't a status file.
+    /// The file exists but isn't a status file.
     #[error("{}: not a status file: expected {expected:?} as the first line, found {found:?}", .path.display())]
     NotStatus {
         /// The file.
         path: PathBuf,
-        /// The header.
+        /// The header of a status file.
         expected: String,
-        /// Its first line.
+        /// First line of the file.
         found: String,
     },
-    /// A malformed shard.
+    /// The text isn't a valid shard.
     #[error("invalid shard {found}; expected INDEX/COUNT, such as 0/10 for the first of ten, or slurm")]
     NotAShard {
-        /// The given text.
+        /// The text.
         found: String,
     },
-    /// An environment of Slurm that doesn't identify this process's task of an array.
+    /// The environment variables of Slurm don't identify this process's task in an array.
     #[error("--shard slurm: {problem}")]
     Slurm {
-        /// The problem and its remedy.
+        /// Description of the problem and its remedy.
         problem: String,
     },
 }

@@ -1,4 +1,4 @@
-//! Evaluates models on one sphere, in files beside them.
+//! Evaluates every model on one common sphere, and writes the values to files beside the models.
 
 use std::path::PathBuf;
 
@@ -12,26 +12,27 @@ use crate::files::{ModelFiles, make_folder_of};
 /// A sphere on which every model is evaluated.
 #[derive(Debug, Clone)]
 pub struct Evaluate {
-    /// The sphere.
+    /// The sphere on which models are evaluated.
     pub sphere: Sphere,
-    /// Its name in file names, such as `ico6`.
+    /// Name of the sphere in file names, such as `ico6`.
     pub name: String,
 }
 
 impl Evaluate {
-    /// Returns the file of a surface or of a signal.
+    /// Returns the path of the file for the values of a surface or of a signal.
     fn path(&self, files: &ModelFiles, kind: Kind) -> PathBuf {
         let ending = if kind == Kind::Surface { "surf.gii" } else { "shape.gii" };
         files.model.with_file_name(format!("{}.{}.{ending}", files.name(), self.name))
     }
 
-    /// Returns the file before its kind is known: the existing one, or else that of a surface.
+    /// Returns the path if the kind of the model isn't known yet: that of the signal's file if it exists, otherwise
+    /// that of the surface's file.
     pub(crate) fn file(&self, files: &ModelFiles) -> PathBuf {
         let signal = self.path(files, Kind::Signal);
         if signal.exists() { signal } else { self.path(files, Kind::Surface) }
     }
 
-    /// Writes a fit's values on the sphere.
+    /// Evaluates a fit on the common sphere, and writes the values to a file.
     pub(crate) fn write(&self, files: &ModelFiles, sphere: &Sphere, fit: &Fit, overwrite: bool) -> Result<(), Error> {
         let kind = fit.report.settings.kind;
         let model = fit.clone().into_model(sphere.clone());

@@ -1,4 +1,4 @@
-//! The files of a fit: the model and its companion files.
+//! Names, writes and removes the files of a fit: the model and the files beside it.
 
 use std::ffi::OsString;
 use std::io;
@@ -16,35 +16,35 @@ use spharm_model::csv::write_complex_csv;
 
 use crate::origin::Origin;
 
-/// The choice of existing files to replace.
+/// The existing files that a fit may replace.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Replace {
-    /// The model.
+    /// Whether an existing model may be replaced.
     pub model: bool,
-    /// The files beside it.
+    /// Whether existing files beside the model may be replaced.
     pub beside: bool,
 }
 
 impl Replace {
-    /// Replaces every file.
+    /// Allows every existing file to be replaced.
     pub const ALL: Self = Self { model: true, beside: true };
 }
 
-/// Names of the files of one model: `NAME.spharm.npz` and those beside it.
+/// Paths of the files of one model: `NAME.spharm.npz` and the files beside it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ModelFiles {
-    /// The model.
+    /// Path of the model, `NAME.spharm.npz`.
     pub model: PathBuf,
 }
 
 impl ModelFiles {
-    /// Returns the name, `NAME`, for display.
+    /// Returns `NAME`, the common beginning of the file names, as text for display.
     #[must_use]
     pub fn name(&self) -> String {
         self.file_name().to_string_lossy().into_owned()
     }
 
-    /// Returns the exact name, `NAME`, for deriving other file names.
+    /// Returns `NAME`, the common beginning of the file names, exactly, even if it isn't UTF-8.
     #[must_use]
     pub fn file_name(&self) -> OsString {
         let mut name = PathBuf::from(self.model.file_name().unwrap_or_default());
@@ -56,50 +56,50 @@ impl ModelFiles {
         name.into_os_string()
     }
 
-    /// Returns the file with this ending beside the model.
+    /// Returns the path of the file `NAME` + `ending` in the model's folder.
     fn beside(&self, ending: &str) -> PathBuf {
         let mut name = self.file_name();
         name.push(ending);
         self.model.with_file_name(name)
     }
 
-    /// Returns the table of complex coefficients, `NAME.spharm.csv`.
+    /// Returns the path of the table of complex coefficients, `NAME.spharm.csv`.
     #[must_use]
     pub fn csv(&self) -> PathBuf {
         self.model.with_extension("csv")
     }
 
-    /// Returns the standard errors, `NAME.spharm.stderr.npy`.
+    /// Returns the path of the standard errors, `NAME.spharm.stderr.npy`.
     #[must_use]
     pub fn standard_errors(&self) -> PathBuf {
         self.model.with_extension("stderr.npy")
     }
 
-    /// Returns the sphere that a surface was mapped to, `NAME.sphere.surf.gii`.
+    /// Returns the path of the sphere to which the surface was mapped, `NAME.sphere.surf.gii`.
     #[must_use]
     pub fn sphere(&self) -> PathBuf {
         self.beside(".sphere.surf.gii")
     }
 
-    /// Returns the surface around a volume's label, `NAME.surf.gii`.
+    /// Returns the path of the surface around a volume's label, `NAME.surf.gii`.
     #[must_use]
     pub fn surface(&self) -> PathBuf {
         self.beside(".surf.gii")
     }
 
-    /// Returns the surface with its handles cut, `NAME.cut.surf.gii`.
+    /// Returns the path of the surface with its handles cut, `NAME.cut.surf.gii`.
     #[must_use]
     pub fn cut_surface(&self) -> PathBuf {
         self.beside(".cut.surf.gii")
     }
 
-    /// Returns the repaired mesh, `NAME.fixed.surf.gii`.
+    /// Returns the path of the repaired mesh, `NAME.fixed.surf.gii`.
     #[must_use]
     pub fn fixed_surface(&self) -> PathBuf {
         self.beside(".fixed.surf.gii")
     }
 
-    /// Returns all files that may belong to the model, beginning with the model itself.
+    /// Returns the paths of all files that may belong to the model, the model first.
     #[must_use]
     pub fn all(&self) -> [PathBuf; 7] {
         let model = self.model.clone();
@@ -107,18 +107,18 @@ impl ModelFiles {
         [model, csv, errors, sphere, self.surface(), self.cut_surface(), self.fixed_surface()]
     }
 
-    /// Returns whether the sphere beside the model exists and was made from this input.
+    /// Returns whether a sphere exists beside the model and was made from this input, with any settings.
     #[must_use]
     pub fn has_sphere_of(&self, input: &FileRecord) -> bool {
         let origin = read_mesh(self.sphere()).ok().and_then(|sphere| Origin::of(&sphere.meta));
         origin.is_some_and(|origin| origin.is_of(input))
     }
 
-    /// Maps a surface to a sphere of its own, which is written beside the model. The surface is also written if it is
-    /// that of a label, or was repaired, or its handles were cut. With `reuse`, a mesh keeps an existing sphere that
-    /// was made from the same file with the same settings. A sphere made from another file is only replaced with
-    /// [`Replace::ALL`]. The memory of the fit is checked first. `record` is the record of the file that `input` was
-    /// read from.
+    /// Maps a surface to a sphere, and writes the sphere beside the model. The surface is also written if it was
+    /// extracted from a label, repaired, or cut at its handles.\n\nWith `reuse`, a mesh keeps an existing sphere that
+    /// was made from the same file with the same settings. A sphere made from another file is replaced only with
+    /// [`Replace::ALL`]. Before mapping, the memory needed for mapping and fitting is checked. `record` is the record
+    /// of the file from which `input` was read.
     ///
     /// # Errors
     ///
@@ -138,7 +138,7 @@ impl ModelFiles {
             surface.parametrized.sphere.path = Some(path.clone());
             surface
         };
-        // The sphere of a label may be that of another voxel size.
+        // Spheres of labels aren't reused, because the recorded origin doesn't include the voxel size.
         if let Some(mesh) = input.mesh().filter(|_| reuse && record.label.is_none()) {
             let left_over = || {
                 let sphere =
@@ -154,7 +154,8 @@ impl ModelFiles {
         let mut surface = MappedSurface::new(input, params, monitor)?;
         origin.write_to(&mut surface.parametrized.map.sphere.meta);
         make_folder_of(&path)?;
-        // Another process may have written its sphere during the mapping.
+        // Another process may have written its sphere while this process mapped the surface, so check the sphere's
+        // origin only now.
         let overwrite = replace == Replace::ALL || (replace.beside && self.has_sphere_of(record));
         let options = WriteOptions { overwrite, double: true };
         let changed = match input {
@@ -163,10 +164,10 @@ impl ModelFiles {
             Input::Fixed(..) => Some(self.fixed_surface()),
             Input::Mesh(_) => None,
         };
-        // The label's surface with its handles isn't in any other file.
+        // The surface of a label before its handles were cut isn't in any other file, so it is written too.
         let whole = input.cut().and(input.label()).map(|label| label.quads.triangles(|_| false));
         let mut mapped = Mapped { surface: named(surface), written: Vec::new() };
-        // The surface is written last: if it exists, so does the sphere, which records their origin.
+        // Write the surface last: if it exists, the sphere with the record of their origin exists too.
         let map = &mapped.surface.parametrized.map;
         let whole = whole.iter().map(|whole| (self.surface(), whole));
         let changed = changed.map(|path| (path, &map.surface));
@@ -180,12 +181,13 @@ impl ModelFiles {
         Ok(mapped)
     }
 
-    /// Writes a fit's model, its standard errors if it has them, and with `csv` its complex coefficients. Creates the
-    /// folder. The model is written last, so that its existence implies that of the others.
+    /// Writes the model of a fit, the standard errors if the fit has them, and, with `csv`, the complex coefficients.
+    /// Creates the folder if necessary. The model is written last: if it exists, the other files exist too.
     ///
     /// # Errors
     ///
-    /// [`Error::Surface`] for existing files that aren't to be replaced, and for files that can't be written.
+    /// [`Error::Surface`] for existing files that `replace` doesn't allow to be replaced, and for files that can't be
+    /// written.
     pub fn write(
         &self,
         sphere: &Sphere,
@@ -195,7 +197,8 @@ impl ModelFiles {
         replace: Replace,
     ) -> Result<(), Error> {
         make_folder_of(&self.model)?;
-        // If another process has written the model meanwhile, the files beside it are that process's.
+        // If another process has written the model since the decision to fit, the files beside it also belong to that
+        // process.
         if !replace.model && self.model.exists() {
             return Err(SurfaceError::OutputExists { path: self.model.clone() }.into());
         }
@@ -222,52 +225,54 @@ impl ModelFiles {
     ///
     /// # Errors
     ///
-    /// [`Error::Surface`] for an existing file that isn't to be replaced, or a file that can't be written.
+    /// [`Error::Surface`] if the file exists and `replace` is false, or if it can't be written.
     pub fn write_standard_errors(&self, errors: &Array2<f64>, replace: bool) -> Result<(), Error> {
         Ok(write_new(self.standard_errors(), replace, |out| errors.write_npy(out).map_err(io::Error::other))?)
     }
 }
 
-/// The origin of a model, for its provenance.
+/// The origin of a model, to be recorded in its provenance.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct MadeOf<'a> {
-    /// The surface's id, if it is from a table.
+    /// Id of the surface, if it is from a table.
     pub id: Option<&'a str>,
-    /// The surface's file.
+    /// Record of the surface's file.
     pub input: Option<&'a FileRecord>,
-    /// The file of the region whose vertices were read, if the values of the others were extrapolated from its edge.
+    /// Record of the file of the region to which reading was limited, if any. Values outside the region were
+    /// extrapolated from its edge.
     pub region: Option<&'a FileRecord>,
-    /// Requested changes to the surface before the fit.
+    /// Changes to the surface that were requested before the fit.
     pub preparation: Preparation,
-    /// The mapped surface, if it came without a sphere.
+    /// The mapped surface; `None` if the surface was fitted over a given sphere.
     pub surface: Option<&'a MappedSurface>,
 }
 
-/// A surface mapped to a sphere of its own, and the files written for it.
+/// A surface mapped to a sphere, and the files written for it.
 #[derive(Debug, Clone)]
 pub struct Mapped {
-    /// The map.
+    /// The surface with its sphere and the report on the mapping.
     pub surface: MappedSurface,
-    /// The files that were written: the sphere, and the surface if it differs from the input's; none if the sphere
-    /// existed.
+    /// Paths of the files that were written: the sphere, and the surface if it differs from the input's. Empty if an
+    /// existing sphere was reused.
     pub written: Vec<PathBuf>,
 }
 
 impl Mapped {
-    /// Removes the files that were written. Without their model they would block the next attempt.
+    /// Removes the files that were written. Without a model, these files would cause the next run to be refused.
     pub fn remove(&self) {
         for path in &self.written {
-            // A failure to remove a file is ignored: the preceding error is the one to report.
+            // If a file can't be removed, that error is ignored: the caller reports the error for which the files are
+            // removed.
             let _ = std::fs::remove_file(path);
         }
     }
 }
 
-/// Serialises a path as text, also if it isn't UTF-8, for `#[serde(serialize_with)]`.
+/// Serialises a path as text, for `#[serde(serialize_with)]`. Bytes that aren't UTF-8 are replaced.
 ///
 /// # Errors
 ///
-/// Those of the serializer.
+/// The errors of the serializer.
 pub fn serialize_shown<S: Serializer>(path: &Path, serializer: S) -> Result<S::Ok, S::Error> {
     serializer.collect_str(&path.display())
 }

@@ -1,9 +1,9 @@
-//! Protection against cells that spreadsheets would treat as formulas.
+//! Protects tables against cells that spreadsheets would evaluate as formulas.
 //!
-//! A cell that begins with `=`, `+`, `-`, `@`, a tab or a carriage return may be evaluated as a formula when a table is
-//! opened, and its contents come from the names of files and subjects. As OWASP advises ("CSV Injection"), such text is
-//! prefixed with an apostrophe, which spreadsheets treat as a mark of text. To make this reversible, text that already
-//! has apostrophes before such a character is prefixed with one more.
+//! Cells contain names of files and subjects. When a spreadsheet opens a table, it may evaluate a cell as a formula if
+//! the cell begins with `=`, `+`, `-`, `@`, a tab or a carriage return. As OWASP advises ("CSV Injection"), such a cell
+//! is prefixed with an apostrophe, which spreadsheets treat as a mark of text. A cell that already has apostrophes
+//! before such a character gets one more apostrophe, so that the prefix can be removed without ambiguity.
 
 use std::borrow::Cow;
 
@@ -13,8 +13,8 @@ fn starts_one(text: &str) -> bool {
     text.trim_start_matches('\'').starts_with(STARTS)
 }
 
-/// Returns a cell that no spreadsheet treats as a formula: the text, prefixed with an apostrophe if necessary. Numbers
-/// are unchanged.
+/// Returns the text as a cell that no spreadsheet evaluates as a formula, by prefixing an apostrophe if necessary.
+/// Numbers are unchanged.
 ///
 /// ```
 /// use spharm_cohort::{guarded, unguarded};
@@ -27,7 +27,7 @@ pub fn guarded(text: &str) -> Cow<'_, str> {
     if starts_one(text) && text.parse::<f64>().is_err() { Cow::Owned(format!("'{text}")) } else { Cow::Borrowed(text) }
 }
 
-/// Returns the text of a [`guarded`] cell.
+/// Returns the original text of a cell that [`guarded`] returned.
 #[must_use]
 pub fn unguarded(cell: &str) -> &str {
     cell.strip_prefix('\'').filter(|text| starts_one(text)).unwrap_or(cell)

@@ -1,9 +1,10 @@
-//! Cohorts: lists of surfaces to fit, the runner that fits them, and tables of outcomes.
+//! Fits cohorts: reads lists of surfaces, fits the surfaces, and writes tables of outcomes.
 //!
-//! A cohort is thousands of surfaces that are fitted by many processes, some of which are killed. A [`Manifest`] is a
-//! table with a row for each surface; a process fits the rows of its [`Shard`] by [`run()`](run::run). Each process has
-//! a table of outcomes, a [`StatusFile`]. A line is appended to it whenever a row is finished, so that nothing is lost
-//! if the process is killed. [`Merged`] joins those tables.
+//! A cohort may have thousands of surfaces, which are fitted by many processes, and processes may be killed. A
+//! [`Manifest`] is a table with one row per surface; each process fits the rows of its [`Shard`] by
+//! [`run()`](run::run). Each process has its own table of outcomes, a [`StatusFile`]. Whenever a row is finished, the
+//! process appends a line to its table, so that no outcome is lost if the process is killed. [`Merged`] merges the
+//! tables of all processes.
 //!
 //! ```
 //! use spharm_cohort::{Entry, Manifest, Merged, Shard, State, StatusFile};

@@ -1,4 +1,4 @@
-//! Manifests: tables with a row for each surface to fit.
+//! Reads manifests: tables with one row for each surface to fit.
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
@@ -15,37 +15,39 @@ const SPHERE: &str = "sphere";
 const WEIGHTS: &str = "weights";
 const OUTPUT: &str = "output";
 const LABEL: &str = "label";
-/// The known columns.
+/// Names of the columns with a defined meaning.
 const OWN: [&str; 6] = [ID, SURFACE, SPHERE, WEIGHTS, OUTPUT, LABEL];
-/// Largest number of bytes of an id: with an ending it is a file name, which has at most 255.
+/// Largest length of an id in bytes. With a file-name extension, an id is a file name, whose length is limited to 255
+/// bytes.
 const LONGEST_ID: usize = 200;
 
 /// A surface to fit.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Row {
-    /// Its name in models and reports.
+    /// Name of the surface in models and reports.
     pub id: String,
-    /// The file of the surface or of a volume.
+    /// File of the mesh or signal, or of the volume.
     pub surface: PathBuf,
-    /// The sphere of the fit; none if the surface is mapped to a sphere of its own.
+    /// Sphere of the fit; `None` if the surface is mapped to a sphere of its own.
     pub sphere: Option<PathBuf>,
-    /// The weights of its vertices, if the row has its own: `uniform`, `area`, or a file.
+    /// Weights of the vertices, if the row has its own: `uniform`, `area`, or the path of a file.
     pub weights: Option<PathBuf>,
-    /// For a signal, the mask or label of the vertices whose values are read; the values of the others are extrapolated
-    /// from its edge.
+    /// For a signal, the file of a mask or label to which reading is limited. Values at other vertices are extrapolated
+    /// from the edge of this region.
     pub region: Option<PathBuf>,
-    /// The model's file, relative to the folder of all models; none if it is named by the id.
+    /// Path of the model, relative to the folder of all models; `None` for a file named by the id.
     pub output: Option<PathBuf>,
-    /// For a volume, the label.
+    /// Label of the surface, if the input is a volume.
     pub label: Option<i64>,
-    /// Cells of the other columns, such as a group or an age; see [`Manifest::columns`].
+    /// Cells of the columns without a defined meaning, such as a group or an age; for their names, see
+    /// [`Manifest::columns`].
     pub extra: Vec<String>,
-    /// The row's line in its table, from 1; 0 for a row without a table.
+    /// Number of the row's line in its table, from 1; 0 for a row that isn't from a table.
     pub line: usize,
 }
 
 impl Row {
-    /// Returns the model's file: `output`, or `ID.spharm.npz`, in the folder of all models.
+    /// Returns the path of the model in the folder of all models: `output`, or `ID.spharm.npz`.
     #[must_use]
     pub fn model(&self, folder: &Path) -> PathBuf {
         match &self.output {
@@ -67,20 +69,20 @@ fn ends_in_npz(path: &Path) -> bool {
 /// A table of surfaces to fit.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Manifest {
-    /// The file.
+    /// Path of the table.
     pub path: PathBuf,
-    /// Names of the other columns, in the order of [`Row::extra`].
+    /// Names of the columns without a defined meaning, in the order of [`Row::extra`].
     pub columns: Vec<String>,
     /// The rows, at least one, in the order of the table.
     pub rows: Vec<Row>,
 }
 
-/// Checks whether a text is a valid id.
+/// Checks that a text is a valid id.
 ///
 /// # Errors
 ///
-/// The description of a valid id: nonempty text without control characters and path separators, short enough for a file
-/// name.
+/// A description of valid ids. An id must be nonempty, without control characters and path separators, short enough for
+/// a file name.
 pub fn check_id(text: &str) -> Result<(), &'static str> {
     match text {
         "" => Err("an id"),
@@ -93,16 +95,16 @@ pub fn check_id(text: &str) -> Result<(), &'static str> {
 }
 
 impl Manifest {
-    /// Reads a manifest: UTF-8, separated by tabs, or by commas if the name ends in `.csv`, with a header. The columns
-    /// `id` and `surface` are required; `sphere`, `weights`, `output` and `label` are optional, as are their values.
-    /// Paths of inputs are relative to the manifest's folder. A byte-order mark, any line ends, blank lines, lines that
-    /// begin with `#`, and further columns are allowed.
+    /// Reads a manifest: UTF-8 text with a header, separated by commas if the file name ends in `.csv` and by tabs
+    /// otherwise. The columns `id` and `surface` are required. The columns `sphere`, `weights`, `output` and `label`
+    /// are optional, and their cells may be empty. Paths of inputs are relative to the manifest's folder. A byte-order
+    /// mark, any line ends, blank lines, lines that begin with `#`, and further columns are allowed.
     ///
     /// # Errors
     ///
-    /// [`CohortError`] with the line: unreadable files, text that isn't UTF-8, missing columns, rows of the wrong
-    /// length, ids that are empty, duplicate or invalid as file names, duplicate outputs, and unknown columns whose
-    /// names are almost those of known ones.
+    /// [`CohortError`], which names the line, for files that can't be read, text that isn't UTF-8, missing columns,
+    /// rows with a wrong number of cells, ids that are empty, duplicate or invalid as file names, duplicate outputs,
+    /// and unknown columns whose names are almost those of known columns.
     pub fn read(path: impl AsRef<Path>) -> Result<Self, CohortError> {
         let path = path.as_ref();
         Self::of_text(path, &read_text(path)?)
@@ -112,13 +114,13 @@ impl Manifest {
     ///
     /// # Errors
     ///
-    /// Those of [`read`](Self::read).
+    /// The errors of [`read`](Self::read).
     pub fn parse(path: impl AsRef<Path>, bytes: &[u8]) -> Result<Self, CohortError> {
         let path = path.as_ref();
         Self::of_text(path, &decode(path, bytes.to_vec())?)
     }
 
-    /// Returns the folder that paths are relative to; empty for the current folder.
+    /// Returns the folder to which paths in the manifest are relative; empty for the current folder.
     #[must_use]
     pub fn folder(&self) -> &Path {
         folder_of(&self.path)
@@ -142,12 +144,12 @@ impl Manifest {
         Ok(Self { path: path.to_owned(), columns: columns.extra.into_iter().map(|(name, _)| name).collect(), rows })
     }
 
-    /// Returns the text of a manifest with the rows that `keep` accepts, without comments, for a file at `to`. If that
-    /// is in another folder, the paths of inputs are made absolute.
+    /// Returns the text of a manifest that has only the rows that `keep` accepts, to be written to `to`. Comments are
+    /// omitted. If `to` is in another folder than this manifest, the paths of inputs are made absolute.
     ///
     /// # Errors
     ///
-    /// Those of [`read`](Self::read); [`CohortError::Io`] if the current folder is unknown.
+    /// The errors of [`read`](Self::read); [`CohortError::Io`] if the current folder is unknown.
     pub fn rest(&self, to: &Path, keep: impl Fn(&Row) -> bool) -> Result<Vec<u8>, CohortError> {
         let io = |source| CohortError::Io { path: to.to_owned(), action: "write", source };
         let elsewhere = absolute(folder_of(to)).map_err(io)? != absolute(self.folder()).map_err(io)?;
@@ -182,13 +184,13 @@ fn folder_of(path: &Path) -> &Path {
     path.parent().unwrap_or(Path::new(""))
 }
 
-/// Returns an absolute path without `.` and `..`, without resolving links.
+/// Returns an absolute path without `.` and `..`. Symbolic links aren't resolved.
 fn absolute(path: &Path) -> std::io::Result<PathBuf> {
     let path = if path.as_os_str().is_empty() { Path::new(".") } else { path };
     Ok(tidy(&std::path::absolute(path)?))
 }
 
-/// Returns a path without `.` and, as far as possible, without `..`.
+/// Removes `.` from a path, and `..` together with the folder before it, if any.
 fn tidy(path: &Path) -> PathBuf {
     let mut tidy = PathBuf::new();
     for component in path.components() {
@@ -203,10 +205,10 @@ fn tidy(path: &Path) -> PathBuf {
     tidy
 }
 
-/// Positions of the columns.
+/// Indices of the columns in a row's cells.
 struct Columns {
     cells: usize,
-    /// Positions of the columns [`OWN`].
+    /// Indices of the columns [`OWN`]; `None` for a missing column.
     own: [Option<usize>; 6],
     extra: Vec<(String, usize)>,
 }
@@ -286,15 +288,16 @@ impl Columns {
     }
 }
 
-/// Returns whether a column's name may be a misspelling of `own`: it differs by case, or by one letter inserted,
-/// missing, replaced or swapped.
+/// Returns whether a column's name may be a misspelling of `own`: it differs only by case, or by one letter that is
+/// inserted, missing, replaced or swapped.
 fn is_nearly(column: &str, own: &str) -> bool {
     let lower = column.trim().to_lowercase();
-    // `weight` may be a covariate, body weight; and names of two letters are all similar.
+    // `weight` isn't taken for a misspelling of `weights`, because it may be a covariate such as body weight. Names of
+    // two letters are too short for the comparison.
     lower == own || lower != "weight" && own.len() > 2 && strsim::damerau_levenshtein(&lower, own) == 1
 }
 
-/// Returns a cell as shown in messages.
+/// Returns a cell in quotes, shortened if it is long, for error messages.
 fn shown(cell: &str) -> String {
     match cell.chars().count() {
         0 => "nothing".to_owned(),
@@ -305,7 +308,7 @@ fn shown(cell: &str) -> String {
     }
 }
 
-/// Refuses duplicate ids and outputs.
+/// Refuses a manifest in which an id or output occurs twice.
 fn check_once(path: &Path, rows: &[Row]) -> Result<(), CohortError> {
     let twice = |row: &Row, what, value: &str, first| CohortError::Twice {
         path: path.to_owned(),
@@ -320,13 +323,14 @@ fn check_once(path: &Path, rows: &[Row]) -> Result<(), CohortError> {
             return Err(twice(row, ID, &row.id, first));
         }
     }
-    // Without outputs of their own, models are named by their ids.
+    // If no row has an output, models are named by their ids, which have been checked above.
     if rows.iter().all(|row| row.output.is_none()) {
         return Ok(());
     }
     let mut outputs = HashMap::with_capacity(rows.len());
     for row in rows {
-        // Companion files of a model have its name without these endings.
+        // Compare names without their extensions: the files beside a model are named by its name without `.spharm.npz`,
+        // so equal names would give equal files.
         let model = tidy(&row.model(Path::new(""))).with_extension("");
         let plain = if model.extension().is_some_and(|e| e == "spharm") { model.with_extension("") } else { model };
         match outputs.entry(plain) {

@@ -1,4 +1,4 @@
-//! Outcomes of all processes.
+//! Merges the tables of outcomes of all processes.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -7,22 +7,22 @@ use crate::error::CohortError;
 use crate::status::{Entry, HEADER, State};
 use crate::table::{Table, read_text};
 
-/// The final outcome of each row, from several status files.
+/// The final outcome of each row, merged from several status files.
 ///
-/// Within a file a later line of a row replaces an earlier one, except that [`State::Skipped`] doesn't replace
-/// [`State::Done`]. If several files have a row, which is rare, a file in which its model exists takes precedence, else
-/// the last file given.
+/// Within a file, a later line of a row replaces an earlier line, except that [`State::Skipped`] doesn't replace
+/// [`State::Done`]. If several files have a line for the same row, the line of a file that says that the model exists
+/// takes precedence; otherwise, the line of the last file given.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Merged {
     /// Entries in the order of their first occurrence.
     entries: Vec<Entry>,
     places: HashMap<String, usize>,
-    /// Number of malformed lines, such as one that was being written when a disk was full.
+    /// Number of malformed lines that were ignored, such as lines that were incomplete because the disk was full.
     pub damaged: usize,
 }
 
 impl Merged {
-    /// Reads status files.
+    /// Reads and merges status files.
     ///
     /// # Errors
     ///
@@ -58,7 +58,7 @@ impl Merged {
         &self.entries
     }
 
-    /// Returns the entry of a row; none if no file has it.
+    /// Returns the entry of a row; `None` if no file has the row.
     #[must_use]
     pub fn entry(&self, id: &str) -> Option<&Entry> {
         self.places.get(id).map(|&place| &self.entries[place])
@@ -71,7 +71,7 @@ impl Merged {
     }
 }
 
-/// Replaces an entry by a later line of the same row.
+/// Replaces the entry of a row by a later entry of the same row, unless `Skipped` would replace `Done`.
 fn replace(known: &mut Entry, entry: Entry) {
     if !(known.state == State::Done && entry.state == State::Skipped) {
         *known = entry;
@@ -82,12 +82,12 @@ fn read_one(path: &Path) -> Result<(Vec<Entry>, usize), CohortError> {
     let text = read_text(path)?;
     let first = text.lines().next().unwrap_or_default();
     let expected = HEADER.join("\t");
-    // A process that was killed immediately leaves an empty file or part of the header.
+    // Accept an empty file and an incomplete header: a process that was killed immediately leaves such a file.
     if !text.is_empty() && first != expected && !expected.starts_with(text.as_str()) {
         let found = first.chars().take(80).collect();
         return Err(CohortError::NotStatus { path: path.to_owned(), expected, found });
     }
-    // The last line may be incomplete, still being written.
+    // Ignore an incomplete last line: its process may be writing it now.
     let whole = &text[..text.rfind('\n').map_or(0, |at| at + 1)];
     let (mut entries, mut places, mut damaged): (Vec<Entry>, HashMap<String, usize>, usize) = Default::default();
     let mut is_header = true;

@@ -1,6 +1,7 @@
-//! The origin of the sphere beside a model, recorded in its GIfTI metadata.
+//! Records the origin of the sphere beside a model in the sphere's GIfTI metadata.
 //!
-//! A sphere with the same triangles may be that of another subject, or made for another degree.
+//! The origin is needed to decide whether a sphere can be reused. The triangles aren't sufficient: a sphere with the
+//! same triangles may have been made from another subject's surface, or for another degree.
 
 use spharm::FileRecord;
 use spharm::parametrize::CaldParams;
@@ -10,20 +11,20 @@ const INPUT: &str = "SpharmInput";
 const LABEL: &str = "SpharmLabel";
 const MAP: &str = "SpharmMap";
 
-/// The input and the method of a sphere.
+/// The input from which a sphere was made, and the method.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Origin {
-    /// The BLAKE3 hash of the input's contents.
+    /// BLAKE3 hash of the contents of the input's file.
     input: String,
-    /// For a volume, the label.
+    /// Label of the surface, if the input is a volume.
     label: Option<i64>,
-    /// The method and its settings.
+    /// Name and settings of the method.
     map: String,
 }
 
 impl Origin {
-    /// Returns the origin of the map that [`parametrize_with`](spharm::parametrize::parametrize_with) makes of an input
-    /// with these settings, with or without cutting its handles.
+    /// Returns the origin of a sphere that [`parametrize_with`](spharm::parametrize::parametrize_with) makes from
+    /// `input` with these settings. `cut` is true if the handles of the surface were cut.
     pub(crate) fn new(input: &FileRecord, params: &CaldParams, cut: bool) -> Self {
         let CaldParams { area, degree, steps, seed } = params;
         let degree = degree.map_or("auto".to_owned(), |degree| degree.to_string());
@@ -37,7 +38,7 @@ impl Origin {
         Self { input: input.blake3.clone(), label: input.label, map }
     }
 
-    /// Returns the origin recorded in a sphere's file; `None` if there is none.
+    /// Returns the origin recorded in the metadata of a sphere; `None` if no origin is recorded.
     pub(crate) fn of(meta: &Meta) -> Option<Self> {
         let value = |name: &str| {
             let found = meta.file_metadata.iter().find(|(found, _)| found == name);
@@ -47,12 +48,13 @@ impl Origin {
         Some(Self { input: value(INPUT)?, label, map: value(MAP)? })
     }
 
-    /// Returns whether the sphere was made from this input, with any settings.
+    /// Returns whether the sphere was made from this input, regardless of the settings.
     pub(crate) fn is_of(&self, input: &FileRecord) -> bool {
         (&self.input, self.label) == (&input.blake3, input.label)
     }
 
-    /// Writes it to the metadata of a sphere that is to be written, in place of those of the surface's file.
+    /// Writes the origin to the metadata of a new sphere. It replaces an origin that was copied from the surface's
+    /// file.
     pub(crate) fn write_to(&self, meta: &mut Meta) {
         meta.file_metadata.retain(|(name, _)| ![INPUT, LABEL, MAP].contains(&name.as_str()));
         let label = self.label.map(|label| (LABEL, label.to_string()));

@@ -1,4 +1,4 @@
-//! Reads surfaces: meshes, and labels of volumes.
+//! Reads surfaces from mesh files, or from labels of volumes.
 
 use std::path::Path;
 
@@ -7,8 +7,8 @@ use spharm::parametrize::volume::{LabelVolume, VolumeParams};
 use spharm::parametrize::{Input, ParametrizeError};
 use spharm::{Error, Monitor, Preparation};
 
-/// Reads surfaces, and repairs them and cuts their handles if requested. A volume takes a while to read and is kept
-/// until the next one.
+/// Reads surfaces, and repairs them and cuts their handles if requested. The last volume read is kept in memory,
+/// because reading a volume is slow and its labels are usually read one after another.
 #[derive(Debug)]
 pub struct SurfaceReader {
     preparation: Preparation,
@@ -17,7 +17,8 @@ pub struct SurfaceReader {
 }
 
 impl SurfaceReader {
-    /// Creates a reader. Without repairs and cuts, surfaces that need them are left for the fit to refuse.
+    /// Creates a reader. If `preparation` has no repairs or cuts, surfaces that need them are returned unchanged, and
+    /// the fit refuses them.
     #[must_use]
     pub fn new(preparation: Preparation) -> Self {
         Self::with_volume(preparation, None)
@@ -33,8 +34,8 @@ impl SurfaceReader {
     ///
     /// # Errors
     ///
-    /// When the file can't be read, the label has no closed surface of genus zero, or the surface whose handles are to
-    /// be cut isn't closed and in one piece.
+    /// If the file can't be read, if the label has no closed surface of genus zero, or if the surface whose handles are
+    /// to be cut isn't closed and connected.
     pub fn read(&mut self, path: &Path, label: Option<i64>, monitor: &dyn Monitor) -> Result<Input, Error> {
         if label.is_none() {
             return self.preparation.apply(Input::Mesh(read_mesh(path)?), monitor);
@@ -45,11 +46,11 @@ impl SurfaceReader {
         self.preparation.apply(found, monitor)
     }
 
-    /// Returns a volume: the one read last if it is the same, else reads it from its file.
+    /// Returns the volume at `path`: the volume in memory if it has this path, otherwise the volume read from the file.
     ///
     /// # Errors
     ///
-    /// Those of [`LabelVolume::read_with`].
+    /// The errors of [`LabelVolume::read_with`].
     pub fn volume(&mut self, path: &Path, monitor: &dyn Monitor) -> Result<&LabelVolume, ParametrizeError> {
         let volume = match self.volume.take().filter(|volume| volume.path() == path) {
             Some(volume) => volume,

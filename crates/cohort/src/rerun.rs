@@ -1,4 +1,4 @@
-//! Decisions about existing outputs when a fit is run again.
+//! Decides what happens to existing outputs when a fit is run again.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -12,110 +12,112 @@ use crate::files::{ModelFiles, Replace};
 /// Treatment of existing outputs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum IfExists {
-    /// Refuse.
+    /// Refuse the fit if any output exists.
     Refuse,
-    /// Skip a model that is the requested one, and refuse another.
+    /// Skip the fit if the existing model is the requested one; refuse the fit if the model has another input or other
+    /// settings.
     Skip,
-    /// Skip a model that is the requested one, and replace a model of another input or with other settings.
+    /// Skip the fit if the existing model is the requested one; replace the model if it has another input or other
+    /// settings.
     Update,
-    /// Replace them.
+    /// Replace all existing outputs.
     Replace,
 }
 
 impl IfExists {
-    /// Returns whether a model that is the requested one is kept.
+    /// Returns whether an existing model is kept if it is the requested one.
     #[must_use]
     pub fn keeps(self) -> bool {
         matches!(self, Self::Skip | Self::Update)
     }
 }
 
-/// The requested fit.
+/// A requested fit, for comparison with existing outputs.
 #[derive(Debug, Clone, Copy)]
 pub struct Request<'a> {
-    /// The target's id, if it is from a table.
+    /// Id of the target, if it is from a table.
     pub id: Option<&'a str>,
-    /// The target's file.
+    /// Record of the target's file.
     pub input: &'a FileRecord,
-    /// The sphere; `None` if the surface is mapped to a sphere of its own.
+    /// Sphere of the fit; `None` if the surface is to be mapped to a sphere of its own.
     pub sphere: Option<&'a Sphere>,
-    /// Settings.
+    /// Settings of the fit.
     pub params: &'a FitParams,
-    /// File of the region to which reading is limited, if there is one: values outside it are extrapolated from its
-    /// edge.
+    /// Record of the file of the region to which reading is limited, if any. Values outside the region are extrapolated
+    /// from its edge.
     pub region: Option<&'a FileRecord>,
-    /// Changes to the surface before the fit; none for a surface over a sphere.
+    /// Changes to make to the surface before the fit; none for a surface over a given sphere.
     pub preparation: Preparation,
-    /// The model's file.
+    /// Path of the model.
     pub output: &'a Path,
-    /// Requested files beside the model.
+    /// Paths of the requested files beside the model.
     pub beside: &'a [PathBuf],
     /// Treatment of existing outputs.
     pub if_exists: IfExists,
 }
 
-/// The decision about a request.
+/// The decision about a requested fit.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Decision {
-    /// Skip: the model and the files beside it exist.
+    /// Skip the fit: the model and the files beside it exist.
     Skip,
-    /// Fit.
+    /// Run the fit.
     Fit {
-        /// Which existing outputs are replaced.
+        /// Existing outputs that the fit may replace.
         replace: Replace,
-        /// The other input whose model is replaced.
+        /// Input of the existing model, if that model is replaced although its input is another one.
         replaces: Option<FileRecord>,
     },
 }
 
-/// An existing output that prevents a fit.
+/// Reason for refusing a fit because of an existing output.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Refusal {
-    /// It exists.
+    /// The output exists.
     #[error("{}: the output exists", .path.display())]
     Exists {
         /// The file.
         path: PathBuf,
     },
-    /// It is the model of another input.
+    /// The existing model was made from another input.
     #[error("{}: the model of {}, not of {}", .path.display(), .recorded, .input)]
     OtherInput {
-        /// The model.
+        /// Path of the model.
         path: PathBuf,
         /// The input recorded in the model.
         recorded: String,
         /// The requested input.
         input: String,
     },
-    /// It is the model of an earlier version of the input's file.
+    /// The existing model was made from an earlier version of the input's file.
     #[error("{}: the model of {input}, whose contents have changed since", .path.display())]
     Changed {
-        /// The model.
+        /// Path of the model.
         path: PathBuf,
-        /// The input.
+        /// The input, which has changed since.
         input: String,
     },
-    /// It is a model of the same input with other settings.
+    /// The existing model was made from the same input with other settings.
     #[error("{}: fitted with other settings: {}", .path.display(), list(.differences))]
     OtherSettings {
-        /// The model.
+        /// Path of the model.
         path: PathBuf,
-        /// The differences.
+        /// The settings that differ.
         differences: Vec<Difference>,
     },
-    /// It is a sphere, or the surface of a label, that wasn't made from the input.
+    /// The existing sphere, or the existing surface of a label, wasn't made from the input.
     #[error("{}: not made of {input}, or it doesn't say so", .path.display())]
     OtherSphere {
-        /// The file.
+        /// Path of the sphere or surface.
         path: PathBuf,
         /// The input to be mapped.
         input: String,
     },
-    /// It doesn't record its input.
+    /// The existing model can't be read, or doesn't record its input.
     #[error("{}: no model, or one that doesn't record what it was made from", .path.display())]
     Unknown {
-        /// The file.
+        /// Path of the model.
         path: PathBuf,
     },
 }
@@ -123,11 +125,11 @@ pub enum Refusal {
 /// A setting that differs between a model and a request.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Difference {
-    /// The field of [`FitParams`], [`Method`] or [`Preparation`], `sphere` or `id`.
+    /// Name of the setting: a field of [`FitParams`], [`Method`] or [`Preparation`], or `sphere` or `id`.
     pub setting: &'static str,
-    /// Its value in the model.
+    /// Value recorded in the model.
     pub found: String,
-    /// The requested value.
+    /// Requested value.
     pub wanted: String,
 }
 
@@ -137,7 +139,7 @@ impl fmt::Display for Difference {
     }
 }
 
-/// Returns whether two regions have the same contents, whatever the names of their files.
+/// Returns whether two regions have the same contents, regardless of the names of their files.
 fn same_region(found: Option<&FileRecord>, wanted: Option<&FileRecord>) -> bool {
     match (found, wanted) {
         (Some(found), Some(wanted)) => found.same_contents(wanted),
@@ -150,26 +152,28 @@ fn list(differences: &[Difference]) -> String {
 }
 
 impl Request<'_> {
-    /// Decides what to do, from the existing outputs and the provenance of the existing model.
+    /// Decides whether to fit, from the existing outputs and the provenance of the existing model.
     ///
-    /// With [`IfExists::Skip`] a model of the same input with the same settings is kept, and recomputed only if a file
-    /// beside it is missing. Inputs are the same if their contents are equal. Without a model, files left by an earlier
-    /// call are replaced, except for a sphere of another input. With [`IfExists::Update`], models of other inputs or
-    /// settings are replaced rather than refused.
+    /// With [`IfExists::Skip`], a model of the same input with the same settings is kept. It is recomputed only if a
+    /// requested file beside it is missing. Inputs are the same if the contents of their files are equal. If no model
+    /// exists, files left by an earlier run are replaced, except a sphere made from another input. With
+    /// [`IfExists::Update`], a model of another input or with other settings is replaced; with [`IfExists::Skip`], the
+    /// fit is refused.
     ///
     /// # Errors
     ///
-    /// [`Refusal`] with the output that prevents the fit.
+    /// [`Refusal`], which names the output that prevents the fit.
     pub fn decide(&self) -> Result<Decision, Refusal> {
         self.decide_by(&|| false)
     }
 
     /// Decides as [`decide`](Self::decide) does. `is_sound` returns whether repairing and cutting would leave the
-    /// surface unchanged. It is only called if the model was made without repairs or cuts that are now requested.
+    /// surface unchanged. Because it has to read the surface, it is only called if the request has repairs or cuts that
+    /// the model was made without.
     ///
     /// # Errors
     ///
-    /// Those of [`decide`](Self::decide).
+    /// The errors of [`decide`](Self::decide).
     pub fn decide_by(&self, is_sound: &dyn Fn() -> bool) -> Result<Decision, Refusal> {
         if self.if_exists == IfExists::Update {
             use Refusal::{Changed, OtherInput, OtherSettings, OtherSphere};
@@ -185,12 +189,13 @@ impl Request<'_> {
         if !exists || self.if_exists == IfExists::Refuse {
             let in_the_way = std::iter::once(self.output).chain(self.beside.iter().map(PathBuf::as_path));
             let in_the_way = in_the_way.into_iter().find(|path| path.exists());
-            // A model that exists when this one is about to be written is another process's, and is kept.
+            // If no model exists now, `replace.model` stays false: a model that appears before this fit is written
+            // belongs to another process and is kept.
             let replace = match (self.if_exists, in_the_way) {
                 (IfExists::Replace, _) => Replace::ALL,
                 (_, None) => Replace::default(),
                 (IfExists::Refuse, Some(path)) => return Err(Refusal::Exists { path: path.to_owned() }),
-                // Leftovers of an interrupted fit don't prevent resuming it.
+                // Files left by an interrupted fit are replaced, so that the fit can be run again.
                 (IfExists::Skip | IfExists::Update, Some(_)) => {
                     self.check_sphere()?;
                     Replace { model: false, beside: true }
@@ -229,7 +234,7 @@ impl Request<'_> {
         }
     }
 
-    /// Refuses a sphere, or a surface of a label, beside the model that wasn't made from this input.
+    /// Refuses the fit if a sphere, or the surface of a label, exists beside the model and wasn't made from this input.
     fn check_sphere(&self) -> Result<(), Refusal> {
         let files = ModelFiles { model: self.output.to_owned() };
         let own = [files.sphere(), files.surface()];
@@ -240,13 +245,13 @@ impl Request<'_> {
         }
     }
 
-    /// Returns the differences in the changes to the surface. A model is the same with and without a repair that had
-    /// nothing to do.
+    /// Returns the differences between the recorded and the requested changes to the surface. A requested change that
+    /// had no effect isn't a difference.
     fn unprepared(&self, recorded: &Provenance, is_sound: &dyn Fn() -> bool) -> Vec<Difference> {
         let wanted = self.preparation;
         let mut differences = Vec::new();
         let same = match (recorded.voxel_size, wanted.voxel_size) {
-            // A number may have lost its last bit by being written and read.
+            // Compare with a tolerance, because writing and reading a number may change its last bit.
             (Some(found), Some(wanted)) => found.iter().zip(wanted).all(|(a, b)| (a - b).abs() <= 1e-14 * b),
             (found, wanted) => found.is_none() && wanted.is_none(),
         };
@@ -258,9 +263,10 @@ impl Request<'_> {
             differences.push(Difference { setting: "voxel_size", found, wanted });
         }
         let (repaired, cut) = (recorded.repair.is_some(), recorded.handles.is_some());
-        // A label that was used unchanged has nothing to repair or to cut; a mesh may have.
+        // A model of a label without recorded repair or cut shows that the label needs neither. For a mesh, this can't
+        // be concluded.
         let as_it_is = self.input.label.is_some() && !repaired && !cut;
-        // A repair of a label leaves no handles to cut.
+        // A repaired label has no handles left to cut.
         let without_handles = self.input.label.is_some() && repaired;
         let changed = [
             ("fix", recorded.fix || repaired, wanted.fix, repaired),
@@ -327,7 +333,7 @@ impl Request<'_> {
         check("accelerate", text(|s| s.accelerate.to_string()), method.accelerated().to_string());
         let hash = params.weights.hash();
         let recorded_hash = recorded.and_then(|settings| settings.weights_blake3.clone());
-        // Weights from files are the same if their values are equal, whatever the names of the files.
+        // Weights from files are compared by their values, regardless of the names of the files.
         if hash.is_none() || hash != recorded_hash {
             let name = text(|s| s.weights.clone());
             check("weights", weights_name(&name, recorded_hash), weights_name(params.weights.name(), hash));
@@ -352,7 +358,7 @@ impl Request<'_> {
             ("hold_out", recorded.and_then(|settings| settings.hold_out), params.hold_out),
             ("tolerance", recorded.and_then(|settings| settings.tolerance), Some(params.tolerance)),
         ] {
-            // A number may have lost its last bit by being written and read.
+            // Compare with a tolerance, because writing and reading a number may change its last bit.
             let same = match (found, wanted) {
                 (Some(found), Some(wanted)) => (found - wanted).abs() <= 1e-14 * wanted.abs(),
                 (found, wanted) => found.is_none() && wanted.is_none(),
@@ -374,6 +380,6 @@ fn weights_name(name: &str, hash: Option<String>) -> String {
 }
 
 fn sphere_name(scheme_key: Option<&String>) -> String {
-    // The same number of digits as in messages about stores.
+    // 12 digits of the key, as in messages about stores.
     scheme_key.map_or("of its own".to_owned(), |key| key.chars().take(12).collect())
 }

@@ -1,10 +1,10 @@
-//! The rows of one process.
+//! Selects the rows that one process fits.
 
 use std::str::FromStr;
 
 use crate::error::CohortError;
 
-/// One process's share of a manifest: the rows whose index, from 0, is `index` modulo `count`.
+/// One process's share of a manifest: the rows whose index, counted from 0, is `index` modulo `count`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shard {
     index: usize,
@@ -12,7 +12,7 @@ pub struct Shard {
 }
 
 impl Default for Shard {
-    /// All rows.
+    /// Returns the shard that contains all rows.
     fn default() -> Self {
         Self { index: 0, count: 1 }
     }
@@ -27,7 +27,7 @@ impl std::fmt::Display for Shard {
 impl FromStr for Shard {
     type Err = CohortError;
 
-    /// Parses `i/n`, or `slurm` for this process's task of a Slurm array.
+    /// Parses `i/n`, or `slurm` for the task of a Slurm array that this process runs.
     fn from_str(text: &str) -> Result<Self, CohortError> {
         if text == "slurm" {
             return Self::of_slurm(|name| std::env::var(name).ok());
@@ -47,12 +47,13 @@ impl Shard {
         (self.index, self.count)
     }
 
-    /// Returns the shard of a task of a Slurm array: its position among the numbers from `SLURM_ARRAY_TASK_MIN` to
-    /// `_MAX`. `variable` looks up a variable of the environment.
+    /// Returns the shard for a task of a Slurm array. Its index is the position of the task's number between
+    /// `SLURM_ARRAY_TASK_MIN` and `SLURM_ARRAY_TASK_MAX`. `variable` looks up an environment variable.
     ///
     /// # Errors
     ///
-    /// [`CohortError::Slurm`] outside an array, and in an array with gaps, whose tasks wouldn't cover all rows.
+    /// [`CohortError::Slurm`] outside an array, and in an array whose task numbers have gaps, because its tasks
+    /// wouldn't cover all rows.
     pub fn of_slurm(variable: impl Fn(&str) -> Option<String>) -> Result<Self, CohortError> {
         let refuse = |problem: String| CohortError::Slurm { problem };
         let number = |name: &str| -> Result<usize, CohortError> {
@@ -79,7 +80,7 @@ impl Shard {
         row % self.count == self.index
     }
 
-    /// Returns the rows of this process, in order.
+    /// Returns the rows that belong to this process, in order.
     pub fn of<T>(self, rows: &[T]) -> impl Iterator<Item = &T> {
         rows.iter().skip(self.index).step_by(self.count)
     }

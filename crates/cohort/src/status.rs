@@ -1,4 +1,4 @@
-//! Status files: the outcomes of one process, line by line.
+//! Writes status files: tables of the outcomes of one process, one line per outcome.
 
 use std::fmt;
 use std::fs::{File, OpenOptions, TryLockError};
@@ -10,19 +10,19 @@ use crate::error::CohortError;
 use crate::formulas::{guarded, unguarded};
 use crate::table::writer;
 
-/// The columns, in order.
+/// Names of the columns, in order.
 pub(crate) const HEADER: [&str; 7] = ["id", "state", "msd", "xsd", "seconds", "error", "output"];
 
 /// Outcome of a row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum State {
-    /// Its model was made.
+    /// The model was written.
     Done,
-    /// Its model existed.
+    /// The row was skipped, because its model existed.
     Skipped,
-    /// It couldn't be fitted, for the reason given by the error.
+    /// The row couldn't be fitted; the column `error` gives the reason.
     Failed,
-    /// The process was stopped while working on it.
+    /// The process was stopped while it worked on the row.
     Interrupted,
 }
 
@@ -30,7 +30,7 @@ impl State {
     /// All states.
     pub const ALL: [Self; 4] = [Self::Done, Self::Skipped, Self::Failed, Self::Interrupted];
 
-    /// Returns the state's name in the table.
+    /// Returns the name of the state in the table.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -41,7 +41,7 @@ impl State {
         }
     }
 
-    /// Returns whether the row's model exists.
+    /// Returns whether a model of the row exists.
     #[must_use]
     pub fn is_there(self) -> bool {
         matches!(self, Self::Done | Self::Skipped)
@@ -65,32 +65,32 @@ impl fmt::Display for State {
 /// A line of a status file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Entry {
-    /// The row's id.
+    /// Id of the row.
     pub id: String,
     /// Outcome of the row.
     pub state: State,
-    /// Mean squared distance at the vertices, bounding box scaled to volume 1.
+    /// Mean squared distance at the vertices, for a bounding box scaled to volume 1.
     pub msd: Option<f64>,
-    /// Maximal squared distance at the vertices, scaled likewise.
+    /// Maximal squared distance at the vertices, for a bounding box scaled to volume 1.
     pub xsd: Option<f64>,
-    /// Wall time in seconds, from reading the surface to having written its model; shared by rows that are fitted
-    /// together.
+    /// Wall time in seconds, from reading the surface to writing its model. Rows that are fitted together share the
+    /// time of their common work.
     pub seconds: Option<f64>,
-    /// The error, if it failed; empty otherwise.
+    /// The error of a failed row; empty otherwise.
     pub error: String,
-    /// The model's file; empty if unknown.
+    /// Path of the model as text; empty if unknown.
     pub output: String,
 }
 
 impl Entry {
-    /// Creates an entry without numbers, error and output.
+    /// Creates an entry without distances, time, error and output.
     #[must_use]
     pub fn new(id: &str, state: State) -> Self {
         let (msd, xsd, seconds, error, output) = (None, None, None, String::new(), String::new());
         Self { id: id.to_owned(), state, msd, xsd, seconds, error, output }
     }
 
-    /// Parses an entry from its cells; `None` if they are malformed.
+    /// Parses an entry from the cells of a line; `None` if they are malformed.
     pub(crate) fn of_cells<'a>(cells: impl Iterator<Item = &'a str>) -> Option<Self> {
         let cells: Vec<&str> = cells.collect();
         let [id, state, msd, xsd, seconds, error, output] = cells[..] else { return None };
@@ -106,9 +106,9 @@ impl Entry {
         })
     }
 
-    /// Returns the entry as a single line, including its end.
+    /// Formats the entry as one line, including the line end.
     fn line(&self) -> io::Result<Vec<u8>> {
-        // In the shortest form that is read back exactly.
+        // msd and xsd are written with the fewest digits from which they can be read back exactly.
         let number =
             |value: Option<f64>| value.filter(|value| value.is_finite()).map_or(String::new(), |v| format!("{v:e}"));
         let seconds = self.seconds.map_or(String::new(), |seconds| format!("{seconds:.3}"));
@@ -125,24 +125,24 @@ fn line(cells: impl IntoIterator<Item = impl AsRef<[u8]>>) -> io::Result<Vec<u8>
     writer.into_inner().map_err(|error| io::Error::other(error.to_string()))
 }
 
-/// A status file that this process writes to. If a row has several lines the last one is valid, so that an earlier call
-/// can be resumed.
+/// A status file to which this process writes. If a row has several lines, the last line is valid, so that a resumed
+/// run can append to the file.
 #[derive(Debug)]
 pub struct StatusFile {
     path: PathBuf,
     file: File,
-    /// Number of bytes up to the end of the last complete line.
+    /// Offset in bytes of the end of the last complete line.
     end: u64,
 }
 
 impl StatusFile {
-    /// Opens a status file for appending, or creates it and its folder. An incomplete last line, as left by a full
-    /// disk, is removed.
+    /// Opens a status file for appending, or creates the file and its folder. An incomplete last line, as left by a
+    /// full disk or a killed process, is removed.
     ///
     /// # Errors
     ///
-    /// [`CohortError::NotStatus`] for a file that isn't a status file, [`CohortError::Locked`] while another process
-    /// has it open, and [`CohortError::Io`].
+    /// [`CohortError::NotStatus`] if the file isn't a status file, [`CohortError::Locked`] if another process has it
+    /// open, and [`CohortError::Io`].
     pub fn open(path: impl AsRef<Path>) -> Result<Self, CohortError> {
         let path = path.as_ref();
         let io = |action| move |source| CohortError::Io { path: path.to_owned(), action, source };
@@ -151,7 +151,7 @@ impl StatusFile {
         }
         let options = OpenOptions::new().read(true).append(true).create(true).clone();
         let mut file = spharm_files::open_with(path, &options).map_err(io("open"))?;
-        // A file system without locks gives no information.
+        // On a file system without locks, continue without knowing whether another process has the file open.
         if let Err(TryLockError::WouldBlock) = file.try_lock() {
             return Err(CohortError::Locked { path: path.to_owned() });
         }
@@ -174,11 +174,11 @@ impl StatusFile {
         Ok(Self { path: path.to_owned(), file, end })
     }
 
-    /// Appends a line and writes it immediately, so that it outlives the process.
+    /// Appends a line and writes it immediately, so that it isn't lost if the process is killed.
     ///
     /// # Errors
     ///
-    /// [`CohortError::Io`]. The file then ends after the last complete line, if the system allows.
+    /// [`CohortError::Io`]. An incomplete line is then removed, if possible.
     pub fn append(&mut self, entry: &Entry) -> Result<(), CohortError> {
         let result = entry.line().and_then(|line| self.file.write_all(&line).map(|()| line.len() as u64));
         match result {
@@ -187,7 +187,7 @@ impl StatusFile {
                 Ok(())
             }
             Err(source) => {
-                // If this fails, the incomplete line is removed when the file is next opened.
+                // If truncating fails too, the incomplete line is removed when the file is next opened.
                 let _ = self.file.set_len(self.end);
                 Err(CohortError::Io { path: self.path.clone(), action: "write", source })
             }
@@ -195,7 +195,7 @@ impl StatusFile {
     }
 }
 
-/// Returns the number of bytes up to the end of the last complete line.
+/// Returns the offset in bytes of the end of the last complete line.
 fn whole_lines(file: &mut File, length: u64) -> io::Result<u64> {
     const STEP: u64 = 1 << 12;
     let mut end = length;

@@ -1,7 +1,8 @@
-//! TSV and CSV in common dialects, with line numbers.
+//! Reads and writes TSV and CSV tables in common dialects, and tracks line numbers.
 //!
-//! RFC 4180 with tabs, or with commas if the name ends in `.csv`: cells in quotation marks may contain separators. A
-//! byte-order mark, any line ends, blank lines, and lines that begin with `#` are skipped.
+//! Tables follow RFC 4180, with commas if the file name ends in `.csv` and tabs otherwise. Cells in quotation marks may
+//! contain separators. Any line ends are accepted. A byte-order mark, blank lines, and lines that begin with `#` are
+//! skipped.
 
 use std::path::Path;
 
@@ -9,7 +10,7 @@ use csv::StringRecord;
 
 use crate::error::CohortError;
 
-/// Largest size of a table in bytes, far above that of any study.
+/// Largest accepted size of a table in bytes, far above the size of any study's table.
 const LARGEST: u64 = 1 << 30;
 
 /// The text of a table, and the separator of its cells.
@@ -19,13 +20,13 @@ pub(crate) struct Table<'a> {
     separator: u8,
 }
 
-/// Reads a table's file, decoded, without its byte-order mark.
+/// Reads the text of a table's file, without its byte-order mark.
 pub(crate) fn read_text(path: &Path) -> Result<String, CohortError> {
     let bytes = spharm_files::read(path, LARGEST);
     decode(path, bytes.map_err(|source| CohortError::Io { path: path.to_owned(), action: "read", source })?)
 }
 
-/// Returns the text of a table's bytes, without its byte-order mark.
+/// Decodes the bytes of a table as UTF-8 text, without the byte-order mark.
 pub(crate) fn decode(path: &Path, mut bytes: Vec<u8>) -> Result<String, CohortError> {
     if bytes.starts_with(b"\xef\xbb\xbf") {
         bytes.drain(..3);
@@ -46,13 +47,13 @@ fn newlines(bytes: &[u8]) -> usize {
 }
 
 impl<'a> Table<'a> {
-    /// Creates a table whose separator depends on its file's name.
+    /// Creates a table, separated by commas if the file name ends in `.csv` and by tabs otherwise.
     pub(crate) fn new(path: &'a Path, text: &'a str) -> Self {
         let commas = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("csv"));
         Self { path, text, separator: if commas { b',' } else { b'\t' } }
     }
 
-    /// Returns a writer of the same dialect.
+    /// Returns a writer with the separator of this table.
     pub(crate) fn writer(&self) -> csv::Writer<Vec<u8>> {
         writer(self.separator)
     }
@@ -67,7 +68,8 @@ impl<'a> Table<'a> {
         header.ok_or_else(|| CohortError::NoRows { path: self.path.to_owned() })
     }
 
-    /// Calls `row` with the line and the cells of each record, the header first, until it returns false.
+    /// Calls `row` with the line number and the cells of each record, including the header. Stops when `row` returns
+    /// false.
     pub(crate) fn records(
         &self,
         mut row: impl FnMut(usize, &StringRecord) -> Result<bool, CohortError>,
@@ -90,7 +92,7 @@ impl<'a> Table<'a> {
                     return Err(CohortError::Io { path: self.path.to_owned(), action: "read", source });
                 }
             }
-            // Only white space.
+            // Skip lines that contain only white space.
             if record.len() == 1 && record[0].is_empty() {
                 continue;
             }
@@ -101,12 +103,12 @@ impl<'a> Table<'a> {
     }
 }
 
-/// Returns a writer of a table with this separator, which puts cells in quotation marks if necessary.
+/// Returns a writer of tables with this separator, which quotes cells where necessary.
 pub(crate) fn writer(separator: u8) -> csv::Writer<Vec<u8>> {
     csv::WriterBuilder::new().delimiter(separator).comment(Some(b'#')).flexible(true).from_writer(Vec::new())
 }
 
-/// Counts the lines before records, which must be given in order.
+/// Counts line numbers of records. Records must be given in order.
 struct Lines<'a> {
     bytes: &'a [u8],
     at: usize,
@@ -118,7 +120,8 @@ impl<'a> Lines<'a> {
         Self { bytes: text.as_bytes(), at: 0, line: 1 }
     }
 
-    /// Returns the line of the next record after a position, which may be preceded by blank lines and comments.
+    /// Returns the line number of the first record at or after a byte offset. Blank lines and comments may precede the
+    /// record.
     fn of_record(&mut self, from: usize) -> usize {
         let from = from.min(self.bytes.len());
         if from > self.at {

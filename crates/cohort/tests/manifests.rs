@@ -1,4 +1,4 @@
-//! Valid and invalid manifests.
+//! Tests that valid manifests are read and invalid manifests are refused.
 
 use std::path::{Path, PathBuf};
 
@@ -88,7 +88,7 @@ fn the_rest_of_a_manifest_is_one() {
     let manifest = Manifest::read(&path).expect("a manifest");
     let rest = |to: &Path| manifest.rest(to, |row: &Row| row.id == "b").expect("a text");
     assert_eq!(rest(&folder.path().join("rest.tsv")), b"id\tsurface\tsphere\tage\nb\tsub/b.ply\ts.ply\t4\n");
-    // In another folder the inputs are still the same files.
+    // In a manifest in another folder, the paths still refer to the same input files.
     let other = folder.path().join("deep/rest.csv");
     let again = Manifest::parse(&other, &rest(&other)).expect("a manifest");
     assert_eq!(again.rows[0].surface, folder.path().join("sub/b.ply"));
@@ -99,7 +99,7 @@ fn the_rest_of_a_manifest_is_one() {
 }
 
 fn cell() -> impl Strategy<Value = String> {
-    // Including separators and quotation marks.
+    // The characters include separators and quotation marks.
     "[a-zA-Z0-9 ,;\"'äß#-][a-zA-Z0-9 ,;\"'äß#.-]{0,12}"
         .prop_map(|text| text.trim().to_owned())
         .prop_filter("text", |text| !text.is_empty() && text != "." && text != "..")

@@ -1,4 +1,4 @@
-//! Runs from Rust: events, failures, resumption.
+//! Tests runs through the Rust interface: events, failures and resumption.
 
 use std::path::Path;
 use std::sync::Mutex;
@@ -10,7 +10,8 @@ use spharm_cohort::rerun::IfExists;
 use spharm_cohort::run::{Cohort, Event, Observer, Outcome, RunParams, preview, run};
 use spharm_cohort::{Merged, Row, State};
 
-/// The outcomes of rows, in the order of reporting.
+/// An observer that records the outcomes of rows: id, state, and whether the surface was mapped, in the order of
+/// reporting.
 #[derive(Default)]
 struct Outcomes(Mutex<Vec<(String, State, bool)>>);
 
@@ -29,7 +30,7 @@ impl Outcomes {
     }
 }
 
-/// Two surfaces, and a row between them whose file is missing.
+/// Returns three rows: two with a surface, and between them one whose file is missing.
 fn rows(folder: &Path) -> Vec<Row> {
     let row = |(name, variant): (&str, Option<u64>)| {
         let surface = folder.join(format!("{name}.ply"));
@@ -110,7 +111,7 @@ fn an_output_with_the_name_of_an_input_is_refused() {
     assert_eq!(std::fs::read(&model).unwrap(), before);
 }
 
-/// The table of outcomes is text; the event has the path itself.
+/// A model's path that isn't UTF-8 can't be written to the table of outcomes exactly, but the event has the exact path.
 #[cfg(unix)]
 #[test]
 fn a_model_is_found_by_a_name_that_is_no_text() {

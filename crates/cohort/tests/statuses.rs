@@ -1,4 +1,4 @@
-//! Status files after kills, after full disks, and mixed with unrelated files.
+//! Tests status files after kills, after full disks, and mixed with unrelated files.
 
 use std::path::Path;
 
@@ -45,7 +45,7 @@ fn the_last_line_of_a_row_counts_but_that_it_was_there_hides_nothing() {
     let path = |name: &str| folder.path().join(name);
     let done = Entry { msd: Some(1.0), ..entry("a", State::Done) };
     write(&path("0.tsv"), &[entry("b", State::Interrupted), done.clone(), entry("c", State::Failed)]);
-    // A resumed call, and a shard of another partition.
+    // Append a resumed run to the first file; the second file is by a process with another division into shards.
     write(&path("0.tsv"), &[entry("a", State::Skipped), entry("b", State::Done)]);
     write(&path("1.tsv"), &[entry("b", State::Failed), entry("c", State::Skipped), entry("d", State::Failed)]);
     let merged = Merged::read([path("0.tsv"), path("1.tsv")]).expect("a status");
@@ -53,7 +53,7 @@ fn the_last_line_of_a_row_counts_but_that_it_was_there_hides_nothing() {
     assert_eq!(states(&merged), expected);
     assert_eq!(merged.entry("a"), Some(&done));
     assert_eq!((merged.count(State::Done), merged.count(State::Failed), merged.damaged), (2, 1, 0));
-    // Within a file a later failure replaces the earlier outcome.
+    // Within a file, a later failure replaces an earlier success.
     write(&path("0.tsv"), &[entry("b", State::Failed)]);
     assert_eq!(
         Merged::read([path("0.tsv")]).expect("a status").entry("b").map(|entry| entry.state),
@@ -86,8 +86,8 @@ fn two_processes_do_not_share_a_status_file() {
 }
 
 proptest! {
-    /// A full disk, or a kill while a line is written, leaves an incomplete line: the complete lines before it are
-    /// valid, and the next call continues after them.
+    /// A full disk, or a kill during writing, leaves an incomplete last line. The complete lines before it are valid,
+    /// and the next run appends after them.
     #[test]
     fn a_part_of_a_line_is_cut_off(cut in 0usize..400) {
         let folder = tempfile::tempdir().expect("a folder");

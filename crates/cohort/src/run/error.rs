@@ -1,4 +1,4 @@
-//! Errors that end a row or an entire run.
+//! Defines the errors that end a row or an entire run.
 
 use std::fmt::Display;
 use std::io::ErrorKind;
@@ -14,64 +14,64 @@ use crate::rerun::Refusal;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RunError {
-    /// A surface that can't be read, mapped or fitted, or a model that can't be written.
+    /// A surface can't be read, mapped or fitted, or a model can't be written.
     #[error(transparent)]
     Fit(#[from] Error),
-    /// A table that can't be read, or a status file that can't be written.
+    /// A table can't be read, or a status file can't be written.
     #[error(transparent)]
     Table(#[from] CohortError),
-    /// An output that exists.
+    /// An existing output prevents the fit.
     #[error(transparent)]
     Output(#[from] Refusal),
-    /// An output with the name of an input.
+    /// An output has the path of an input.
     #[error("{}: the input; choose another name for the output", .path.display())]
     OutputIsInput {
         /// The file.
         path: PathBuf,
     },
-    /// A label of a mesh, or of a surface over a sphere.
+    /// A label is given for a mesh, or for a surface over a sphere.
     #[error("{}: a label is for volumes without a sphere (.nii, .mgz, .nrrd, .tif, .npy)", .path.display())]
     LabelOfMesh {
         /// The surface's file.
         path: PathBuf,
     },
-    /// An allowed area distortion for the map of a label's surface, which always has equal areas.
+    /// An area distortion is given for the surface of a label. The map of such a surface always preserves areas.
     #[error("{input}: area is for meshes; the quadrangles around a label are mapped with equal areas")]
     AreaOfLabel {
-        /// The volume and its label.
+        /// Description of the volume and its label.
         input: String,
     },
-    /// Weights that aren't a file.
+    /// The weights given in the table aren't an existing file.
     #[error("column weights: expected uniform, area or a file, found {}, which isn't there", .path.display())]
     NoWeights {
-        /// The cell of the table.
+        /// The cell of the table, as a path.
         path: PathBuf,
     },
-    /// No vertex is left by a mask or by missing values.
+    /// A mask or missing values leave no vertex to fit.
     #[error("{}: no vertex is left to read", .path.display())]
     NothingToRead {
         /// The surface's file.
         path: PathBuf,
     },
-    /// A warning, in a strict run.
+    /// A warning, which is an error in a strict run.
     #[error("{0}")]
     Strict(String),
-    /// The error of all rows over one sphere, as text.
+    /// An error, as text, that applies to all rows over one sphere.
     #[error("{0}")]
     Sphere(String),
-    /// A file that is missing.
+    /// A file is missing.
     #[error("{}: no such file", .path.display())]
     Missing {
         /// The file.
         path: PathBuf,
     },
-    /// An error of a caller's check.
+    /// The caller's check of a surface failed.
     #[error("{0}")]
     Check(String),
-    /// An error with its context.
+    /// An error with the row or file in which it occurred.
     #[error("{context}")]
     Of {
-        /// The row, or its file.
+        /// Name of the row, or path of its file.
         context: String,
         /// The error.
         source: Box<RunError>,
@@ -79,13 +79,13 @@ pub enum RunError {
 }
 
 impl RunError {
-    /// Adds the context to an error.
+    /// Adds the row or file in which an error occurred.
     #[must_use]
     pub fn of(self, context: impl Display) -> Self {
         Self::Of { context: context.to_string(), source: Box::new(self) }
     }
 
-    /// Returns the error of the fit, if it is one.
+    /// Returns the error of the library's fit; `None` if the error has another cause.
     fn fit(&self) -> Option<&Error> {
         match self {
             Self::Fit(error) => Some(error),
@@ -94,7 +94,7 @@ impl RunError {
         }
     }
 
-    /// Returns whether the error is an interruption: the run stopped because it was asked to.
+    /// Returns whether the run ended because it was cancelled.
     #[must_use]
     pub fn is_interrupted(&self) -> bool {
         match self {
@@ -104,22 +104,22 @@ impl RunError {
         }
     }
 
-    /// Returns whether every other row would fail for the same reason: no space for models, or no permission to write
-    /// them.
+    /// Returns whether every other row would fail for the same reason: too little disk space, or no permission to
+    /// write.
     #[must_use]
     pub fn concerns_all(&self) -> bool {
         concerns_all(self)
     }
 
-    /// Returns the messages of the error and its sources as one line, without repetitions.
+    /// Returns the messages of the error and of its sources as one line, without repetitions.
     #[must_use]
     pub fn line(&self) -> String {
         chained(self).replace(char::is_control, " ")
     }
 }
 
-/// Joins the messages of an error and its sources. Skips repeated messages, and file names with which the next message
-/// begins.
+/// Joins the messages of an error and of its sources. A message is skipped if an earlier message contains it. A file
+/// name is skipped if the next message begins with it.
 #[must_use]
 pub fn chained(error: &(dyn std::error::Error + 'static)) -> String {
     let mut parts: Vec<String> = Vec::new();
@@ -160,11 +160,11 @@ impl From<Interrupted> for RunError {
     }
 }
 
-/// Returns whether an error, or one of its sources, is a lack of disk space, or of permission to write files.
+/// Returns whether an error, or one of its sources, is a lack of disk space or of permission to write files.
 #[must_use]
 pub fn concerns_all(error: &(dyn std::error::Error + 'static)) -> bool {
     use ErrorKind::{FileTooLarge, QuotaExceeded, ReadOnlyFilesystem, StorageFull};
-    // None of these occurs when reading.
+    // These kinds of errors occur only when writing.
     let io_of =
         |error: &SurfaceError| if let SurfaceError::Io { cause, .. } = error { Some(cause.kind()) } else { None };
     let of_fit = |error: &Error| match error {

@@ -1,4 +1,4 @@
-//! Events that a run reports while it works.
+//! Defines the events that a run reports while it works.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -12,20 +12,20 @@ use super::error::RunError;
 use crate::files::ModelFiles;
 use crate::{Entry, Row};
 
-/// Receives the events of a run, from several threads.
+/// Receives the events of a run. Several threads may call the methods at the same time.
 pub trait Observer: Sync {
-    /// Takes an event.
+    /// Receives an event.
     fn event(&self, event: &Event<'_>) {
         let _ = event;
     }
 
-    /// Returns an error as one line, for the table of outcomes.
+    /// Formats an error as one line for the table of outcomes.
     fn line(&self, error: &RunError) -> String {
         error.line()
     }
 }
 
-/// Ignores all events.
+/// An observer that ignores all events.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Unobserved;
 
@@ -35,34 +35,35 @@ impl Observer for Unobserved {}
 #[derive(Debug)]
 #[non_exhaustive]
 pub enum Event<'a> {
-    /// Number of surfaces that are mapped to spheres of their own, so that their coefficients don't correspond.
+    /// This number of surfaces, at least two, are mapped to spheres of their own, so that their coefficients don't
+    /// correspond.
     OwnSpheres(usize),
     /// Work on a row has begun.
     Started {
         /// The row.
         row: &'a Row,
     },
-    /// A surface was mapped to a sphere of its own.
+    /// A surface has been mapped to a sphere of its own.
     Mapped {
         /// The row.
         row: &'a Row,
-        /// The sphere's file.
+        /// Path of the sphere.
         sphere: &'a Path,
-        /// Report on the map.
+        /// Report on the mapping.
         report: &'a Report,
-        /// Whether the sphere is that of an earlier run.
+        /// Whether an existing sphere of an earlier run was reused.
         reused: bool,
     },
-    /// Some vertices of a row aren't read.
+    /// A row's fit ignores some vertices, because they are outside the mask or have no value.
     LeftOut {
         /// The row.
         row: &'a Row,
-        /// Their number.
+        /// Number of ignored vertices.
         vertices: usize,
-        /// The number of all vertices.
+        /// Number of all vertices.
         all: usize,
     },
-    /// A row's fit has a warning.
+    /// The fit of a row has a warning.
     FitWarning {
         /// The row.
         row: &'a Row,
@@ -73,77 +74,77 @@ pub enum Event<'a> {
     },
     /// A row is finished.
     Finished {
-        /// The row's index.
+        /// Index of the row.
         number: usize,
         /// The row.
         row: &'a Row,
-        /// Its line in the table of outcomes.
+        /// The row's line in the table of outcomes.
         entry: &'a Entry,
-        /// Its outcome.
+        /// Outcome of the row.
         outcome: Outcome<'a>,
-        /// The model's file, which may not exist. The line of the table has it as text.
+        /// Path of the model, which need not exist. `entry` has the path only as text.
         model: &'a Path,
     },
     /// Rows over one sphere have been fitted together.
     Fitted(&'a ManyReport),
-    /// A warning of a row that others may repeat.
+    /// A warning about a row. Other rows may cause the same warning.
     RowWarning(&'a str),
-    /// A warning.
+    /// A warning that isn't about a single row.
     Warning(&'a str),
-    /// A warning of the cohort, at the end of the run: inputs that occur twice, models that reproduce the voxels'
+    /// A warning about the cohort, reported at the end of the run: equal inputs, or models that reproduce the voxels'
     /// steps.
     CohortWarning(&'a str),
-    /// A note.
+    /// A note that isn't a warning.
     Note(&'a str),
 }
 
 /// Outcome of a row.
 #[derive(Debug)]
 pub enum Outcome<'a> {
-    /// Its model was made.
+    /// The model has been written.
     Done(Box<RowFit>),
-    /// Its model exists.
+    /// The row was skipped, because its model exists.
     Skipped {
-        /// Of a volume, the label.
+        /// Label of the surface, if the input is a volume.
         label: Option<i64>,
     },
-    /// It can't be fitted.
+    /// The row can't be fitted.
     Failed(&'a RunError),
-    /// The run ended before it was finished.
+    /// The run ended before the row was finished.
     Interrupted,
 }
 
-/// The fit of a row.
+/// Result of fitting a row.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct RowFit {
-    /// The model and the files beside it.
+    /// Paths of the model and the files beside it.
     pub files: ModelFiles,
     /// Distances, settings and warnings of the fit.
     pub report: FitReport,
-    /// Number of vertices that weren't read.
+    /// Number of vertices that the fit ignored.
     pub left_out: usize,
-    /// The sphere that the surface was mapped to, if it came without one.
+    /// The sphere to which the surface was mapped; `None` if the surface was fitted over a given sphere.
     pub mapped: Option<Mapping>,
 }
 
-/// The sphere that a surface was mapped to.
+/// The sphere to which a surface was mapped.
 #[derive(Debug, Clone, Serialize)]
 #[non_exhaustive]
 pub struct Mapping {
-    /// The file.
+    /// Path of the sphere.
     #[serde(serialize_with = "crate::files::serialize_shown")]
     pub sphere: PathBuf,
-    /// Repair of a volume's label.
+    /// Repair of the volume's label, if it was repaired.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub repair: Option<Repair>,
-    /// Repair of a mesh.
+    /// Repair of the mesh, if it was repaired: number of changes of each kind.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mesh_repair: Option<BTreeMap<&'static str, usize>>,
-    /// Handles that were cut.
+    /// Handles of the surface that were cut, if it had any.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub handles: Option<HandlesReport>,
-    /// Report on the map.
+    /// Report on the mapping.
     #[serde(flatten)]
     pub report: Report,
 }

@@ -1,4 +1,4 @@
-//! Groups of rows that share a sphere and weights, and hence plans, transforms and factors.
+//! Groups rows that share a sphere and weights, so that they also share plans, transforms and factors.
 
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
@@ -7,16 +7,16 @@ use spharm::FileRecord;
 
 use crate::Row;
 
-/// Rows that are fitted over one sphere with the same weights.
+/// Rows that are fitted over the same sphere with the same weights.
 pub(super) struct Group {
-    /// The sphere; none for rows that are mapped to spheres of their own.
+    /// Path of the sphere; `None` for rows that are mapped to spheres of their own.
     pub(super) sphere: Option<PathBuf>,
     /// Indices of the rows, at least one.
     pub(super) rows: Vec<usize>,
 }
 
-/// Groups the rows with these indices, in the order of the groups' first rows. Spheres are the same if their paths or
-/// their contents are equal; only files of the same size are read for the comparison.
+/// Groups the rows with the given indices. Groups are in the order of their first rows. Spheres are the same if their
+/// paths or the contents of their files are equal. Contents are compared only for files of equal size.
 pub(super) fn groups(rows: &[Row], numbers: &[usize]) -> Vec<Group> {
     let same = same_spheres(numbers.iter().map(|&number| &rows[number]));
     let (mut groups, mut places): (Vec<Group>, HashMap<_, usize>) = (Vec::new(), HashMap::new());
@@ -32,7 +32,8 @@ pub(super) fn groups(rows: &[Row], numbers: &[usize]) -> Vec<Group> {
     groups
 }
 
-/// Maps the paths of spheres with equal contents to the first of them. Unreadable files are left for the fit to refuse.
+/// For spheres with equal contents, maps the path of each to the path of the first. Unreadable files are skipped here;
+/// the fit will refuse them.
 fn same_spheres<'a>(rows: impl Iterator<Item = &'a Row>) -> HashMap<&'a Path, &'a Path> {
     let (mut seen, mut paths) = (HashSet::new(), Vec::new());
     for path in rows.filter_map(|row| row.sphere.as_deref()) {

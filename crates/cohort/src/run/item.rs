@@ -1,4 +1,4 @@
-//! One surface to fit, its outputs, and the decision about existing ones.
+//! Describes one surface to fit and its outputs, and decides about existing outputs.
 
 use std::path::PathBuf;
 
@@ -12,20 +12,20 @@ use crate::files::{ModelFiles, Replace};
 use crate::reader::SurfaceReader;
 use crate::rerun::{Decision, Request};
 
-/// One surface to fit and the location of its model.
+/// One surface to fit, and the paths of its outputs.
 pub(super) struct Item {
     pub(super) files: ModelFiles,
-    /// Record of the input's file, for the model's provenance.
+    /// Record of the input's file, for the provenance of the model.
     pub(super) record: FileRecord,
-    /// The file of the region whose vertices are read, if not all are.
+    /// Record of the region's file, if reading is limited to a region.
     pub(super) region: Option<FileRecord>,
-    /// Which existing outputs are replaced.
+    /// Existing outputs that the fit may replace.
     pub(super) replace: Replace,
 }
 
 impl Item {
-    /// Decides what to do about a row; `None` if its model exists. `record` is that of its file, `sphere` is the sphere
-    /// of the fit, unless it is mapped to one of its own.
+    /// Decides whether to fit a row; `None` if its model exists and is kept. `record` is the record of the row's file.
+    /// `sphere` is `None` if the surface is to be mapped to a sphere of its own.
     pub(super) fn decide(
         row: &Row,
         model: PathBuf,
@@ -42,14 +42,14 @@ impl Item {
             sphere.is_none().then(|| files.sphere()),
             record.label.map(|_| files.surface()),
             options.evaluate.as_ref().map(|evaluate| evaluate.file(&files)),
-            // A surface without handles has no such file, even if it is finished.
+            // If models are kept, the cut surface isn't required to exist: a surface without handles has no such file.
             (options.preparation.cut_handles && !options.if_exists.keeps()).then(|| files.cut_surface()),
-            // Nor does a mesh without anything to repair.
+            // If models are kept, the repaired mesh isn't required to exist: a mesh without defects has no such file.
             (options.preparation.fix && record.label.is_none() && !options.if_exists.keeps())
                 .then(|| files.fixed_surface()),
         ];
         let beside: Vec<PathBuf> = beside.into_iter().flatten().collect();
-        // Its inputs are never replaced.
+        // Outputs must never replace the inputs of the row.
         let inputs =
             [Some(&row.surface), row.sphere.as_ref(), row.weights.as_ref(), row.region.as_ref(), options.mask.as_ref()];
         let inputs = inputs.into_iter().flatten().map(PathBuf::as_path);
@@ -69,7 +69,8 @@ impl Item {
             beside: &beside,
             if_exists: options.if_exists,
         };
-        // Only called if the model was made without repairs or cuts that are now requested.
+        // Reads the surface, to find out whether repairs and cuts would change it. Called only if the request has
+        // repairs or cuts that the model was made without.
         let read = || SurfaceReader::new(options.preparation).read(&row.surface, record.label, &Silent);
         let is_sound = || read().is_ok_and(|input| input.changes(options.preparation.cut_handles).is_empty());
         match request.decide_by(&is_sound)? {
@@ -85,7 +86,7 @@ impl Item {
     }
 }
 
-/// Returns the id for a model's provenance, if the row is from a table.
+/// Returns the row's id for the provenance of its model; `None` if the row isn't from a table.
 pub(super) fn id(row: &Row) -> Option<&str> {
     (row.line > 0).then_some(row.id.as_str())
 }

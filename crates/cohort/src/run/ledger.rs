@@ -1,4 +1,4 @@
-//! Outcomes of rows as they become known: the table of outcomes, and the rows in progress.
+//! Records the outcomes of rows as they become known, and which rows are in progress.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -11,7 +11,7 @@ use super::params::Cohort;
 use super::sync::lock;
 use crate::{CohortError, Entry, Row, State, StatusFile};
 
-/// Outcomes of the rows of a run.
+/// Outcomes of the rows of a run, and the table to which they are written.
 pub(super) struct Ledger<'a> {
     pub(super) observer: &'a dyn Observer,
     inner: Mutex<Inner>,
@@ -19,7 +19,7 @@ pub(super) struct Ledger<'a> {
 
 struct Inner {
     status: Option<StatusFile>,
-    /// Rows that are being worked on, with their start times.
+    /// Rows in progress, with their start times.
     under_way: BTreeMap<usize, Instant>,
     finished: Vec<bool>,
 }
@@ -31,13 +31,13 @@ impl<'a> Ledger<'a> {
         Ok(Self { observer, inner: Mutex::new(inner) })
     }
 
-    /// Records that a row is being worked on.
+    /// Records that work on a row has begun.
     pub(super) fn start(&self, number: usize, row: &Row) {
         lock(&self.inner).under_way.insert(number, Instant::now());
         self.observer.event(&Event::Started { row });
     }
 
-    /// Records that a row's model was made.
+    /// Records that a row's model has been written.
     pub(super) fn done(&self, number: usize, row: &Row, fit: RowFit) -> Result<(), CohortError> {
         let (msd, xsd) = fit.report.passes.last().map_or((None, None), |last| (last.msd, last.xsd));
         let entry = Entry { msd, xsd, ..Entry::new(&row.id, State::Done) };
@@ -45,7 +45,7 @@ impl<'a> Ledger<'a> {
         self.finish(number, row, entry, &model, Outcome::Done(Box::new(fit)))
     }
 
-    /// Records that a row's model exists.
+    /// Records that a row was skipped, because its model exists.
     pub(super) fn skipped(
         &self,
         number: usize,
@@ -62,7 +62,7 @@ impl<'a> Ledger<'a> {
         self.finish(number, row, entry, model, Outcome::Failed(error))
     }
 
-    /// Records that the rows in progress won't be finished.
+    /// Records all rows in progress as interrupted.
     pub(super) fn interrupted(&self, cohort: &Cohort) -> Result<(), CohortError> {
         let numbers: Vec<usize> = lock(&self.inner).under_way.keys().copied().collect();
         for number in numbers {
@@ -73,7 +73,7 @@ impl<'a> Ledger<'a> {
         Ok(())
     }
 
-    /// Returns whether a row's outcome is known.
+    /// Returns whether a row's outcome has been recorded.
     pub(super) fn is_finished(&self, number: usize) -> bool {
         lock(&self.inner).finished[number]
     }

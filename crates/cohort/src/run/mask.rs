@@ -1,5 +1,5 @@
-//! Weights, masks and missing values. Vertices that a mask leaves out, and vertices of signals without a value, have
-//! weight 0. Vertices outside a row's region get values that are extrapolated from its edge.
+//! Applies weights, masks and missing values. Vertices outside a mask, and vertices of signals without a value, get
+//! weight 0. Vertices outside a row's region get values that are extrapolated from the region's edge.
 
 use std::path::Path;
 
@@ -11,7 +11,7 @@ use spharm_surface::io::{is_named_signal, read_mask, read_signal_with_gaps};
 use super::error::RunError;
 use crate::Row;
 
-/// Returns the settings with a row's own weights, if it has any.
+/// Returns the settings of the fit, with the row's own weights if it has any.
 pub(super) fn weighted(params: &FitParams, row: &Row) -> Result<FitParams, RunError> {
     let weights = match row.weights.as_deref().map(|path| (path, path.to_str())) {
         None => return Ok(params.clone()),
@@ -34,18 +34,18 @@ pub(super) fn masked(weights: &Weights, mask: &Path, sphere: &Sphere) -> Result<
     Ok(weights.masked(&keep, name, sphere)?)
 }
 
-/// Rows that leave out the same vertices.
+/// Rows whose fits ignore the same vertices.
 pub(super) struct Part {
     /// Indices of the rows.
     pub(super) rows: Vec<usize>,
-    /// Settings with the weights of these rows.
+    /// Settings of the fit, with the weights for these rows.
     pub(super) params: FitParams,
-    /// Number of vertices that aren't read.
+    /// Number of vertices that the fit ignores.
     pub(super) left_out: usize,
 }
 
-/// Groups the rows with these indices by their vertices without a value, for signals that are fitted by least squares
-/// without a store. Other methods refuse missing values.
+/// Splits the rows with the given indices into parts with the same missing values. Missing values are only accepted for
+/// signals that are fitted by least squares without a store. With other methods, the fit refuses them.
 pub(super) fn parts(
     rows: &[Row],
     numbers: &[usize],
@@ -88,7 +88,8 @@ pub(super) fn parts(
     parts.into_iter().map(part).collect()
 }
 
-/// Extrapolates a signal's values from the edge of a region, a mask or a label, to the vertices outside of it.
+/// Extrapolates the values of a signal to the vertices outside a region, which is a mask or label, from the edge of the
+/// region.
 pub(super) fn continue_from(
     region: &Path,
     target: &mut Target,
@@ -97,8 +98,8 @@ pub(super) fn continue_from(
 ) -> Result<(), RunError> {
     let channels = target.channels.max(1);
     let mut known = read_mask(region, sphere.directions.len())?;
-    // Values inside the region that aren't finite aren't filled in: NaN has weight 0, see `gaps`, and the fit refuses
-    // others.
+    // NaN and infinite values inside the region aren't replaced by extrapolation. NaN means a missing value, which gets
+    // weight 0, see `gaps`; the fit refuses infinite values.
     let mut not_finite: Vec<(usize, Vec<f64>)> = Vec::new();
     for (vertex, (known, values)) in known.iter_mut().zip(target.values.chunks_exact(channels)).enumerate() {
         if *known && !values.iter().all(|value| value.is_finite()) {
@@ -113,8 +114,8 @@ pub(super) fn continue_from(
     Ok(())
 }
 
-/// Returns a warning if a model's values at unread vertices leave the range of its values at the others, by more than
-/// the width of that range.
+/// Returns a warning if the model's values at ignored vertices are far outside the range of its values at the other
+/// vertices: by more than the width of that range.
 pub(super) fn runaway(name: &str, fit: &Fit, params: &FitParams, sphere: &Sphere) -> Result<Option<String>, RunError> {
     let Weights::Values { values: weights, .. } = &params.weights else { return Ok(None) };
     let model = Model::without_sphere(fit.coefficients.clone(), Kind::Signal);
@@ -126,7 +127,7 @@ pub(super) fn runaway(name: &str, fit: &Fit, params: &FitParams, sphere: &Sphere
             values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)])
         };
         let ([low, high], [least, most]) = (range(false), range(true));
-        // The width of a constant is that of its rounding.
+        // For a constant channel, the width would be zero; use the size of rounding errors instead.
         let width = (high - low).max(1e-6 * low.abs().max(high.abs()));
         if least < low - width || most > high + width {
             return Ok(Some(format!(
@@ -139,13 +140,14 @@ pub(super) fn runaway(name: &str, fit: &Fit, params: &FitParams, sphere: &Sphere
     Ok(None)
 }
 
-/// Marks the vertices without a value; empty if all have one, or get one that is extrapolated from a region's edge.
+/// Returns for each vertex whether its value is missing. Returns an empty vector if no value is missing. Vertices
+/// outside the row's region don't count, because their values are extrapolated.
 fn gaps(row: &Row, vertices: usize) -> Vec<bool> {
     let path = &row.surface;
     if row.region.is_none() && !is_named_signal(path) {
         return Vec::new();
     }
-    // Other files, and unreadable ones, are refused when they are fitted.
+    // A file that isn't a signal, or can't be read, is refused later by the fit.
     let Ok(signal) = read_signal_with_gaps(path) else { return Vec::new() };
     let none = |row: &[f64]| row.iter().any(|x| x.is_nan());
     let mut gaps: Vec<bool> = signal.values.chunks_exact(signal.channels.max(1)).map(none).collect();

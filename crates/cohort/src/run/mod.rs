@@ -1,8 +1,9 @@
-//! Runs many fits, one per surface: groups by sphere, masks, resumption, failures, outputs, the table of outcomes.
+//! Runs many fits, one per surface: groups rows by sphere, applies masks, handles existing outputs and failures, and
+//! writes models and the table of outcomes.
 //!
-//! Rows are grouped by sphere, and a group is streamed through [`fit_each`](spharm::fit_each): a row's file is read and
-//! its outputs are checked when its turn comes, so that memory doesn't grow with the number of rows. A row's models,
-//! spheres and status don't depend on the other rows.
+//! Rows are grouped by sphere, and each group is processed by [`fit_each`](spharm::fit_each), which reads a row's file
+//! and checks its outputs just before the row is fitted. So the memory doesn't grow with the number of rows. The model,
+//! the sphere and the outcome of a row don't depend on the other rows.
 //!
 //! | module | contents |
 //! |---|---|
@@ -51,8 +52,9 @@ use work::Work;
 
 /// Fits all rows of a cohort, writes their models and notifies an observer of each.
 ///
-/// A row that fails doesn't affect the others. It is reported as [`Event::Finished`], and ends the run unless
-/// [`RunParams::keep_going`] is set or it concerns all rows, see [`RunError::concerns_all`].
+/// A row that fails is reported as [`Event::Finished`]. The run then continues with further rows if
+/// [`RunParams::keep_going`] is set and the error doesn't concern all rows, see [`RunError::concerns_all`]; otherwise
+/// it ends.
 ///
 /// ```
 /// use spharm_cohort::Row;
@@ -81,8 +83,8 @@ use work::Work;
 ///
 /// # Errors
 ///
-/// [`RunError`]: the first row that failed, if that ends the run; a table of outcomes that can't be written; an
-/// interruption.
+/// [`RunError`] if the failure of a row ends the run, if the table of outcomes can't be written, or if the run is
+/// cancelled.
 pub fn run(
     cohort: &Cohort,
     params: &RunParams,
@@ -92,11 +94,11 @@ pub fn run(
     run_reading(cohort, params, SurfaceReader::new(params.preparation), observer, monitor)
 }
 
-/// Works like [`run`], with a reader that may have read the volume of the first rows already.
+/// Fits all rows as [`run`] does, with a reader of the caller, which may already hold the volume of the first rows.
 ///
 /// # Errors
 ///
-/// Those of [`run`].
+/// The errors of [`run`].
 pub fn run_reading(
     cohort: &Cohort,
     params: &RunParams,
@@ -105,7 +107,8 @@ pub fn run_reading(
     monitor: &dyn Monitor,
 ) -> Result<(), RunError> {
     if params.if_exists != IfExists::Refuse {
-        // Remove leftovers of killed processes beside the models; those that can't be removed do no harm.
+        // Remove temporary files of killed processes from the folders of the models. Failures are ignored, because the
+        // files do no harm.
         let models = cohort.rows.iter().map(|row| row.model(&cohort.folder));
         let folders: BTreeSet<PathBuf> = models.filter_map(|model| model.parent().map(Path::to_owned)).collect();
         folders.iter().filter(|folder| folder.is_dir()).for_each(|folder| drop(remove_leftovers(folder)));
@@ -114,7 +117,7 @@ pub fn run_reading(
     let work = Work::new(cohort, params, reader, monitor, &ledger);
     let result = work.all();
     if result.is_err() {
-        // The error that ended the run is the one to report.
+        // An error while recording the interrupted rows is ignored: the error that ended the run is returned.
         let _ = ledger.interrupted(cohort);
     }
     let doubts = lock(&work.inputs).warnings().into_iter().chain(steps_of_labels(&lock(&work.steps)));

@@ -1,4 +1,4 @@
-//! Surfaces that are mapped to spheres of their own.
+//! Fits surfaces that come without a sphere, and are mapped to spheres of their own.
 
 use spharm::parametrize::Input;
 use spharm::{FitParams, Monitor};
@@ -13,7 +13,8 @@ use crate::Row;
 use crate::files::{MadeOf, Mapped};
 
 impl Work<'_> {
-    /// Maps each surface of a group to a sphere of its own, which is written beside its model, and fits it there.
+    /// Maps each surface of a group to a sphere of its own, writes the sphere beside the model, and fits the surface
+    /// over it.
     pub(super) fn on_their_own(&self, group: &Group, monitor: &dyn Monitor) -> Result<(), RunError> {
         for &number in &group.rows {
             self.monitor.check()?;
@@ -45,7 +46,7 @@ impl Work<'_> {
         fit_and_write().inspect_err(|_| mapped.remove()).map(Some)
     }
 
-    /// Maps one surface to the sphere.
+    /// Reads one surface and maps it to a sphere.
     fn map(&self, row: &Row, item: &Item, params: &FitParams, monitor: &dyn Monitor) -> Result<Mapped, RunError> {
         let observer = self.ledger.observer;
         let surface = lock(&self.reader).read(&row.surface, item.record.label, monitor)?;

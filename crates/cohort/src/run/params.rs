@@ -1,4 +1,4 @@
-//! Surfaces to fit, and settings for all of them.
+//! Defines the rows of a run, and the settings that apply to all rows.
 
 use std::path::PathBuf;
 
@@ -9,27 +9,29 @@ use crate::evaluate::Evaluate;
 use crate::rerun::IfExists;
 use crate::{Manifest, Row, Shard};
 
-/// Surfaces to fit.
+/// Surfaces to fit, and where to write their models.
 #[derive(Debug, Clone, Default)]
 #[non_exhaustive]
 pub struct Cohort {
-    /// The rows, in order.
+    /// The rows, in the order in which they are processed.
     pub rows: Vec<Row>,
-    /// The folder that models are relative to.
+    /// Folder to which the paths of models are relative.
     pub folder: PathBuf,
-    /// The sphere of all rows, if it has been read.
+    /// The common sphere of all rows, if the caller has read it already.
     pub sphere: Option<Sphere>,
-    /// Whether to check all outputs before any work, so that a run that can't succeed doesn't begin; default false.
+    /// Whether to check the outputs of all rows before fitting, so that a run that can't succeed doesn't start; default
+    /// false.
     pub check_first: bool,
 }
 
 impl Cohort {
-    /// Creates a cohort of rows whose models are written to a folder.
+    /// Creates a cohort whose models are written to a folder.
     pub fn new(rows: Vec<Row>, folder: impl Into<PathBuf>) -> Self {
         Self { rows, folder: folder.into(), sphere: None, check_first: false }
     }
 
-    /// Creates a cohort from a shard of a manifest. Models are written to `folder`, by default that of the manifest.
+    /// Creates a cohort from the rows of a manifest that belong to a shard. Models are written to `folder`; for `None`,
+    /// to the manifest's folder.
     #[must_use]
     pub fn of_manifest(manifest: Manifest, folder: Option<PathBuf>, shard: Shard) -> Self {
         let folder = folder.unwrap_or_else(|| manifest.folder().to_owned());
@@ -38,7 +40,7 @@ impl Cohort {
         Self::new(rows.collect(), folder)
     }
 
-    /// Sets the sphere's file for the rows without one.
+    /// Sets the path of the sphere for all rows without a sphere.
     #[must_use]
     pub fn with_sphere(mut self, sphere: Option<PathBuf>) -> Self {
         for row in self.rows.iter_mut().filter(|row| row.sphere.is_none()) {
@@ -48,34 +50,34 @@ impl Cohort {
     }
 }
 
-/// Accepts or refuses a surface that was read over its sphere.
+/// A function of the caller that accepts, changes or refuses a surface that was read for its sphere.
 pub type Check = Box<dyn Fn(&Row, &Sphere, Result<Target, RunError>) -> Result<Target, RunError> + Send + Sync>;
 
-/// Settings for all rows.
+/// Settings that apply to all rows.
 #[non_exhaustive]
 pub struct RunParams {
     /// Settings of the fits.
     pub fit: FitParams,
     /// Changes to surfaces without a sphere before they are mapped; none by default.
     pub preparation: Preparation,
-    /// A mask of the sphere's vertices: those with 0 in this file aren't read; none by default.
+    /// Path of a mask of the sphere's vertices. The fit ignores vertices at which the mask is 0. `None` by default.
     pub mask: Option<PathBuf>,
-    /// Whether to write the complex coefficients beside each model; default false.
+    /// Whether to write the complex coefficients beside each model, as CSV; default false.
     pub coefficients_csv: bool,
-    /// Treatment of existing outputs; they are refused by default.
+    /// Treatment of existing outputs; by default, they cause the fit to be refused.
     pub if_exists: IfExists,
-    /// Whether to continue with further rows after a failure; default true.
+    /// Whether to continue with the next row after a failure; default true.
     pub keep_going: bool,
-    /// The table of outcomes to append to; none by default.
+    /// Path of the table to which outcomes are appended; `None` by default.
     pub status: Option<PathBuf>,
-    /// A check of each surface and its sphere; none by default.
+    /// A check of each surface together with its sphere; `None` by default.
     pub check: Option<Check>,
-    /// A sphere on which every model is evaluated; none by default.
+    /// A common sphere on which every model is evaluated; `None` by default.
     pub evaluate: Option<Evaluate>,
 }
 
 impl RunParams {
-    /// Creates settings with defaults for all but the fits.
+    /// Creates settings with the given settings of the fits, and defaults for everything else.
     #[must_use]
     pub fn new(fit: FitParams) -> Self {
         Self {

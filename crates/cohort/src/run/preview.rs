@@ -1,4 +1,5 @@
-//! Previews of runs: rows, existing models, spheres, memory, and rows that would fail, as far as known beforehand.
+//! Previews a run: counts rows, existing models and spheres, checks the memory, and finds rows that would fail, as far
+//! as this can be known before the run.
 
 use std::path::{Path, PathBuf};
 
@@ -18,24 +19,25 @@ use crate::files::ModelFiles;
 use crate::reader::SurfaceReader;
 use crate::rerun::IfExists;
 
-/// Number of spheres, and of surfaces without one, that are read for their sizes if there are no outputs yet.
+/// Number of spheres, and of surfaces without a sphere, that are read to check their sizes. Further files are read only
+/// if outputs exist.
 const READ: usize = 3;
 
-/// The preview of a run.
+/// Result of a preview.
 #[derive(Debug)]
 #[non_exhaustive]
 pub struct Preview {
     /// Number of rows.
     pub rows: usize,
-    /// Number of models that exist.
+    /// Number of rows whose model exists.
     pub exist: usize,
-    /// Number of models that exist and would be kept.
+    /// Number of rows whose existing model would be kept.
     pub kept: usize,
-    /// Number of rows whose surface's file is missing.
+    /// Number of rows whose surface file is missing.
     pub missing: usize,
-    /// Number of spheres that rows share.
+    /// Number of different spheres over which rows would be fitted.
     pub spheres: usize,
-    /// The spheres that were read.
+    /// The spheres that the preview has read.
     pub first_spheres: Vec<PreviewedSphere>,
     /// Number of surfaces that would be mapped to spheres of their own.
     pub mapped: usize,
@@ -47,19 +49,20 @@ pub struct Preview {
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct PreviewedSphere {
-    /// The file.
+    /// Path of the sphere.
     pub path: PathBuf,
-    /// Number of rows over it.
+    /// Number of rows over the sphere.
     pub rows: usize,
-    /// Number of its vertices.
+    /// Number of vertices of the sphere.
     pub vertices: usize,
 }
 
-/// Returns a preview of [`run`](super::run): checks all existing models, a few spheres, and whether surfaces exist.
+/// Previews [`run`](super::run) without fitting: checks all existing models, a few spheres, and whether the surface
+/// files exist.
 ///
 /// # Errors
 ///
-/// [`RunError::is_interrupted`].
+/// Only an interruption, see [`RunError::is_interrupted`].
 pub fn preview(
     cohort: &Cohort,
     params: &RunParams,
@@ -89,25 +92,26 @@ pub fn preview(
     })
 }
 
-/// A preview in progress: the rows and spheres that have been checked.
+/// State of a preview: results for the rows and spheres that have been checked.
 struct Look<'a> {
     work: &'a Work<'a>,
     spheres: Vec<PreviewedSphere>,
-    /// Number of surfaces without a sphere that were read.
+    /// Number of surfaces without a sphere that have been read.
     own: usize,
     kept: usize,
     failed: Vec<(usize, RunError)>,
 }
 
 impl Look<'_> {
-    /// Checks the rows of a sphere; only an interruption is an error.
+    /// Checks the rows over one sphere. Returns an error only for an interruption; other errors are recorded for the
+    /// rows.
     fn at_group(&mut self, group: &Group) -> Result<(), RunError> {
         let before = self.failed.len();
         let Err(error) = self.at_sphere(group) else { return Ok(()) };
         if error.is_interrupted() {
             return Err(error);
         }
-        // None of its rows can be fitted, all for the same reason.
+        // An error of the sphere applies to all its rows: replace the errors of single rows.
         self.failed.truncate(before);
         let error = match &group.sphere {
             Some(path) if self.work.params.keep_going => error.of(path.display()),
@@ -165,7 +169,7 @@ impl Look<'_> {
         Ok(())
     }
 
-    /// Compares the numbers of vertices of a surface and its sphere, if the heads of the files have them.
+    /// Compares the numbers of vertices of a surface and its sphere, if the headers of both files state them.
     fn check_vertices(&self, row: &Row, sphere: Option<&Sphere>) -> Result<(), RunError> {
         let Some(found) = declared_vertices(&row.surface)? else { return Ok(()) };
         let of_sphere = match (sphere, &row.sphere) {
@@ -183,7 +187,7 @@ impl Look<'_> {
         }
     }
 
-    /// Returns whether any file of a row's model exists, so that a decision is needed.
+    /// Returns whether any output of a row exists, so that the row has to be compared with its existing model.
     fn any_output(&self, number: usize) -> bool {
         let Work { cohort, params, .. } = *self.work;
         if params.if_exists == IfExists::Replace {

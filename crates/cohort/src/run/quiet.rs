@@ -1,10 +1,11 @@
-//! The progress of one group among many.
+//! Hides the progress of a single group when a run has several groups.
 
 use std::fmt;
 
 use spharm::{Level, Monitor};
 
-/// Hides the stages of a group, since progress is counted in rows, and demotes its notes to details.
+/// A monitor for one group: it hides the stages of the group, because the run counts progress in rows, and reports the
+/// group's notes as details.
 pub(super) struct Quiet<'a>(pub(super) &'a dyn Monitor);
 
 impl Monitor for Quiet<'_> {

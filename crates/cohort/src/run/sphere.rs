@@ -1,4 +1,4 @@
-//! Spheres from files, with their warnings.
+//! Reads spheres from files and reports their warnings.
 
 use std::path::Path;
 
@@ -7,16 +7,18 @@ use spharm_surface::SphereWarning;
 
 use super::error::RunError;
 
-/// Reads a sphere, see [`spharm::read_sphere`], and passes on its warnings.
+/// Reads a sphere by [`spharm::read_sphere`], and calls `warn` with each of its warnings.
 ///
 /// # Errors
 ///
-/// Those of [`spharm::read_sphere`]; if `strict`, also [`RunError::Strict`] for a centre that isn't the origin.
+/// The errors of [`spharm::read_sphere`]. If `strict`, also [`RunError::Strict`] for a sphere whose centre isn't the
+/// origin.
 pub fn read_sphere(path: &Path, strict: bool, warn: &dyn Fn(&str)) -> Result<Sphere, RunError> {
     let sphere = spharm::read_sphere(path)?;
     for warning in &sphere.warnings {
         let text = format!("{}: {warning}", path.display());
-        // An open sphere is reported with the surface on it.
+        // A strict run refuses only a varying radius here. A sphere that isn't closed is reported when a surface is
+        // fitted over it.
         if strict && matches!(warning, SphereWarning::RadiusSpread { .. }) {
             return Err(RunError::Strict(text));
         }

@@ -1,4 +1,4 @@
-//! Processes the rows: read, fit, write.
+//! Processes the rows of a run: decides about existing outputs, reads, fits and writes.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -22,32 +22,33 @@ use crate::equal::Inputs;
 use crate::files::MadeOf;
 use crate::reader::SurfaceReader;
 
-/// State of a run.
+/// State of a run, shared by its threads.
 pub(super) struct Work<'a> {
     pub(super) cohort: &'a Cohort,
     pub(super) params: &'a RunParams,
     pub(super) monitor: &'a dyn Monitor,
     pub(super) ledger: &'a Ledger<'a>,
     pub(super) reader: Mutex<SurfaceReader>,
-    /// Decisions about rows that aren't finished.
+    /// Files, record and decision of each row that has been checked but isn't finished.
     items: Mutex<HashMap<usize, Item>>,
-    /// Labels whose models reproduce the voxels' steps, by name.
+    /// Names of labels whose models reproduce the voxels' steps, with a description of the steps.
     pub(super) steps: Mutex<Vec<(String, VoxelSteps)>>,
-    /// The inputs that have been checked.
+    /// The inputs that have been checked, to find equal inputs.
     pub(super) inputs: Mutex<Inputs>,
-    /// The file that was hashed last: a volume has many labels.
+    /// Record of the file that was hashed last. It is kept because a volume with many labels would otherwise be hashed
+    /// for every label.
     record: Mutex<Option<(PathBuf, FileRecord)>>,
 }
 
-/// The reason why a target of a group has no fit.
+/// The reason why a target of a group isn't fitted.
 enum NoFit {
-    /// Its model exists.
+    /// The row is skipped, because its model exists.
     Skip,
     /// The row can't be fitted.
     Row(RunError),
     /// No row of the group can be fitted.
     Group(RunError),
-    /// The run ends.
+    /// The run must end.
     Stop(RunError),
 }
 
@@ -107,7 +108,7 @@ impl<'a> Work<'a> {
         Ok(())
     }
 
-    /// Decides what to do about every row, before any work; returns the rows to fit.
+    /// Decides about every row, before any row is fitted. Returns the indices of the rows to fit.
     fn check(&self, numbers: Vec<usize>) -> Result<Vec<usize>, RunError> {
         let mut left = Vec::new();
         let sphere = self.cohort.sphere.as_ref();
@@ -125,7 +126,7 @@ impl<'a> Work<'a> {
         Ok(left)
     }
 
-    /// Decides what to do about a row; `None` if its model exists, which is recorded.
+    /// Decides whether to fit a row. Returns `None`, and records the row as skipped, if its model exists.
     pub(super) fn decide(
         &self,
         number: usize,
@@ -147,7 +148,7 @@ impl<'a> Work<'a> {
         Ok(item)
     }
 
-    /// Returns the label of a row's surface; none for a mesh.
+    /// Returns the label from which a row's surface is extracted; `None` for a mesh.
     fn label(&self, row: &Row, on_sphere: bool) -> Result<Option<i64>, RunError> {
         let volume = is_volume(&row.surface) && !on_sphere;
         match row.label {
@@ -172,14 +173,15 @@ impl<'a> Work<'a> {
         }
     }
 
-    /// Returns the settings with a row's own weights.
+    /// Returns the settings of the fit, with the row's own weights if it has any.
     pub(super) fn weighted(&self, row: &Row) -> Result<FitParams, RunError> {
-        // A run that continues after failures reports each row's name with its outcome.
+        // If the run continues after failures, the row's name is reported with its outcome, so the error needn't
+        // contain it.
         mask::weighted(&self.params.fit, row)
             .map_err(|error| if self.params.keep_going { error } else { error.of(&row.id) })
     }
 
-    /// Returns the settings with the mask applied to the weights.
+    /// Returns the settings of the fit, with the weights set to 0 outside the mask.
     pub(super) fn masked(&self, params: FitParams, sphere: Option<&Sphere>) -> Result<FitParams, RunError> {
         match (&self.params.mask, sphere) {
             (Some(path), Some(sphere)) => {
@@ -189,13 +191,13 @@ impl<'a> Work<'a> {
         }
     }
 
-    /// Reads a sphere, and reports or refuses doubtful properties.
+    /// Reads a sphere. Its warnings are reported, or cause an error in a strict run.
     pub(super) fn sphere(&self, path: &Path) -> Result<Sphere, RunError> {
         let observer = self.ledger.observer;
         read_sphere(path, self.params.fit.strict, &|text| observer.event(&Event::Warning(text)))
     }
 
-    /// Fits a group over its sphere.
+    /// Fits the rows of a group over their common sphere.
     fn on_sphere(&self, path: &Path, group: &Group, monitor: &dyn Monitor) -> Result<(), RunError> {
         let prepare = || -> Result<(Option<Sphere>, FitParams), RunError> {
             let own = if self.cohort.sphere.is_some() { None } else { Some(self.sphere(path)?) };
@@ -226,7 +228,8 @@ impl<'a> Work<'a> {
                 for &number in group.rows.iter().filter(|&&number| !self.ledger.is_finished(number)) {
                     let row = &self.cohort.rows[number];
                     let model = row.model(&self.cohort.folder);
-                    // The row's own sphere, which has the same contents.
+                    // A row with another path for its sphere, whose contents are the same, gets an error that names its
+                    // own path.
                     match row.sphere.as_ref().filter(|own| *own != path) {
                         Some(own) => {
                             let line = self.ledger.observer.line(&error).replace(&name, &own.display().to_string());
@@ -247,7 +250,7 @@ impl<'a> Work<'a> {
         }
     }
 
-    /// Reads a row's target.
+    /// Reads and checks the target of a row.
     fn read(&self, number: usize, sphere: &Sphere, params: &FitParams) -> Result<Target, NoFit> {
         let row = &self.cohort.rows[number];
         self.ledger.start(number, row);
@@ -285,7 +288,8 @@ impl<'a> Work<'a> {
         let row = &self.cohort.rows[number];
         let outcome = match fit {
             Ok(mut fit) => {
-                // Record the requested weights: a row's missing values aren't a setting.
+                // Record the requested weights, without the zeros at missing values: missing values of a row aren't a
+                // setting.
                 fit.report.settings.weights = params.weights.name().to_owned();
                 fit.report.settings.weights_hash = params.weights.hash();
                 let Some(item) = lock(&self.items).remove(&number) else { return Ok(()) };
@@ -313,14 +317,14 @@ impl<'a> Work<'a> {
         }
     }
 
-    /// Records that a row failed; returns the error itself if it ends the run.
+    /// Records that a row failed. Returns the error if it ends the run.
     pub(super) fn failed(&self, number: usize, error: RunError) -> Result<(), RunError> {
         if error.is_interrupted() {
             return Err(error);
         }
         let row = &self.cohort.rows[number];
         let noted = self.ledger.failed(number, row, &row.model(&self.cohort.folder), &error);
-        // Report the reason for the missing model, even if recording it failed.
+        // Return the error of the row, even if recording it failed too.
         if !self.params.keep_going || error.concerns_all() {
             return Err(error);
         }
@@ -347,7 +351,8 @@ impl<'a> Work<'a> {
     }
 }
 
-/// Returns the sphere under the row's own name, if that of another row with the same contents was read.
+/// Returns the sphere with the path of the row's own sphere, if another row's sphere with the same contents was read;
+/// otherwise `None`.
 fn own_name(row: &Row, sphere: &Sphere) -> Option<Sphere> {
     let own = row.sphere.as_ref().filter(|path| sphere.path.as_ref() != Some(*path));
     own.map(|path| Sphere { path: Some(path.clone()), ..sphere.clone() })
