@@ -1,7 +1,7 @@
-//! Conversion between NumPy arrays and the library's types.
+//! Converts between NumPy arrays and the library's types.
 //!
-//! Arrays may have any strides and are never written to. Shapes are checked here, since a binding that trusts its
-//! callers would panic; values are checked by the library.
+//! Arrays may have any strides and are never written to. Shapes are checked here, because arrays of wrong shapes would
+//! cause panics; the library checks the values.
 
 use std::borrow::Cow;
 
@@ -14,9 +14,9 @@ use spharm::{Mesh, Seam, Sphere};
 
 use crate::errors::{Failure, exception};
 
-/// Positions, (n, 3).
+/// Positions as passed from Python, (n, 3).
 pub(crate) type Positions<'py> = PyReadonlyArray2<'py, f64>;
-/// Triangles, (f, 3), counted from 0.
+/// Triangles as passed from Python, (f, 3), with vertices numbered from 0.
 pub(crate) type Faces<'py> = PyReadonlyArray2<'py, u32>;
 /// Triangles returned to Python.
 pub(crate) type FacesOut<'py> = Bound<'py, PyArray2<u32>>;
@@ -47,11 +47,11 @@ pub(crate) fn borrowed_rows<'a, T: Copy>(what: &str, array: ArrayView2<'a, T>) -
     })
 }
 
-/// Returns a mesh, after checking that its triangles refer to existing vertices.
+/// Returns the mesh of these vertices and triangles. Checks that the triangles refer to existing vertices.
 ///
 /// # Errors
 ///
-/// `ValueError` for wrong shapes, `MeshError` for wrong triangles.
+/// `ValueError` for wrong shapes, `MeshError` for triangles with nonexistent vertices.
 pub(crate) fn mesh(what: &str, vertices: &Positions<'_>, faces: &Faces<'_>) -> PyResult<Mesh> {
     let mesh = Mesh::new(
         rows(&format!("{what}'s vertices"), vertices.as_array())?,
@@ -69,13 +69,13 @@ pub(crate) struct SphereArrays<'a> {
     seam: Option<Seam>,
 }
 
-/// The relation of a cut surface to the original one, as passed from Python: number of vertices, number of triangles,
+/// The record of cut handles as passed from Python: the surface's original numbers of vertices and triangles, and the
 /// copied vertices.
 pub(crate) type SeamIn = (usize, usize, Vec<u32>);
-/// A seam as returned to Python.
+/// The record of cut handles as returned to Python, with the fields of [`SeamIn`].
 pub(crate) type SeamOut<'py> = (usize, usize, Bound<'py, PyArray1<u32>>);
 
-/// Converts a seam for Python.
+/// Converts a record of cut handles for Python.
 pub(crate) fn seam_out(py: Python<'_>, seam: Seam) -> SeamOut<'_> {
     (seam.vertices, seam.faces, seam.copies.into_pyarray(py))
 }
@@ -96,12 +96,12 @@ impl<'a> SphereArrays<'a> {
         SphereArrays { vertices: Cow::Owned(vertices.into_owned()), faces, parametrized, seam }
     }
 
-    /// Adds the seam of a surface whose handles were cut.
+    /// Adds the record of the handles that were cut.
     pub(crate) fn with_seam(self, seam: Option<SeamIn>) -> Self {
         Self { seam: seam.map(|(vertices, faces, copies)| Seam { vertices, faces, copies }), ..self }
     }
 
-    /// Checks the sphere, which takes a while.
+    /// Checks the sphere and converts it to the library's type. This takes long for large spheres.
     pub(crate) fn check(self) -> Result<Sphere, Failure> {
         let Self { vertices, faces, parametrized, seam } = self;
         let fits = |seam: Seam| seam.checked(vertices.len(), faces.len());
@@ -117,17 +117,18 @@ impl<'a> SphereArrays<'a> {
     }
 }
 
-/// Returns a mesh's arrays: vertices (n, 3) and triangles (f, 3), which take over the library's memory.
+/// Returns the vertices, (n, 3), and triangles, (f, 3), of a mesh as NumPy arrays. The arrays take over the memory of
+/// the mesh.
 pub(crate) fn mesh_arrays<'py>(py: Python<'py>, mesh: Mesh) -> (PositionsOut<'py>, FacesOut<'py>) {
     (positions(py, mesh.vertices), triangles(py, mesh.faces))
 }
 
-/// Returns positions as an array, (n, 3).
+/// Returns positions as a NumPy array, (n, 3).
 pub(crate) fn positions(py: Python<'_>, rows: Vec<[f64; 3]>) -> PositionsOut<'_> {
     array(rows).into_pyarray(py)
 }
 
-/// Returns triangles as an array, (f, 3).
+/// Returns triangles as a NumPy array, (f, 3).
 pub(crate) fn triangles(py: Python<'_>, rows: Vec<[u32; 3]>) -> FacesOut<'_> {
     array(rows).into_pyarray(py)
 }

@@ -1,4 +1,4 @@
-//! Fits of cohorts, whose results are passed on as they become available.
+//! Fits cohorts, and passes results to Python as they become available.
 
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -16,20 +16,20 @@ use crate::errors::{Failure, exception};
 use crate::fitting::{Settings, report_of};
 use crate::run::{Started, lock};
 
-/// A finished row as returned to Python: index, id, state, the model's file, error, report as JSON, seconds.
+/// A finished row as returned to Python: index, id, state, path of the model, error, report as JSON, seconds.
 type Finished = (usize, String, &'static str, PathBuf, Option<String>, Option<String>, Option<f64>);
 
-/// A message of the run's thread.
+/// A message from the thread of the run to the Python iterator.
 enum Message {
     Finished(Finished),
     Warning(String),
     End(Result<(), Failure>),
 }
 
-/// Rows of a cohort given as arrays: id, surface, sphere, weights, output, label.
+/// A row of a cohort as passed from Python: id, surface, sphere, weights, output, label.
 type RowGiven = (String, PathBuf, Option<PathBuf>, Option<PathBuf>, Option<PathBuf>, Option<i64>);
 
-/// A run in progress. Dropping it stops the run.
+/// A run in progress. Dropping it cancels the run.
 #[pyclass(frozen)]
 pub(crate) struct CohortRun {
     receive: Mutex<Receiver<Message>>,
@@ -37,7 +37,7 @@ pub(crate) struct CohortRun {
     rows: usize,
 }
 
-/// Sends events to the thread that iterates.
+/// An observer that sends the events of a run to the Python iterator.
 struct Sending(Mutex<Sender<Message>>);
 
 impl Observer for Sending {
@@ -52,7 +52,7 @@ impl Observer for Sending {
             }
             _ => return,
         };
-        // The receiver may be gone.
+        // Sending fails if Python has dropped the iterator; the message is then lost.
         drop(lock(&self.0).send(message));
     }
 }
@@ -72,7 +72,7 @@ fn finished(number: usize, entry: &Entry, outcome: &Outcome<'_>, model: &Path) -
     (number, entry.id.clone(), entry.state.name(), model.to_owned(), error, report, entry.seconds)
 }
 
-/// Returns the exception of a run's error.
+/// Converts an error of a run to a failure, from which an exception is made.
 fn failure(error: RunError) -> Failure {
     match error {
         RunError::Fit(error) => Failure::from(error),
@@ -89,7 +89,7 @@ fn failure(error: RunError) -> Failure {
 
 #[pymethods]
 impl CohortRun {
-    /// Starts fitting the rows of a table, or given rows.
+    /// Starts to fit the rows of a table, or the given rows.
     #[new]
     #[pyo3(signature = (
         table, rows, *, output, sphere, mask, shard, status, exists, keep_going, fix, cut_handles, voxel_size, settings
@@ -167,7 +167,7 @@ impl CohortRun {
         self.rows
     }
 
-    /// Waits for the next finished row, and returns it with the warnings before it; `None` at the end.
+    /// Waits for the next finished row. Returns the row, or `None` at the end, and the warnings that came before it.
     fn next(&self, py: Python<'_>) -> PyResult<(Option<Finished>, Vec<String>)> {
         let mut warnings = Vec::new();
         loop {
@@ -181,7 +181,7 @@ impl CohortRun {
         }
     }
 
-    /// Stops the run as soon as it can.
+    /// Cancels the run, which then ends as soon as possible.
     fn stop(&self) {
         self.started.stop();
     }

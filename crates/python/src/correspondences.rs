@@ -1,4 +1,4 @@
-//! Correspondence of groups; poses of single surfaces, and registration of a template to them.
+//! Establishes the correspondence of groups, finds the poses of single surfaces, and registers a template to them.
 
 use std::sync::Arc;
 
@@ -25,7 +25,7 @@ pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     Ok(())
 }
 
-/// Settings of a correspondence: the keyword arguments of `spharm_rs.shape.correspond`.
+/// Keyword arguments of `spharm_rs.shape.correspond`.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 struct Settings {
@@ -36,11 +36,11 @@ struct Settings {
     mirror: bool,
     subdivisions: Option<u32>,
     memory: Option<usize>,
-    /// Guiding landmarks of each member.
+    /// Landmarks of each member that guide the correspondence.
     guide: Option<Vec<Vec<[f64; 3]>>>,
-    /// Index of the member that is the template.
+    /// Index of the member that serves as the template.
     template_member: Option<usize>,
-    /// Weights of the signals.
+    /// Weights of the signals that guide the correspondence.
     weights: Vec<f64>,
 }
 
@@ -67,7 +67,7 @@ impl Settings {
     }
 }
 
-/// Makes surfaces correspond.
+/// Establishes correspondence between the surfaces of a group.
 #[pyfunction]
 #[pyo3(signature = (surfaces, names, template, *, settings, signals, threads = None, progress = None))]
 #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
@@ -93,11 +93,12 @@ fn shape_correspond(
     })
 }
 
-/// A registered template: its vertices in the surface's own frame, its triangles, whether each vertex is reached, and,
-/// as JSON, the transform of the surface to the template and the coverage.
+/// A template that was registered to a surface: its vertices in the frame of the surface; its triangles; whether each
+/// vertex has a counterpart on the surface; as JSON, the transform of the surface to the template, and the distances of
+/// the surface from the registered template.
 type Registration<'py> = (PositionsOut<'py>, FacesOut<'py>, Bound<'py, PyArray1<bool>>, String, String);
 
-/// Moves a template onto a surface.
+/// Registers a template to a surface: moves the template's vertices onto the surface.
 #[pyfunction]
 #[pyo3(signature = (template, surface, masked, *, pose, scale, mirror, threads = None, progress = None))]
 #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
@@ -145,7 +146,8 @@ fn no_area(name: &str) -> Failure {
     Failure::Member { name: name.to_owned(), error: Box::new(Error::NoArea) }
 }
 
-/// Returns the transform of a surface to another, as JSON, and their distances after it and after the best alternative.
+/// Finds the transform that moves a surface onto another one. Returns the transform as JSON, the distance between the
+/// surfaces after this transform, and the distance after the best clearly different transform.
 #[pyfunction]
 #[pyo3(signature = (surface, target, *, scale, mirror, threads = None, progress = None))]
 fn shape_pose(

@@ -1,4 +1,4 @@
-//! Groups whose members correspond.
+//! Defines groups of surfaces whose vertices correspond.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -28,24 +28,27 @@ pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     Ok(())
 }
 
-/// Returns a similarity as JSON. For a reflection the parameters are mirrored, too, so that the outside stays outside.
+/// Returns a similarity as JSON. If the similarity contains a reflection, directions are replaced by their opposites
+/// too, so that the outside of the surface stays outside.
 pub(crate) fn transform(similarity: &Similarity) -> Value {
     Transform { rotation: Rotation::IDENTITY, antipodal: similarity.mirrors(), similarity: *similarity }.to_json()
 }
 
-/// A group whose members correspond. It is immutable.
+/// A group of surfaces, the members, whose vertices correspond. Objects of this class are immutable.
 #[pyclass(frozen, module = "spharm_rs._core")]
 pub(crate) struct Group {
     inner: Arc<Inner>,
     names: Vec<String>,
     pose: PoseParams,
-    /// Warnings, each with its member's index.
+    /// Warnings, each with the index of the member that it concerns.
     warnings: Vec<(usize, String)>,
 }
 
-/// Carried points, their distances from the source, and whether both members have counterparts.
+/// Points carried to another member, their distances from the source's surface, and whether each has a counterpart on
+/// both members.
 type Carried<'py> = (PositionsOut<'py>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<bool>>);
-/// A new member: its model, transform, places, whether each is reached, and the report.
+/// A new member: its model, its transform, the positions of its vertices, whether each vertex has a counterpart on the
+/// surface, and the report.
 type Member<'py> = (Model, String, PositionsOut<'py>, Bound<'py, PyArray1<bool>>, String);
 
 #[pymethods]
@@ -62,13 +65,13 @@ impl Group {
         Model { inner: InnerModel { sphere: Some(template.sphere.clone()), ..mean } }
     }
 
-    /// Returns each member's transform, as JSON.
+    /// Returns the transforms of all members, as a JSON array.
     #[getter]
     fn transforms(&self) -> String {
         json!(self.inner.similarities.iter().map(transform).collect::<Vec<_>>()).to_string()
     }
 
-    /// Returns the places, (N, n, 3).
+    /// Returns the positions of the corresponding vertices on each member, (N, n, 3).
     #[getter]
     fn places<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray3<f64>> {
         let (members, n) = self.size();
@@ -76,14 +79,14 @@ impl Group {
         Array3::from_shape_vec((members, n, 3), values).expect("n places a member").into_pyarray(py)
     }
 
-    /// Returns whether each place has a counterpart, (N, n).
+    /// Returns whether each vertex has a counterpart on each member's surface, (N, n).
     #[getter]
     fn reached<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<bool>> {
         let values: Vec<bool> = self.inner.reached.iter().flatten().copied().collect();
         Array2::from_shape_vec(self.size(), values).expect("n places a member").into_pyarray(py)
     }
 
-    /// Returns a mask of directions without counterparts, (n).
+    /// Returns a mask of the template's vertices that have no counterparts, (n).
     #[getter]
     fn masked<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
         self.inner.template.masked.clone().into_pyarray(py)
@@ -99,12 +102,12 @@ impl Group {
         self.warnings.iter().map(|(member, text)| format!("{}: {text}", self.names[*member])).collect()
     }
 
-    /// Returns whether places at directions have counterparts.
+    /// Returns for each direction whether the template has counterparts there.
     fn kept_at(&self, directions: Positions<'_>) -> PyResult<Vec<bool>> {
         Ok(self.inner.template.kept_at(&rows("directions", directions.as_array())?))
     }
 
-    /// Writes the group's folder; members' files are named by `names`.
+    /// Writes the group to a folder. `names` are used as the names of the members' files.
     fn write(&self, py: Python<'_>, folder: PathBuf, names: Vec<String>, overwrite: bool) -> PyResult<()> {
         let of = |(member, name): (usize, &String)| MemberOrigin {
             name: name.clone(),
@@ -115,7 +118,8 @@ impl Group {
         run(py, Some(1), None, |_| Ok(self.inner.write(&folder, &origins, overwrite)?))
     }
 
-    /// Reads a group's folder; also returns the names of its members, which are replaced by `names` if given.
+    /// Reads a group from a folder. Also returns the names of its members. If `names` are given, they replace the names
+    /// in the folder.
     #[staticmethod]
     fn read(py: Python<'_>, folder: PathBuf, names: Option<Vec<String>>) -> PyResult<(Self, Vec<String>)> {
         let (inner, own, warnings) = run(py, Some(1), None, |_| {
@@ -152,8 +156,8 @@ impl Group {
         report.to_string()
     }
 
-    /// Carries points on one member to the same places of another; also returns their distances from the first, and
-    /// whether both have counterparts.
+    /// Carries points on member `source` to the corresponding points on member `target`. Also returns the distances of
+    /// the given points from the source's surface, and whether each has a counterpart on both members.
     fn carry<'py>(
         &self,
         py: Python<'py>,
@@ -170,7 +174,8 @@ impl Group {
         Ok((positions(py, places), off.into_pyarray(py), reached.into_pyarray(py)))
     }
 
-    /// Adds new members from surfaces, with a common preparation.
+    /// Adds surfaces to the group as new members, without changing the existing members. The preparation is shared by
+    /// all surfaces.
     #[pyo3(signature = (surfaces, names, *, threads = None, progress = None))]
     fn add<'py>(
         &self,
@@ -191,7 +196,8 @@ impl Group {
                 monitor.step(1);
                 found.map_err(|error| Error::Member { index, source: Box::new(error) })
             };
-            // All are computed before the first error is returned, so that it is always the same one.
+            // Compute all members before returning an error, so that the first error in order is returned, regardless
+            // of the timing of the threads.
             let found: Vec<Result<NewMember, Error>> = surfaces.par_iter().enumerate().map(one).collect();
             monitor.end();
             found.into_iter().collect::<Result<Vec<_>, _>>().map_err(|error| named(&names, error))
@@ -212,7 +218,7 @@ impl Group {
         Self { inner: Arc::new(inner), names, pose, warnings }
     }
 
-    /// Returns the numbers of members and places.
+    /// Returns the number of members and the number of corresponding vertices.
     fn size(&self) -> (usize, usize) {
         (self.inner.places.len(), self.inner.template.masked.len())
     }

@@ -1,4 +1,4 @@
-//! Conversion of the library's errors to exceptions of `spharm_rs.errors`.
+//! Converts the library's errors to exceptions of `spharm_rs.errors`.
 
 use std::io;
 use std::path::Path;
@@ -11,33 +11,33 @@ use spharm::store::StoreError;
 use spharm::{Error, ModelError, MomentsError};
 use spharm::{SolverError, SurfaceError};
 
-/// The reason of a failure.
+/// The reason why a function failed.
 pub(crate) enum Failure {
     /// An error of the library.
     Library(Error),
-    /// An error of one surface of several.
+    /// An error of the library that concerns one of several surfaces.
     Member {
-        /// Its name.
+        /// Name of the surface.
         name: String,
-        /// Its error.
+        /// The error of the library.
         error: Box<Error>,
     },
-    /// An error of the sums over samples.
+    /// An error of the computation of moments.
     Moments(MomentsError),
-    /// Too little memory for a function.
+    /// Too little memory for a computation.
     Memory {
-        /// Description of the work.
+        /// Description of the computation.
         what: String,
         /// Bytes available.
         budget: u64,
         /// Bytes needed.
         needed: u64,
-        /// Whether the budget was given, rather than being the free memory.
+        /// Whether the caller gave the budget; otherwise it is the free memory.
         given: bool,
     },
-    /// An invalid argument that wasn't passed to the library.
+    /// An argument that is found to be invalid before the library is called.
     Argument(String),
-    /// A bug in the library.
+    /// The library panicked, which is a bug.
     Panic,
 }
 
@@ -47,7 +47,7 @@ impl<E: Into<Error>> From<E> for Failure {
     }
 }
 
-/// The exception class of an error, with its data.
+/// The exception class for an error, and the data of the exception.
 enum Kind<'a> {
     Spharm,
     Mesh,
@@ -60,7 +60,7 @@ enum Kind<'a> {
     Interrupted,
 }
 
-/// Returns the exception of a failure.
+/// Returns the exception for a failure.
 pub(crate) fn exception(py: Python<'_>, failure: Failure) -> PyErr {
     match failure {
         Failure::Library(error) => raised(py, &error.to_string(), of(&error)),
@@ -95,7 +95,8 @@ fn raised(py: Python<'_>, text: &str, kind: Kind<'_>) -> PyErr {
         Kind::Value => PyValueError::new_err(text.to_owned()),
         Kind::Runtime => PyRuntimeError::new_err(text.to_owned()),
         Kind::Interrupted => PyKeyboardInterrupt::new_err(()),
-        // With these three arguments Python creates FileNotFoundError and the like.
+        // From an OSError with these three arguments, Python creates an instance of the subclass for the error code,
+        // such as FileNotFoundError.
         Kind::Os { path, cause } => match cause.raw_os_error() {
             Some(code) => {
                 let text = cause.to_string();
@@ -114,7 +115,7 @@ fn raised(py: Python<'_>, text: &str, kind: Kind<'_>) -> PyErr {
     }
 }
 
-/// Returns an exception of `spharm_rs.errors`.
+/// Returns an exception of the given class of `spharm_rs.errors`.
 fn named(py: Python<'_>, class: &str, text: &str) -> PyErr {
     let made =
         py.import("spharm_rs.errors").and_then(|module| module.getattr(class)).and_then(|class| class.call1((text,)));

@@ -1,4 +1,4 @@
-//! Fits of one target or of many.
+//! Fits one target, or many targets over the same sphere.
 
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -22,7 +22,7 @@ use crate::run::run;
 use crate::stores::scalar;
 use crate::transforms::Transform;
 
-/// Settings of a fit: the keyword arguments of `spharm_rs.fit`, whose types are checked there.
+/// Keyword arguments of `spharm_rs.fit`. Their types are checked in Python.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Settings<'py> {
@@ -70,7 +70,7 @@ impl Settings<'_> {
     ///
     /// # Errors
     ///
-    /// `ValueError` for an unknown name of a setting's value.
+    /// `ValueError` for a setting whose value is an unknown name.
     pub(crate) fn params(&self) -> PyResult<FitParams> {
         let &Self { passes, granularity, start_degree, accelerate, .. } = self;
         let method = match self.method.as_str() {
@@ -122,10 +122,10 @@ impl Settings<'_> {
     }
 }
 
-/// A fit as returned to Python: model, standard errors, report as JSON, warnings as (kind, text).
+/// A fit as returned to Python: model, standard errors, report as JSON, and warnings as pairs of class and text.
 pub(crate) type Fitted<'py> = (Model, Option<Bound<'py, PyArray2<f64>>>, String, Vec<(&'static str, String)>);
 
-/// Fits one surface or signal. A surface without a sphere is mapped to one first.
+/// Fits one surface or signal. A surface without a sphere is mapped to a sphere first.
 #[pyfunction]
 #[pyo3(signature = (
     values, faces, sphere, sphere_faces, *, surface, parametrized, seam, cut_handles, settings, progress = None
@@ -241,7 +241,7 @@ pub(crate) fn solve<'py>(
     Ok((fit.coefficients.values().to_owned().into_pyarray(py), report.to_string(), warnings))
 }
 
-/// Fits targets over one sphere: `values` are arrays of the sphere's vertices.
+/// Fits several targets over one sphere. Each array in `values` has one row per vertex of the sphere.
 #[pyfunction]
 #[pyo3(signature = (values, sphere, sphere_faces, *, surface, parametrized, seam, settings, progress = None))]
 #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
@@ -283,7 +283,7 @@ fn refuse_doubtful(sphere: &Sphere, params: &FitParams) -> Result<(), Failure> {
     }
 }
 
-/// Returns the target of the fit. A surface has the sphere's triangles unless it has its own.
+/// Returns the target of a fit. If no triangles are given for a surface, the triangles of the sphere are used.
 fn target(
     values: ArrayView2<'_, f64>,
     triangles: Option<&[[u32; 3]]>,
@@ -302,7 +302,7 @@ fn target(
     Ok(Target { kind, ..target })
 }
 
-/// Returns a fit's report with its distances at the vertices.
+/// Returns the report of a fit as JSON, including the distances at the vertices.
 pub(crate) fn report_of(report: &FitReport) -> Value {
     let (msd, xsd) = (json!(report.msd), json!(report.xsd));
     let mut report = json!(report);
@@ -349,7 +349,7 @@ fn fitted<'py>(
     (Model { inner: Inner::new(sphere, fit, kind) }, errors, report.to_string(), warnings)
 }
 
-/// Returns the class of a warning in `spharm_rs.errors`.
+/// Returns the name of a warning's class in `spharm_rs.errors`.
 pub(crate) fn category(warning: &FitWarning) -> &'static str {
     match warning {
         FitWarning::Oscillation { .. } => "Oscillation",

@@ -1,4 +1,4 @@
-//! Groups of models, truncated or padded to a common degree, and their mean.
+//! Brings groups of models to a common degree, and computes their mean.
 
 use pyo3::prelude::*;
 use serde_json::json;
@@ -12,23 +12,24 @@ use crate::errors::Failure;
 use crate::models::Model;
 use crate::run::run_owned;
 
-/// A group's coefficients, of a common degree.
+/// The coefficients of a group's models, all of the same degree.
 pub(crate) struct Group {
     pub(crate) members: Vec<Coefficients>,
     pub(crate) degree: usize,
     pub(crate) warnings: Vec<String>,
 }
 
-/// A model's kind, its coefficients, and the key of its sphere's sampling scheme.
+/// Kind and coefficients of a model, and the key of its sphere's sampling scheme.
 pub(crate) type Given = (Kind, Coefficients, Option<String>);
 
-/// Returns the coefficients of models, each with its own degree.
+/// Returns kind, coefficients and scheme key of each model. The models may have different degrees.
 pub(crate) fn coefficients(models: &[Py<Model>]) -> Vec<Given> {
     let given = |model: &spharm::Model| (model.kind(), model.coefficients.clone(), model.scheme_key.clone());
     models.iter().map(|model| given(&model.get().inner)).collect()
 }
 
-/// Brings surfaces, or signals of one channel, to `degree`, by default the lowest of their degrees.
+/// Truncates or pads the coefficients of surfaces, or of signals with one channel, to `degree`. By default, this is the
+/// lowest degree of the models.
 pub(crate) fn group(
     models: &[Given],
     kind: Kind,
@@ -52,7 +53,7 @@ pub(crate) fn group(
         to_common_degree(&members, degree).map_err(|error| Failure::Argument(format!("degree: {error}")))?;
     let mut warnings: Vec<String> = warning.iter().map(ToString::to_string).collect();
     let poses = if kind == Kind::Surface { PosesDiffer::of(&members) } else { None };
-    // If poses differ, so do places.
+    // Check the correspondence of parameters only if the poses agree: models in different poses never correspond.
     if kind == Kind::Surface && poses.is_none() && !one_key(models.iter().map(|(_, _, key)| key.as_deref())) {
         warnings.extend(places_differ(&members, monitor)?.map(|places| places.to_string()));
     }
@@ -64,7 +65,7 @@ pub(crate) fn group(
     Ok(Group { members, degree, warnings })
 }
 
-/// Returns the mean of surfaces, their distances from it, and warnings.
+/// Returns the mean of surfaces, the distance of each surface from the mean, and warnings.
 #[pyfunction]
 #[pyo3(signature = (models, degree, *, names, threads = None))]
 pub(crate) fn shape_mean(

@@ -1,8 +1,8 @@
-//! `spharm_rs._core`: the library as functions on NumPy arrays.
+//! Defines the Python module `spharm_rs._core`, which provides the library as functions on NumPy arrays.
 //!
-//! The package's Python code (`python/spharm_rs`) converts users' arguments to arrays of one type, and calls this
-//! crate. It only contains types, the thread pools of a process, progress and interruption, and exceptions; it doesn't
-//! compute anything.
+//! The package's Python code (`python/spharm_rs`) converts the arguments of users to arrays of fixed types, and calls
+//! this crate. This crate converts types, manages thread pools, reports progress, handles interruption, and raises
+//! exceptions. All computations are in the library.
 //!
 //! # Modules
 //!
@@ -55,7 +55,8 @@ use std::ffi::OsString;
 
 use pyo3::prelude::*;
 
-/// Runs the program with these arguments, its name first, and returns its exit code.
+/// Runs the command-line program with the given arguments, of which the first is the program's name. Returns the exit
+/// code.
 #[pyfunction]
 fn main(py: Python<'_>, arguments: Vec<OsString>) -> u8 {
     py.detach(|| spharm_tools::main(arguments))
@@ -63,7 +64,8 @@ fn main(py: Python<'_>, arguments: Vec<OsString>) -> u8 {
 
 #[pymodule]
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
-    // Files that don't fit into memory are refused before they are read.
+    // Let readers compare the size of a file with the free memory, so that files that don't fit are refused before they
+    // are read.
     spharm::io::ask_for_free_memory(spharm::machine::available_memory);
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add_class::<models::Model>()?;

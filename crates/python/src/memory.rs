@@ -1,4 +1,4 @@
-//! Checks of a function's memory requirement against the budget, before any is allocated.
+//! Checks that the memory budget suffices for a computation, before memory is allocated.
 
 use spharm::Mesh;
 use spharm::machine::available_memory;
@@ -7,13 +7,13 @@ use spharm::parametrize::{Method, Sampling, Source};
 
 use crate::errors::Failure;
 
-/// Refuses work that needs more bytes than the given budget, or than the free memory if there is none.
+/// Fails if a computation needs more bytes than the given budget. Without a budget, the free memory is the limit.
 fn check(what: String, needed: u64, memory: Option<usize>) -> Result<(), Failure> {
     let budget = memory.unwrap_or_else(available_memory) as u64;
     if needed <= budget { Ok(()) } else { Err(Failure::Memory { what, budget, needed, given: memory.is_some() }) }
 }
 
-/// Refuses to map a surface if there is too little memory.
+/// Fails if there is too little memory to map a surface to a sphere.
 pub(crate) fn check_mapping<'a>(
     source: impl Into<Source<'a>>,
     method: &Method,
@@ -23,13 +23,13 @@ pub(crate) fn check_mapping<'a>(
     check(format!("mapping {vertices} vertices"), method.bytes(vertices), memory)
 }
 
-/// Refuses to resample to a sphere if there is too little memory.
+/// Fails if there is too little memory to resample a surface to a sphere.
 pub(crate) fn check_resampling(shared: &Mesh, memory: Option<usize>) -> Result<(), Failure> {
     let vertices = shared.vertices.len() as u64;
     check(format!("resampling to {vertices} vertices"), Sampling::BYTES_PER_VERTEX.saturating_mul(vertices), memory)
 }
 
-/// Refuses to measure the distance between surfaces if there is too little memory.
+/// Fails if there is too little memory to measure the distance between two surfaces.
 pub(crate) fn check_distance(
     [first, second]: [&Mesh; 2],
     params: &SurfaceDistanceParams,

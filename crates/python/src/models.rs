@@ -1,4 +1,4 @@
-//! Models: coefficients, their sphere and provenance.
+//! Defines models: coefficients, their sphere and provenance.
 
 use std::path::PathBuf;
 
@@ -15,7 +15,7 @@ use crate::arrays::{
 use crate::errors::Failure;
 use crate::run::run;
 
-/// A model. It is immutable.
+/// A model of a surface or signal. Objects of this class are immutable.
 #[pyclass(frozen, module = "spharm_rs._core")]
 pub(crate) struct Model {
     pub(crate) inner: Inner,
@@ -27,7 +27,7 @@ fn kind(surface: bool) -> Kind {
 
 #[pymethods]
 impl Model {
-    /// Creates a model of coefficients, (K, c), over a sphere if there is one.
+    /// Creates a model from coefficients, (K, c), optionally with a sphere.
     #[new]
     #[pyo3(signature = (coefficients, *, surface, sphere = None, faces = None, parametrized = false, seam = None))]
     fn new(
@@ -63,13 +63,13 @@ impl Model {
         run(py, Some(1), None, |_| Ok(self.inner.write_with(path, overwrite).map_err(Error::from)?))
     }
 
-    /// Parses the bytes of a model's file.
+    /// Reads a model from the bytes of a model file.
     #[staticmethod]
     fn from_bytes(py: Python<'_>, bytes: &[u8]) -> PyResult<Self> {
         Ok(Self { inner: run(py, Some(1), None, |_| Ok(Inner::from_bytes(bytes).map_err(Error::from)?))? })
     }
 
-    /// Returns the bytes of the model's file.
+    /// Returns the model as the bytes of a model file.
     fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         let bytes = run(py, Some(1), None, |_| {
             let mut bytes = Vec::new();
@@ -100,21 +100,21 @@ impl Model {
         self.inner.sphere.as_ref().map_or(self.inner.provenance.parametrized, |sphere| sphere.parametrized)
     }
 
-    /// Returns unit vectors, (n, 3), and triangles, (f, 3), of the model's sphere.
+    /// Returns unit vectors, (n, 3), and triangles, (f, 3), of the model's sphere; `None` if the model has no sphere.
     #[getter]
     fn sphere<'py>(&self, py: Python<'py>) -> Option<(PositionsOut<'py>, FacesOut<'py>)> {
         let sphere = self.inner.sphere.as_ref()?;
         Some((positions(py, sphere.directions.as_slice().to_vec()), triangles(py, sphere.faces.clone())))
     }
 
-    /// Returns the seam of a surface whose handles were cut: the numbers of its vertices and triangles, and the copied
-    /// vertices.
+    /// Returns the record of cut handles: the original numbers of vertices and triangles, and the copied vertices.
+    /// `None` if no handles were cut.
     #[getter]
     fn seam<'py>(&self, py: Python<'py>) -> Option<SeamOut<'py>> {
         self.inner.sphere.as_ref()?.seam.clone().map(|seam| seam_out(py, seam))
     }
 
-    /// Returns its provenance, as JSON.
+    /// Returns the provenance of the model, as JSON.
     #[getter]
     fn provenance(&self) -> String {
         serde_json::to_string(&self.inner.provenance).unwrap_or_default()
@@ -134,7 +134,8 @@ impl Model {
         .map(|inner| Self { inner })
     }
 
-    /// Returns the values, (n, c), at directions, by default those of the model's sphere.
+    /// Returns the values of the model, (n, c), at the given directions. By default, these are the directions of the
+    /// model's sphere.
     #[pyo3(signature = (directions, degree, *, threads = None))]
     fn evaluate<'py>(
         &self,
@@ -157,8 +158,8 @@ impl Model {
         Ok(values.into_pyarray(py))
     }
 
-    /// Returns the surface over a sphere: vertices and triangles. By default this is the model's own sphere, and
-    /// handles that were cut are restored.
+    /// Evaluates the model's surface over a sphere, and returns vertices and triangles. Without a given sphere, the
+    /// model's own sphere is used, and cuts of handles are undone.
     #[pyo3(signature = (sphere, faces, degree, *, threads = None))]
     fn surface<'py>(
         &self,

@@ -1,4 +1,4 @@
-//! Modes of variation of a group.
+//! Computes the modes of variation of a group.
 
 use std::path::PathBuf;
 
@@ -18,7 +18,7 @@ use crate::groups::{coefficients, group};
 use crate::models::Model;
 use crate::run::{run, run_owned};
 
-/// Mean and modes of a group. It is immutable.
+/// The mean and the modes of variation of a group. Objects of this class are immutable.
 #[pyclass(frozen, module = "spharm_rs._core")]
 pub(crate) struct Modes {
     file: ShapeModel,
@@ -55,7 +55,7 @@ impl Modes {
         run(py, Some(1), None, |_| self.model(self.file.modes.mean.clone(), None))
     }
 
-    /// Returns the modes' coefficients, (m, K, 3), with zeros in row 0.
+    /// Returns the coefficients of the modes, (m, K, 3). Row 0 of each mode, the position, is zero.
     #[getter]
     fn modes<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray3<f64>> {
         let modes = &self.file.modes;
@@ -97,26 +97,26 @@ impl Modes {
         self.file.members.clone()
     }
 
-    /// Returns their provenance, as JSON.
+    /// Returns the provenance of the modes, as JSON.
     #[getter]
     fn provenance(&self) -> String {
         self.file.provenance.clone()
     }
 
-    /// Returns only the first modes.
+    /// Returns the mean with only the first `count` modes.
     fn truncate(&self, count: usize) -> Self {
         let mut file = self.file.clone();
         file.modes.truncate(count);
         Self { file }
     }
 
-    /// Returns the shape at given numbers of standard deviations along the first modes.
+    /// Returns the shape at the given numbers of standard deviations along the first modes, as a model.
     fn shape(&self, py: Python<'_>, deviations: PyReadonlyArray1<'_, f64>) -> PyResult<Model> {
         let deviations = deviations.as_array().to_vec();
         run(py, Some(1), None, |_| self.model(self.file.modes.shape(&deviations)?, Some(&deviations)))
     }
 
-    /// Returns random shapes, generated from a seed.
+    /// Returns `count` random shapes. The same seed gives the same shapes.
     #[pyo3(signature = (count, *, seed))]
     fn sample(&self, py: Python<'_>, count: usize, seed: u64) -> PyResult<Vec<Model>> {
         run(py, Some(1), None, |monitor| {
@@ -129,14 +129,15 @@ impl Modes {
         })
     }
 
-    /// Returns the coordinates of a model along the modes, and its distance from their span.
+    /// Returns the coordinates of a model along the modes, and the distance of the model from the space spanned by the
+    /// modes.
     fn project<'py>(&self, py: Python<'py>, model: PyRef<'py, Model>) -> PyResult<(Vector<'py>, f64)> {
         let values = model.inner.coefficients.values();
         let (scores, left) = run(py, Some(1), None, |_| Ok(self.file.modes.project(values.view())?))?;
         Ok((scores.into_pyarray(py), left))
     }
 
-    /// Returns generalisation and specificity of the first k modes, (m) each.
+    /// Returns generalisation and specificity of the first k modes, for each k up to m, (m) each.
     #[pyo3(signature = (*, samples, seed, threads = None, progress = None))]
     fn quality<'py>(
         &self,
@@ -160,7 +161,7 @@ impl Modes {
     }
 }
 
-/// Computes the modes of a group of surfaces, at most `most`; also returns warnings.
+/// Computes at most `most` modes of variation of a group of surfaces. Also returns warnings.
 #[pyfunction]
 #[pyo3(signature = (models, degree, *, most, names, threads = None))]
 pub(crate) fn shape_pca(

@@ -1,4 +1,4 @@
-//! Moments of samples: additive sums from which fits are computed.
+//! Computes moments of samples: sums that can be added, and from which fits are computed.
 
 use std::path::PathBuf;
 
@@ -15,7 +15,7 @@ use crate::fitting::{Fitted, Settings, category};
 use crate::models::Model;
 use crate::run::run;
 
-/// The sums of samples. They are immutable.
+/// The moments of samples. Objects of this class are immutable.
 #[pyclass(frozen, module = "spharm_rs._core")]
 pub(crate) struct Moments {
     inner: Inner,
@@ -23,7 +23,8 @@ pub(crate) struct Moments {
 
 #[pymethods]
 impl Moments {
-    /// Computes the moments of samples in memory, which are part `shard`, (index, number of parts), of all samples.
+    /// Computes the moments of samples in memory. These samples are the part `shard`, (index, number of parts), of all
+    /// samples.
     #[new]
     #[pyo3(signature = (directions, values, weights, max_degree, channels, *, whole, shard, threads = None, progress = None))]
     #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
@@ -61,24 +62,24 @@ impl Moments {
         run(py, Some(1), None, |_| self.inner.write(&path, overwrite).map_err(Failure::Moments))
     }
 
-    /// Parses the bytes of a file of moments.
+    /// Reads moments from the bytes of a file of moments.
     #[staticmethod]
     fn from_bytes(py: Python<'_>, bytes: &[u8]) -> PyResult<Self> {
         Ok(Self { inner: run(py, Some(1), None, |_| Inner::from_bytes(bytes).map_err(Failure::Moments))? })
     }
 
-    /// Returns the bytes of their file.
+    /// Returns the moments as the bytes of a file of moments.
     fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         Ok(PyBytes::new(py, &run(py, Some(1), None, |_| self.inner.to_bytes().map_err(Failure::Moments))?))
     }
 
-    /// Returns the sum of parts.
+    /// Returns the sum of the moments of several parts. If `partial` is set, parts of the whole may be missing.
     #[staticmethod]
     #[pyo3(signature = (parts, *, partial = false))]
     fn merge(py: Python<'_>, parts: Vec<PyRef<'_, Self>>, partial: bool) -> PyResult<Self> {
         let names = (0..parts.len()).map(|number| format!("part {number}")).collect();
         let parts: Vec<&Inner> = parts.iter().map(|part| &part.inner).collect();
-        // Cloned on demand: two at a time in addition to the caller's.
+        // Parts are cloned one after another, so at most two are in memory in addition to the caller's.
         let parts = parts.into_iter().cloned().map(Ok);
         Ok(Self {
             inner: run(py, Some(1), None, move |_| merge_named(parts, names, partial).map_err(Failure::Moments))?,
@@ -95,7 +96,7 @@ impl Moments {
         self.inner.channels.clone()
     }
 
-    /// Returns the number of samples, including those of weight 0.
+    /// Returns the number of samples, including samples of weight 0.
     #[getter]
     fn samples(&self) -> u64 {
         self.inner.rows
@@ -107,13 +108,13 @@ impl Moments {
         self.inner.sums.weight
     }
 
-    /// Returns the key of the sampling scheme, if the samples are at its vertices.
+    /// Returns the key of the sampling scheme; `None` if the samples aren't at the vertices of a scheme.
     #[getter]
     fn scheme(&self) -> Option<String> {
         self.inner.scheme.map(|key| key.to_string())
     }
 
-    /// Fits the samples by least squares.
+    /// Fits the samples by least squares, from their moments.
     #[pyo3(signature = (settings, progress = None))]
     fn fit<'py>(
         &self,

@@ -1,4 +1,4 @@
-//! Shapes between two models.
+//! Computes shapes between two models.
 
 use pyo3::prelude::*;
 use spharm::Kind;
@@ -12,7 +12,8 @@ use crate::models::Model;
 use crate::poses::refuse_signals;
 use crate::run::run_owned;
 
-/// Returns models at times from 0 to 1, the ratio of the volume half way to that of the smaller end, and warnings.
+/// Returns the models at the given times, from 0 (start) to 1 (end); the volume at time 0.5 divided by the smaller of
+/// the volumes at both ends; and warnings.
 #[pyfunction]
 #[pyo3(signature = (start, end, times, *, keep_pose, mirror, threads = None, progress = None))]
 #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]

@@ -1,4 +1,4 @@
-//! Rotations, and alignment of surfaces.
+//! Rotates models, and aligns surfaces.
 
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -13,7 +13,7 @@ use crate::errors::{Failure, exception};
 use crate::models::Model;
 use crate::run::run_owned;
 
-/// Settings of alignments: the keyword arguments of `spharm_rs.shape.align` and `procrustes`.
+/// Keyword arguments of `spharm_rs.shape.align` and `spharm_rs.shape.procrustes`.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Settings {
@@ -42,11 +42,11 @@ impl Settings {
     }
 }
 
-/// Returns the rotation given by 3 Euler angles in degrees, the 4 numbers of a quaternion, or the 9 numbers of a matrix
-/// by rows.
+/// Returns the rotation given by 3 Euler angles in degrees, by the 4 components of a quaternion, or by the 9 elements
+/// of a matrix, row by row.
 fn rotation(what: &str, numbers: &[f64]) -> Result<Rotation, Failure> {
     let found = match *numbers {
-        // Exactly, so that nothing is changed if no rotation is requested.
+        // The identity matrix gives the exact identity, so that a model keeps all its bits if no rotation is requested.
         [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0] => Ok(Rotation::IDENTITY),
         [alpha, beta, gamma] => {
             let [alpha, beta, gamma] = [alpha, beta, gamma].map(f64::to_radians);
@@ -64,10 +64,10 @@ fn rotation(what: &str, numbers: &[f64]) -> Result<Rotation, Failure> {
 #[pyo3(from_item_all)]
 pub(crate) struct Asked {
     parameters: Vec<f64>,
-    /// Whether to replace directions by their opposites.
+    /// Whether directions are replaced by their opposites.
     antipodal: bool,
     object: Vec<f64>,
-    /// Whether the orthogonal matrix in space is a reflection.
+    /// Whether the orthogonal matrix `object` is a reflection.
     mirrored: bool,
     scale: f64,
     translation: [f64; 3],
@@ -90,7 +90,7 @@ impl Asked {
     }
 }
 
-/// Rotates a model, in its parameters and in space, scales it and translates it.
+/// Rotates a model on its sphere and in space, and scales and translates it.
 #[pyfunction]
 #[pyo3(signature = (model, asked, *, threads = None, progress = None))]
 pub(crate) fn shape_rotate(
@@ -119,7 +119,7 @@ pub(crate) fn refuse_signals(what: &str, models: &[Inner]) -> Result<(), Failure
     }
 }
 
-/// Aligns a model with another; also returns the transform and the report as JSON.
+/// Aligns a model with another model. Also returns the transform and the report, as JSON.
 #[pyfunction]
 #[pyo3(signature = (model, target, settings, *, threads = None, progress = None))]
 pub(crate) fn shape_align(
@@ -153,7 +153,7 @@ pub(crate) fn shape_align(
     Ok((Model { inner }, report.to_string()))
 }
 
-/// Aligns a group: returns its models, their mean, and transforms and report as JSON.
+/// Aligns a group of models. Returns the aligned models and their mean, and, as JSON, the transforms and the report.
 #[pyfunction]
 #[pyo3(signature = (models, settings, *, threads = None, progress = None))]
 pub(crate) fn shape_procrustes(
@@ -178,7 +178,8 @@ pub(crate) fn shape_procrustes(
             Monitor::check(monitor).map_err(Error::from)?;
             Ok(signed(transform.apply_model(model, &Silent)?, "shape align"))
         };
-        // All are computed before the first error is returned, so that it is always the same one.
+        // Transform all models before returning an error, so that the first error in order is returned, regardless of
+        // the timing of the threads.
         let moved: Vec<Result<Inner, Failure>> = models.par_iter().zip(&found.transforms).map(apply).collect();
         Ok((moved.into_iter().collect::<Result<Vec<_>, _>>()?, found))
     })?;

@@ -1,4 +1,4 @@
-//! Landmarks, and the quality of a group's correspondence.
+//! Reads and writes landmarks, and measures the quality of a group's correspondence.
 
 use std::path::PathBuf;
 
@@ -23,7 +23,7 @@ pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
 
 type Named<'py> = (Vec<String>, PositionsOut<'py>, Option<&'static str>);
 
-/// Reads a file of landmarks: names, positions, (n, 3), and the frame.
+/// Reads a file of landmarks. Returns their names, their positions, (n, 3), and the name of the positions' frame.
 #[pyfunction]
 fn read_landmarks(py: Python<'_>, path: PathBuf) -> PyResult<Named<'_>> {
     let Landmarks { names, points, frame } = run(py, Some(1), None, move |_| Ok(Landmarks::read(path)?))?;
@@ -53,7 +53,7 @@ fn write_landmarks(
     })
 }
 
-/// Settings of the measurement: the keyword arguments of `spharm_rs.shape.quality`.
+/// Keyword arguments of `spharm_rs.shape.quality`.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 struct Settings {
@@ -70,8 +70,8 @@ struct Settings {
 
 type Ends = (Vec<f64>, Vec<f64>, Vec<f64>);
 type Apart = (f64, f64, Option<[f64; 2]>, Vec<f64>, Vec<Vec<f64>>);
-/// Variance, variances, compactness, generalisation and specificity, the latter two between surfaces, landmarks,
-/// warnings.
+/// Quality of a group: variance; variances; compactness, generalisation and specificity; generalisation and specificity
+/// measured between surfaces; errors of landmarks; warnings.
 type Found = (f64, Vec<f64>, [Ends; 3], [Option<Ends>; 2], Option<Apart>, Vec<String>);
 
 /// Measures the quality of a group of corresponding surfaces.

@@ -1,8 +1,8 @@
 //! Runs work on a thread pool of this process, while the calling thread checks for signals and reports progress.
 //!
-//! Python handles signals on its main thread, between its own instructions, and a callback needs the interpreter. So
-//! the work runs on a thread of its own, and the calling thread wakes up every [`WAKE`], releasing the interpreter in
-//! between.
+//! Python handles signals only on its main thread, between instructions of Python code, and callbacks need the
+//! interpreter. Therefore the work runs on a thread of its own. The calling thread waits with the interpreter released,
+//! and wakes up every [`WAKE`] to check for signals and to call back.
 
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -17,23 +17,25 @@ use spharm::{Monitor, Stage};
 
 use crate::errors::{Failure, exception};
 
-/// Time between two checks for signals.
+/// Interval at which the calling thread checks for signals and reports progress.
 const WAKE: Duration = Duration::from_millis(20);
-/// Time for work to stop before an exception is raised without waiting for it.
+/// Time that cancelled work gets to stop, before the exception is raised without waiting any longer.
 const GRACE: Duration = Duration::from_millis(100);
 
 pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Returns the pool of `threads` threads, by default as many as the machine has.
+/// Returns a pool of `threads` threads; by default, as many threads as the machine can run at the same time. Pools are
+/// kept for later calls.
 ///
-/// rayon's global pool would hang forever in a forked child, in which the parent's threads don't exist. So each process
-/// has pools of its own, and those of the parent are leaked, since dropping one waits for its threads.
+/// rayon's global pool can't be used: after a fork, the pool's threads don't exist in the child process, so work on it
+/// would never end. Therefore each process creates its own pools. A child process leaks the pools of its parent,
+/// because dropping a pool waits for its threads.
 ///
 /// # Errors
 ///
-/// `ValueError` for zero threads, `RuntimeError` if the system can't start them.
+/// `ValueError` for zero threads, `RuntimeError` if the system can't start the threads.
 pub(crate) fn pool(threads: Option<usize>) -> PyResult<Arc<rayon::ThreadPool>> {
     type Pools = Vec<(u32, usize, Arc<rayon::ThreadPool>)>;
     static POOLS: Mutex<Pools> = Mutex::new(Vec::new());
@@ -57,7 +59,7 @@ pub(crate) fn pool(threads: Option<usize>) -> PyResult<Arc<rayon::ThreadPool>> {
     Ok(pool)
 }
 
-/// The progress of a stage: its name, the steps done, and the total number of steps, zero if unknown.
+/// Progress of a stage: its name, the number of steps done, and the total number of steps, 0 if unknown.
 #[derive(Clone, PartialEq)]
 struct Progress {
     stage: &'static str,
@@ -65,11 +67,11 @@ struct Progress {
     total: u64,
 }
 
-/// Collects the progress of the work for the waiting thread.
+/// A monitor that collects the progress of the work for the waiting thread.
 #[derive(Default)]
 struct Watch {
     cancel: AtomicBool,
-    /// Stages that have begun since the last check, the current one last.
+    /// Stages that have begun since the last check; the last one is the current stage.
     stages: Mutex<VecDeque<Progress>>,
 }
 
@@ -90,7 +92,8 @@ impl Monitor for Watch {
 }
 
 impl Watch {
-    /// Returns the changes: finished stages, which are removed, and the state of the current one, which is kept.
+    /// Returns the progress that hasn't been reported: the stages that have ended, which are removed, and the current
+    /// stage, if it has changed since `last`.
     fn news(&self, last: &mut Option<Progress>) -> Vec<Progress> {
         let mut stages = lock(&self.stages);
         let mut news: Vec<Progress> = Vec::new();
@@ -108,12 +111,13 @@ impl Watch {
 
 type Outcome<T> = Result<T, Failure>;
 
-/// Runs work on a pool of `threads` threads. `progress(stage, done, total)` is called on the calling thread. An
-/// exception in it, or one from a signal, stops the work and is raised once the work has stopped.
+/// Runs work on a pool of `threads` threads, and calls `progress(stage, done, total)` on the calling thread. If
+/// `progress` or a signal raises an exception, the work is cancelled, and the exception is raised when the work has
+/// stopped.
 ///
 /// # Errors
 ///
-/// The work's error, as an exception; the callback's exception; `KeyboardInterrupt`.
+/// The error of the work, as an exception; the exception of `progress`; `KeyboardInterrupt`.
 pub(crate) fn run<T: Send>(
     py: Python<'_>,
     threads: Option<usize>,
@@ -124,18 +128,18 @@ pub(crate) fn run<T: Send>(
     let (send, receive) = channel();
     std::thread::scope(|scope| {
         let (pool, monitor) = (&pool, &watch);
-        // The receiver outlives this thread.
+        // Sending can't fail, because the receiver exists until this scope ends.
         scope.spawn(move || drop(send.send(guarded(pool, monitor, work))));
         wait(py, progress, &watch, receive, None)
     })
 }
 
-/// As [`run`], for work that owns its data: an exception is raised without waiting for work that can't be stopped
-/// immediately, such as disk access. The work then ends on its own, in the same way as if it is stopped.
+/// Runs work as [`run`] does. Because the work owns its data, an exception is raised after [`GRACE`] even if the work
+/// hasn't stopped, for example during disk access. The cancelled work then ends on its own.
 ///
 /// # Errors
 ///
-/// Those of [`run`].
+/// The errors of [`run`].
 pub(crate) fn run_owned<T: Send + 'static>(
     py: Python<'_>,
     threads: Option<usize>,
@@ -145,12 +149,12 @@ pub(crate) fn run_owned<T: Send + 'static>(
     let (pool, watch) = (pool(threads)?, Arc::new(Watch::default()));
     let (send, receive) = channel();
     let monitor = Arc::clone(&watch);
-    // The receiver may be gone.
+    // Sending fails if the caller has stopped waiting; the result is then dropped.
     std::thread::spawn(move || drop(send.send(guarded(&pool, &monitor, work))));
     wait(py, progress, &watch, receive, Some(GRACE))
 }
 
-/// Runs the work and catches panics: a panic is a bug in the library, but must not end the interpreter.
+/// Runs the work and catches panics. A panic is a bug in the library, but must not end the interpreter's process.
 fn guarded<T: Send>(
     pool: &rayon::ThreadPool,
     monitor: &Watch,
@@ -159,8 +163,8 @@ fn guarded<T: Send>(
     catch_unwind(AssertUnwindSafe(|| pool.install(|| work(monitor)))).unwrap_or(Err(Failure::Panic))
 }
 
-/// Waits for the work without holding the interpreter, except for signals and progress; for no longer than `grace` once
-/// the work is to stop.
+/// Waits for the result of the work. The interpreter is released while waiting, and held only for signals and progress.
+/// After the work has been cancelled, waits at most `grace`; without `grace`, until the work has stopped.
 fn wait<T: Send>(
     py: Python<'_>,
     progress: Option<&Bound<'_, PyAny>>,
@@ -168,7 +172,7 @@ fn wait<T: Send>(
     receive: Receiver<Outcome<T>>,
     grace: Option<Duration>,
 ) -> PyResult<T> {
-    // A receiver isn't `Sync`, which releasing the interpreter requires.
+    // Releasing the interpreter requires `Sync`, which a receiver isn't, so it is wrapped in a mutex.
     let receive = Mutex::new(receive);
     let (mut stop, mut last): (Option<(PyErr, Instant)>, _) = (None, None);
     loop {
@@ -196,7 +200,7 @@ fn wait<T: Send>(
     }
 }
 
-/// Work on a thread of its own, whose messages Python receives one by one. It is stopped when this is dropped.
+/// Work on a thread of its own, which sends messages to Python. The work is cancelled when this object is dropped.
 pub(crate) struct Started(Arc<Watch>);
 
 impl Started {
@@ -204,7 +208,7 @@ impl Started {
     ///
     /// # Errors
     ///
-    /// Those of [`pool`].
+    /// The errors of [`pool`].
     pub(crate) fn new(threads: Option<usize>, work: impl FnOnce(&dyn Monitor) + Send + 'static) -> PyResult<Self> {
         let (pool, watch) = (pool(threads)?, Arc::new(Watch::default()));
         let monitor = Arc::clone(&watch);
@@ -216,14 +220,14 @@ impl Started {
         Ok(Self(watch))
     }
 
-    /// Waits for a message without holding the interpreter; `None` once the work has ended.
+    /// Waits for the next message, with the interpreter released. Returns `None` when the work has ended.
     ///
     /// # Errors
     ///
-    /// The exception from a signal, which stops the work.
+    /// The exception raised by a signal, which also cancels the work.
     pub(crate) fn wait<T: Send>(&self, py: Python<'_>, receive: &Mutex<Receiver<T>>) -> PyResult<Option<T>> {
         loop {
-            // Stages are for callbacks, and there is none here.
+            // Discard the collected progress: there is no callback to report it to.
             lock(&self.0.stages).clear();
             match py.detach(|| lock(receive).recv_timeout(WAKE)) {
                 Ok(message) => return Ok(Some(message)),
@@ -233,7 +237,7 @@ impl Started {
         }
     }
 
-    /// Stops the work as soon as possible.
+    /// Cancels the work, which then stops as soon as possible.
     pub(crate) fn stop(&self) {
         self.0.cancel.store(true, Ordering::Relaxed);
     }

@@ -1,4 +1,4 @@
-//! Shape analysis on models.
+//! Analyses the shapes of models.
 
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray1, PyArray2};
@@ -34,7 +34,7 @@ pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     Ok(())
 }
 
-/// Returns a model's coefficients up to a degree.
+/// Returns the coefficients of a model up to a degree.
 fn to_degree(model: &Model, degree: usize) -> Result<Coefficients, Failure> {
     let (own, max_degree) = (&model.inner.coefficients, model.inner.coefficients.max_degree());
     if degree > max_degree {
@@ -43,7 +43,7 @@ fn to_degree(model: &Model, degree: usize) -> Result<Coefficients, Failure> {
     Ok(Coefficients::new(own.up_to(degree).to_owned())?)
 }
 
-/// Returns area, volume and the like as JSON, and warnings.
+/// Returns the measures of a model's surface, such as area and volume, as JSON; and warnings.
 #[pyfunction]
 #[pyo3(signature = (model, degree, *, tolerance, threads = None, progress = None))]
 fn shape_measure(
@@ -66,7 +66,8 @@ fn shape_measure(
     Ok((figures.to_string(), found.warnings.iter().map(ToString::to_string).collect()))
 }
 
-/// Returns positions and normals, (n, 3), and the columns area element, H, K, k1, k2, shape index, curvedness, (n, 7).
+/// Returns positions and normals, (n, 3) each, and an array (n, 7) with the columns area element, mean curvature H,
+/// Gaussian curvature K, principal curvatures k1 and k2, shape index and curvedness.
 #[pyfunction]
 #[pyo3(signature = (model, directions, degree, *, threads = None, progress = None))]
 fn shape_geometry<'py>(
@@ -98,7 +99,8 @@ fn shape_geometry<'py>(
     Ok((positions_out, normals, columns.into_pyarray(py)))
 }
 
-/// Returns the model smoothed by a heat kernel, given by a time, or else by a width in radians.
+/// Returns a model smoothed by a heat kernel. The kernel is given by `time` or, if that is `None`, by `width` in
+/// radians.
 #[pyfunction]
 #[pyo3(signature = (model, *, time, width))]
 fn shape_smooth(py: Python<'_>, model: PyRef<'_, Model>, time: Option<f64>, width: f64) -> PyResult<Model> {
@@ -116,10 +118,10 @@ fn described(model: &spharm::Model) -> Result<Descriptors, Failure> {
     Ok(spharm::shape::descriptors(&model.coefficients)?)
 }
 
-/// Power (L) and singular values (L, c).
+/// Power, (L), and singular values, (L, c), of each degree from 1 on.
 type Described<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>);
 
-/// Returns power and singular values of the degrees from 1 on.
+/// Returns the power and the singular values of the coefficients, for each degree from 1 on.
 #[pyfunction]
 fn shape_describe<'py>(py: Python<'py>, model: PyRef<'py, Model>) -> PyResult<Described<'py>> {
     let inner = &model.inner;
@@ -129,7 +131,7 @@ fn shape_describe<'py>(py: Python<'py>, model: PyRef<'py, Model>) -> PyResult<De
     Ok((found.power.into_pyarray(py), values.into_pyarray(py)))
 }
 
-/// Returns index, distance and score of the models nearest to a given one, nearest first.
+/// Returns the indices, distances and scores of the models nearest to `query`, the nearest first.
 #[pyfunction]
 #[pyo3(signature = (query, among, *, count, unit_size, standardized, threads = None))]
 fn shape_match(
@@ -156,15 +158,15 @@ fn shape_match(
     })
 }
 
-/// Returns the root mean square distance of a model from its truncation to each degree, (L + 1).
+/// Returns the root mean square distance between a model and its truncation to each degree from 0 on, (L + 1).
 #[pyfunction]
 fn shape_tails<'py>(py: Python<'py>, model: PyRef<'py, Model>) -> PyResult<Bound<'py, PyArray1<f64>>> {
     let coefficients = &model.inner.coefficients;
     Ok(run(py, Some(1), None, move |_| Ok(tails(coefficients)?))?.into_pyarray(py))
 }
 
-/// Returns directions that distribute vertices evenly, the spread of areas before and after, and the number of flipped
-/// triangles.
+/// Relocates the directions of a sphere so that the triangles of the model's surface have nearly equal areas. Returns
+/// the directions, the spread of the areas before and after, and the number of flipped triangles.
 #[pyfunction]
 #[pyo3(signature = (model, sphere, faces, degree, *, steps, threads = None, progress = None))]
 #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]

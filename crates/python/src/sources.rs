@@ -1,4 +1,4 @@
-//! Surfaces as passed from Python.
+//! Accepts surfaces as passed from Python.
 
 use std::path::PathBuf;
 
@@ -10,14 +10,15 @@ use spharm::{Error, Mesh, Silent};
 use crate::arrays::{Faces, Positions, mesh};
 use crate::errors::Failure;
 
-/// A surface as passed from Python: a file, or vertices and triangles.
+/// A surface as passed from Python: the path of a file, or vertices and triangles.
 #[derive(FromPyObject)]
 pub(crate) enum Given<'py> {
     File(PathBuf),
     Arrays(Positions<'py>, Faces<'py>),
 }
 
-/// A surface independent of the interpreter. Files are read on demand, so that a group doesn't have to fit into memory.
+/// A surface that doesn't depend on the interpreter's data. Files are read when they are needed, so that a group need
+/// not fit into memory.
 pub(crate) enum Source {
     File(PathBuf),
     Mesh(Box<Mesh>),
@@ -46,7 +47,7 @@ pub(crate) fn sources(given: Vec<Given<'_>>, names: &[String]) -> PyResult<Vec<S
     given.into_iter().zip(names).map(|(given, name)| given.source(name)).collect()
 }
 
-/// Adds the name of the surface to a group's error.
+/// Adds the name of the surface to an error that concerns one member of a group.
 pub(crate) fn named(names: &[String], error: Error) -> Failure {
     match error {
         Error::Member { index, source } => Failure::Member { name: names[index].clone(), error: source },

@@ -1,4 +1,4 @@
-//! Basis stores.
+//! Builds, lists and verifies basis stores.
 
 use std::path::PathBuf;
 
@@ -19,7 +19,7 @@ pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     Ok(())
 }
 
-/// Returns the scalar type of a basis by its name.
+/// Returns the scalar type with a given name.
 ///
 /// # Errors
 ///
@@ -32,7 +32,7 @@ pub(crate) fn scalar(name: &str) -> PyResult<Scalar> {
     }
 }
 
-/// Builds the basis of a sphere, and returns a report as JSON.
+/// Builds the basis of a sphere in a store. Returns the report as JSON.
 #[pyfunction]
 #[pyo3(signature = (store, sphere, faces, max_degree, *, dtype, memory, allow_large, threads = None, progress = None))]
 #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
@@ -51,7 +51,7 @@ fn store_build<'py>(
     let sphere = SphereArrays::new(&sphere, faces.as_ref(), false)?.owned();
     let params = BuildParams { max_degree, scalar: scalar(dtype)?, memory, allow_large, ..BuildParams::default() };
     let report = run_owned(py, threads, progress.as_ref(), move |monitor| {
-        // Use the threads of the calling pool.
+        // The work already runs on a pool of the requested number of threads: use all of them.
         let params = BuildParams { threads: rayon::current_num_threads(), ..params };
         let sphere = sphere.check()?;
         let report = build(&store, &sphere.directions, &params, monitor)?;
@@ -63,7 +63,7 @@ fn store_build<'py>(
     Ok(report.to_string())
 }
 
-/// Computes the factor of the normal equations into a store, and returns a report as JSON.
+/// Computes the Cholesky factor of the normal equations, and writes it to a store. Returns the report as JSON.
 #[pyfunction]
 #[pyo3(signature = (
     store, sphere, faces, max_degree, *, dtype, basis_dtype, smoothness, memory, allow_large, threads = None, progress = None
@@ -99,7 +99,7 @@ fn store_factor<'py>(
     Ok(report.to_string())
 }
 
-/// Returns the schemes of a store, as JSON.
+/// Returns a summary of each scheme in a store, as JSON.
 #[pyfunction]
 fn store_schemes(py: Python<'_>, store: PathBuf) -> PyResult<String> {
     let found = run(py, Some(1), None, move |_| {
@@ -117,7 +117,7 @@ fn store_schemes(py: Python<'_>, store: PathBuf) -> PyResult<String> {
     Ok(Value::from(found).to_string())
 }
 
-/// Verifies all files of a store against their hashes; returns the damaged files.
+/// Verifies all files of a store against their hashes. Returns the errors of the damaged files.
 #[pyfunction]
 #[pyo3(signature = (store, *, threads = None, progress = None))]
 fn store_verify(

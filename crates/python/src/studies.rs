@@ -1,4 +1,4 @@
-//! Tests of groups and covariates at every vertex.
+//! Tests effects of groups and covariates at every vertex.
 
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
@@ -18,10 +18,11 @@ use crate::groups::{coefficients, group};
 use crate::models::Model;
 use crate::run::{run, run_owned};
 
-/// Measurements, (n, V d), d, the mean, and warnings.
+/// Measurements of a group, (n, V d); their number of components per vertex, d; the mean model; and warnings.
 type Measured<'py> = (Bound<'py, PyArray2<f64>>, usize, Model, Vec<String>);
 
-/// Measures a group at directions; for pairs, the first half of the models minus the second half.
+/// Measures the models of a group at directions. With `pairs`, returns the differences between the first half of the
+/// models and the second half.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
 #[pyo3(signature = (models, directions, degree, *, signal, pairs, threads = None, progress = None))]
@@ -55,7 +56,7 @@ pub(crate) fn shape_measure_group<'py>(
     Ok((field.values.into_pyarray(py), field.components, mean, warnings))
 }
 
-/// Values of the subjects: numbers, or levels.
+/// Values of a column, one per subject: numbers, or names of levels.
 #[derive(FromPyObject)]
 pub(crate) enum Cells<'py> {
     Numbers(PyReadonlyArray1<'py, f64>),
@@ -71,7 +72,7 @@ impl Cells<'_> {
     }
 }
 
-/// The hypothesis of a test: an effect or a mean with covariates, or a contrast of a design.
+/// The hypothesis to test: an effect or a mean, with covariates; or a contrast of a design matrix.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Asked<'py> {
@@ -103,7 +104,7 @@ impl Asked<'_> {
     }
 }
 
-/// Tests values (n, V d) at V vertices.
+/// Tests values, (n, V d), at V vertices with d components each.
 #[pyfunction]
 #[pyo3(signature = (values, components, asked, *, welch, permutations, seed, confidence, level, threads = None, progress = None))]
 #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
@@ -126,7 +127,7 @@ pub(crate) fn shape_test<'py>(
     let question = asked.question(values.nrows()).map_err(|failure| crate::errors::exception(py, failure))?;
     let (design, contrast) = (&question.design, &question.contrast);
     let found = run(py, threads, progress.as_ref(), |monitor| {
-        // The level is only used for warnings, so the library accepts any.
+        // The library accepts any level, because it uses the level only for warnings, so it is checked here.
         if !(level > 0.0 && level < 1.0) {
             return Err(ShapeError::Share { what: "level", found: level }.into());
         }
@@ -163,7 +164,7 @@ pub(crate) fn shape_test<'py>(
     }
     result.set_item("meaning", &question.meaning)?;
     result.set_item("levels", question.levels.clone())?;
-    // The effect's numbers are amounts, since the caller declared them to be.
+    // Omit the tested effect: its numbers aren't codes of levels, because the caller declared them to be amounts.
     let codes = question.codes.iter().filter(|(column, _)| *column != asked.name).cloned();
     result.set_item("codes", codes.collect::<Vec<_>>())?;
     result.set_item("columns", design.names().to_vec())?;

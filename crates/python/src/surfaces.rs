@@ -1,4 +1,4 @@
-//! Reading, writing, mapping, resampling and comparing surfaces.
+//! Reads, writes, maps, resamples and compares surfaces.
 
 use std::path::PathBuf;
 
@@ -96,7 +96,7 @@ fn write_values(
 
 #[pyfunction]
 fn icosphere(py: Python<'_>, level: u32) -> PyResult<(PositionsOut<'_>, FacesOut<'_>)> {
-    /// Finest icosphere: 167,772,162 vertices, as in the program.
+    /// The finest icosphere has 167,772,162 vertices. The command-line program has the same limit.
     const FINEST: u32 = 12;
     if level > FINEST {
         return Err(PyValueError::new_err(format!("level: expected 0 to {FINEST}, found {level}")));
@@ -118,10 +118,12 @@ fn example_surface(
     Ok((vertices, faces, positions(py, sphere.vertices)))
 }
 
-/// A map as returned to Python: the surface, its sphere, the report as JSON, warnings, and the seam of cut handles.
+/// A mapped surface as returned to Python: vertices, triangles, vertices of the sphere, report as JSON, warnings, and
+/// the record of cut handles.
 type Mapped<'py> = (PositionsOut<'py>, FacesOut<'py>, PositionsOut<'py>, String, Vec<String>, Option<SeamOut<'py>>);
 
-/// Maps a surface, and records cut handles in the sphere's metadata. Also returns the report on them.
+/// Maps a surface to a sphere, and records cut handles in the metadata of the sphere. Also returns the report on the
+/// handles, if any were cut.
 fn map(
     input: &Input,
     method: &Method,
@@ -194,7 +196,7 @@ fn parametrize<'py>(
     Ok(mapped(py, found, handles))
 }
 
-/// Label volumes: a file, or labels (i, j, k) with their affine matrix (4, 4).
+/// A volume of labels: the path of a file, or an array of labels, (i, j, k), with its affine matrix, (4, 4).
 #[derive(FromPyObject)]
 enum Volume<'py> {
     File(PathBuf),
@@ -204,7 +206,7 @@ enum Volume<'py> {
 type Reader = Box<dyn FnOnce(&dyn spharm::Monitor) -> Result<LabelVolume, ParametrizeError> + Send>;
 
 impl Volume<'_> {
-    /// Returns a reader of the volume that is independent of the interpreter.
+    /// Returns a function that reads the volume without the interpreter's data.
     fn reader(self) -> PyResult<Reader> {
         match self {
             Self::File(path) => Ok(Box::new(move |monitor| LabelVolume::read(path, monitor))),
@@ -218,7 +220,7 @@ impl Volume<'_> {
                 }
                 let (i, j, k) = values.dim();
                 let rows = [0, 1, 2].map(|row| [0, 1, 2, 3].map(|column| matrix[[row, column]]));
-                // The first index runs fastest, as in NIfTI.
+                // In NIfTI, the first index varies fastest.
                 let labels: Vec<i32> = values.t().iter().copied().collect();
                 Ok(Box::new(move |_| Ok(LabelVolume::new([i, j, k], labels, Affine(rows)))))
             }
@@ -259,7 +261,7 @@ fn parametrize_volume<'py>(
     Ok(mapped)
 }
 
-/// Returns the labels of a volume, each with its number of voxels.
+/// Returns the labels in a volume, each with its number of voxels.
 #[pyfunction]
 fn labels(py: Python<'_>, volume: Volume<'_>) -> PyResult<std::collections::BTreeMap<i64, usize>> {
     let read = volume.reader()?;
@@ -293,7 +295,7 @@ fn resample<'py>(
     Ok(mapped(py, found, None))
 }
 
-/// Returns the quality of a map, as JSON.
+/// Returns measures of the quality of a map to the sphere, as JSON.
 #[pyfunction]
 fn quality(py: Python<'_>, vertices: Positions<'_>, faces: Faces<'_>, sphere: Positions<'_>) -> PyResult<String> {
     let surface = mesh("surface", &vertices, &faces)?;
@@ -313,7 +315,8 @@ fn corresponding(surface: &Mesh, sphere: &Mesh) -> Result<(), Failure> {
     Err(Failure::Argument(format!("sphere: expected the surface's {expected} vertices, found {found}")))
 }
 
-/// Returns msd, xsd and the distance of each vertex, for meshes with corresponding vertices.
+/// Compares two meshes whose vertices correspond. Returns msd, xsd and related figures, the vertex with the largest
+/// distance, and the distance at each vertex.
 #[pyfunction]
 fn compare<'py>(
     py: Python<'py>,
@@ -331,7 +334,8 @@ fn compare<'py>(
     Ok((figures, found.worst_vertex, each.into_pyarray(py)))
 }
 
-/// Returns the distances between two surfaces everywhere, as JSON, and those of the second's vertices from the first.
+/// Measures the distance between two surfaces over their whole area. Returns the figures as JSON, and the distances of
+/// the second surface's vertices from the first surface.
 #[pyfunction]
 #[pyo3(signature = (vertices, faces, others, other_faces, *, samples, memory = None, threads = None, progress = None))]
 #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]

@@ -1,4 +1,5 @@
-//! Synthesis at scattered directions, its adjoint, and the least squares over them.
+//! Provides synthesis at scattered directions, the adjoint of synthesis, and least-squares fits of samples at these
+//! directions.
 
 use ndarray::{Array2, ArrayView2};
 use numpy::{IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
@@ -12,7 +13,7 @@ use crate::arrays::{Positions, borrowed_rows};
 use crate::errors::exception;
 use crate::run::{pool, run};
 
-/// A plan for transforms at one list of directions. It is immutable.
+/// A plan for transforms at a list of directions. Objects of this class are immutable.
 #[pyclass(frozen, module = "spharm_rs._core")]
 pub(crate) struct Transform {
     pub(crate) planned: PlannedSphere,
@@ -22,7 +23,7 @@ pub(crate) struct Transform {
 type Values<'py> = Bound<'py, PyArray2<f64>>;
 
 impl Transform {
-    /// Runs a transform, which is too short to be interrupted.
+    /// Runs a transform. It isn't interruptible, because it takes little time.
     fn call<'py>(
         &self,
         py: Python<'py>,
