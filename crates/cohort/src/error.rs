@@ -10,7 +10,7 @@ pub enum CohortError {
     /// An operation on a file failed.
     #[error("{}: cannot {action}: {source}", .path.display())]
     Io {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The operation that failed.
         action: &'static str,
@@ -20,7 +20,7 @@ pub enum CohortError {
     /// The table isn't UTF-8 text.
     #[error("{}: line {line}: expected UTF-8 text, found {found}; save the table as UTF-8", .path.display())]
     Encoding {
-        /// The table.
+        /// Path of the table.
         path: PathBuf,
         /// Number of the line.
         line: usize,
@@ -30,13 +30,13 @@ pub enum CohortError {
     /// The table has no row below its header.
     #[error("{}: the table has no rows; expected a header and one row per surface", .path.display())]
     NoRows {
-        /// The table.
+        /// Path of the table.
         path: PathBuf,
     },
     /// The table lacks a required column.
     #[error("{}: line {line}: missing column {column}; found {}{hint}", .path.display(), .found.join(", "))]
     NoColumn {
-        /// The table.
+        /// Path of the table.
         path: PathBuf,
         /// Number of the header's line.
         line: usize,
@@ -50,7 +50,7 @@ pub enum CohortError {
     /// Two columns have the same name.
     #[error("{}: line {line}: duplicate column {column}; rename one", .path.display())]
     ColumnTwice {
-        /// The table.
+        /// Path of the table.
         path: PathBuf,
         /// Number of the header's line.
         line: usize,
@@ -63,7 +63,7 @@ pub enum CohortError {
         .path.display()
     )]
     NearlyColumn {
-        /// The table.
+        /// Path of the table.
         path: PathBuf,
         /// Number of the header's line.
         line: usize,
@@ -75,7 +75,7 @@ pub enum CohortError {
     /// A row has more or fewer cells than the header.
     #[error("{}: line {line}: expected {expected} cells as in the header, found {found}", .path.display())]
     Cells {
-        /// The table.
+        /// Path of the table.
         path: PathBuf,
         /// Number of the row's line.
         line: usize,
@@ -87,7 +87,7 @@ pub enum CohortError {
     /// A cell has an invalid value.
     #[error("{}: line {line}: column {column}: expected {expected}, found {found}", .path.display())]
     Cell {
-        /// The table.
+        /// Path of the table.
         path: PathBuf,
         /// Number of the cell's line.
         line: usize,
@@ -101,7 +101,7 @@ pub enum CohortError {
     /// Two rows have the same id or the same output.
     #[error("{}: line {line}: duplicate {what} {value}, first used on line {first}", .path.display())]
     Twice {
-        /// The table.
+        /// Path of the table.
         path: PathBuf,
         /// Line number of the second of the two rows.
         line: usize,
@@ -115,13 +115,13 @@ pub enum CohortError {
     /// Another process is writing to the status file.
     #[error("{}: another process is writing to this status file; give each shard its own status file", .path.display())]
     Locked {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
     },
     /// The file exists but isn't a status file.
     #[error("{}: not a status file: expected {expected:?} as the first line, found {found:?}", .path.display())]
     NotStatus {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The header of a status file.
         expected: String,

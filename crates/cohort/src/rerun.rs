@@ -77,7 +77,7 @@ pub enum Refusal {
     /// The output exists.
     #[error("{}: the output exists", .path.display())]
     Exists {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
     },
     /// The existing model was made from another input.

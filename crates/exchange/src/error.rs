@@ -13,7 +13,7 @@ pub enum ExchangeError {
     /// The operating system refused to open or read a file.
     #[error("{}: cannot be read: {source}", .path.display())]
     Io {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Error of the operating system.
         source: io::Error,
@@ -21,7 +21,7 @@ pub enum ExchangeError {
     /// The contents violate the format.
     #[error("{}: damaged or not {format}: expected {expected}, found {found}", .path.display())]
     Malformed {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Description of a file in the format, with its indefinite article.
         format: &'static str,
@@ -33,7 +33,7 @@ pub enum ExchangeError {
     /// The file's format can't be determined from its contents.
     #[error("{}: cannot tell the format of its coefficients, {found}; expected {remedy}", .path.display())]
     Unknown {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Description of the file's contents.
         found: String,

@@ -13,7 +13,7 @@ pub enum ModelError {
     /// The operating system refused to open or read a file.
     #[error("{}: cannot open the model: {source}", .path.display())]
     Open {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Error of the operating system.
         source: io::Error,
@@ -21,7 +21,7 @@ pub enum ModelError {
     /// An input file of a model can't be read.
     #[error("{}: {source}", .path.display())]
     Input {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Error of the operating system.
         source: io::Error,
@@ -32,7 +32,7 @@ pub enum ModelError {
         .path.display()
     )]
     Invalid {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Description of the problem.
         problem: String,
@@ -40,7 +40,7 @@ pub enum ModelError {
     /// A coefficient is NaN or infinite. Such a model is neither read nor written.
     #[error("{}: coefficient {row} of channel {channel} is {value}; it must be finite", .path.display())]
     NonFinite {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Row of the coefficients, `l^2 + l + m`.
         row: usize,

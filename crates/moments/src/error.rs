@@ -15,7 +15,7 @@ pub enum MomentsError {
     /// The operating system reported an error.
     #[error("{}: cannot {action}: {source}", .path.display())]
     Io {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The attempted action.
         action: &'static str,
@@ -25,7 +25,7 @@ pub enum MomentsError {
     /// The bytes of a table violate its format.
     #[error("{}: {format}: expected {expected}, found {found}", .path.display())]
     Malformed {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The format.
         format: &'static str,
@@ -37,7 +37,7 @@ pub enum MomentsError {
     /// The file name has no supported extension.
     #[error("{}: expected a file whose name ends in {}", .path.display(), .expected.join(", "))]
     UnknownFormat {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Supported file-name extensions.
         expected: Vec<&'static str>,
@@ -45,7 +45,7 @@ pub enum MomentsError {
     /// A table lacks a required column.
     #[error("{}: no column {wanted}; it has {}", .path.display(), named(.there))]
     NoColumn {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Name of the missing column.
         wanted: String,
@@ -55,7 +55,7 @@ pub enum MomentsError {
     /// The requested columns don't determine the samples' positions or values.
     #[error("{}: {problem}; it has {}", .path.display(), named(.there))]
     Columns {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The property of the samples that the columns leave undetermined.
         problem: &'static str,
@@ -65,7 +65,7 @@ pub enum MomentsError {
     /// A row of a table is invalid.
     #[error("{}: row {row}: {column}: expected {expected}, found {found}", .path.display())]
     Row {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The row, counted from 1.
         row: u64,
@@ -109,13 +109,13 @@ pub enum MomentsError {
     /// A table has no rows.
     #[error("{}: expected samples, found none", .path.display())]
     Empty {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
     },
     /// A table over a sampling scheme doesn't have exactly one row per vertex.
     #[error("{}: expected {expected} rows, one for each vertex of the sphere, found {found}; give the sphere that the values belong to", .path.display())]
     Rows {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Number of vertices of the sampling scheme.
         expected: u64,
@@ -128,7 +128,7 @@ pub enum MomentsError {
     /// A file grew or shrank while it was read.
     #[error("{}: the file changed while it was being read ({was} to {now} bytes); wait until nothing writes to it", .path.display())]
     Changed {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Size in bytes when the file was opened.
         was: u64,
@@ -160,7 +160,7 @@ pub enum MomentsError {
     /// The file isn't a file of moments, or is damaged.
     #[error("{}: damaged or not a file of moments: {what}: expected {expected}, found {found}; make this part again", .path.display())]
     Corrupt {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The field or check.
         what: &'static str,
@@ -172,7 +172,7 @@ pub enum MomentsError {
     /// The file has a format version that this program can't read.
     #[error("{}: moments of format version {found}, this program reads versions {} to {}; use the program that wrote it, or make this part again", .path.display(), .expected.start(), .expected.end())]
     Version {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The versions that can be read.
         expected: RangeInclusive<u32>,
@@ -214,7 +214,7 @@ pub enum MomentsError {
     /// A table has Parquet, Arrow or LAS format, and the program was built without support for these formats.
     #[error("{}: this build doesn't read Parquet, Arrow and LAS; the program installed by cargo does, and every build reads .npy and .csv", .path.display())]
     LeftOut {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
     },
     /// The list of parts is empty.

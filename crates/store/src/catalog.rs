@@ -154,8 +154,8 @@ pub fn leftovers(store: &Path, key: SchemeKey) -> Result<Vec<PathBuf>, StoreErro
     temporary::abandoned(&folder::of_scheme(store, key))
 }
 
-/// Removes the [`leftovers`] of a scheme and returns their paths. Safe while other processes build: each leftover is
-/// removed under its lock, and a builder locks every file that it creates.
+/// Removes the [`leftovers`] of a scheme and returns their paths. Other processes may build at the same time: each
+/// leftover is removed while its lock is held, and a builder locks every temporary file that it creates.
 ///
 /// # Errors
 ///

@@ -28,7 +28,7 @@ pub enum StoreError {
     /// The path of a basis file or factor names something other than a regular file.
     #[error("{}: expected a regular file, found {found}; move it away and build it again", .path.display())]
     NotAFile {
-        /// The path.
+        /// Path.
         path: PathBuf,
         /// Kind found: folder, symbolic link, FIFO, ...
         found: &'static str,
@@ -36,7 +36,7 @@ pub enum StoreError {
     /// A field or check of the file violates the format.
     #[error("{}: damaged or not a file of a basis store: {what}: expected {expected}, found {found}; delete it and build it again", .path.display())]
     Corrupt {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The field or check.
         what: String,
@@ -48,7 +48,7 @@ pub enum StoreError {
     /// The bytes of a chunk don't match its checksum.
     #[error("{}: chunk {chunk} is damaged ({what} differs from the table); delete the file and build it again", .path.display())]
     ChunkDamaged {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Chunk number from 0.
         chunk: usize,
@@ -58,7 +58,7 @@ pub enum StoreError {
     /// The bytes of a factor's tile don't match its checksum.
     #[error("{}: tile ({row}, {column}) is damaged ({what} differs from the table); delete the file and build it again", .path.display())]
     TileDamaged {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Tile row from 0.
         row: usize,
@@ -70,7 +70,7 @@ pub enum StoreError {
     /// An opened factor differs from the requested one.
     #[error("{}: the factor has a different {what}: expected {expected}, found {found}", .path.display())]
     FactorDiffers {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The property that differs: scheme, number of directions, degree, weights or smoothness.
         what: &'static str,
@@ -82,9 +82,9 @@ pub enum StoreError {
     /// The store has no factor with the requested degree, weights and smoothness.
     #[error("{}: no factor of {wanted} for scheme {key}; {}", .store.display(), factors_there(.available))]
     FactorMissing {
-        /// The store.
+        /// Path of the store.
         store: PathBuf,
-        /// The scheme.
+        /// Key of the scheme.
         key: SchemeKey,
         /// The requested degree, weights and smoothness.
         wanted: String,
@@ -104,7 +104,7 @@ pub enum StoreError {
     /// The file has a format version that this program can't read.
     #[error("{}: store format version {found}, this program reads version {expected}; use the program that wrote it, or build a new store", .path.display())]
     Version {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The version that this program reads.
         expected: u32,
@@ -114,13 +114,13 @@ pub enum StoreError {
     /// A file was truncated or changed, or couldn't be read any more, after it had been opened.
     #[error("{}: truncated, changed or unreadable while it was being read; verify the store and build the damaged files again", .path.display())]
     ChangedWhileRead {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
     },
     /// The store has no basis for this sampling scheme.
     #[error("{}: no basis for scheme {key}; {}", .store.display(), keys_there(.available))]
     NoSuchScheme {
-        /// The store.
+        /// Path of the store.
         store: PathBuf,
         /// The requested key.
         key: SchemeKey,
@@ -130,13 +130,13 @@ pub enum StoreError {
     /// A folder contains no schemes.
     #[error("{}: this folder holds no schemes", .store.display())]
     NoSchemes {
-        /// The folder.
+        /// Path of the folder.
         store: PathBuf,
     },
-    /// No scheme key, or more than one, begins with the given digits.
+    /// No scheme key begins with the given digits, or several keys do.
     #[error("{}: {} with {digits}", .store.display(), keys_begin(*.found))]
     KeyDigits {
-        /// The store.
+        /// Path of the store.
         store: PathBuf,
         /// The digits given.
         digits: String,
@@ -146,9 +146,9 @@ pub enum StoreError {
     /// The store has the scheme, but lacks a basis file of some degree up to the requested one.
     #[error("{}: scheme {key} holds {}, degree {missing} is missing", .store.display(), degrees_there(.complete_to))]
     DegreeMissing {
-        /// The store.
+        /// Path of the store.
         store: PathBuf,
-        /// The scheme.
+        /// Key of the scheme.
         key: SchemeKey,
         /// Scalar type of the scheme's files, if degree 0 exists.
         scalar: Option<Scalar>,
@@ -162,7 +162,7 @@ pub enum StoreError {
     /// Two basis files of a scheme have different numbers of rows per chunk, so they can't be read together.
     #[error("{}: chunks of {found} rows, the other degrees have {expected}; delete it and build it again", .path.display())]
     ChunkRowsDiffer {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Rows per chunk of the scheme's first basis file.
         expected: usize,
@@ -172,7 +172,7 @@ pub enum StoreError {
     /// The disk has too little free space, or the files exceed 64 GiB and large files aren't allowed.
     #[error("{}: the {what} needs {needed} bytes ({:.1} GB), the disk has {free} free ({:.1} GB)", .path.display(), *.needed as f64 / 1e9, *.free as f64 / 1e9)]
     Space {
-        /// The store.
+        /// Path of the store.
         path: PathBuf,
         /// Kind of file that would be written: `basis` or `factor`.
         what: &'static str,

@@ -17,7 +17,7 @@ const PREFIXES: [&str; 2] = [".A_", ".factor_"];
 const SUFFIX: &str = ".tmp";
 
 /// Creates a temporary file and locks it, so that other processes see that it is in use. On file systems without locks,
-/// other processes decide by the file's age.
+/// other processes take a file for abandoned if it is old.
 pub(crate) fn create(folder: &Path, prefix: &str) -> io::Result<NamedTempFile> {
     debug_assert!(PREFIXES.iter().any(|known| prefix.starts_with(known)), "{prefix}");
     loop {

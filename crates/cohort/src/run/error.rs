@@ -26,13 +26,13 @@ pub enum RunError {
     /// An output has the path of an input.
     #[error("{}: the input; choose another name for the output", .path.display())]
     OutputIsInput {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
     },
     /// A label is given for a mesh, or for a surface over a sphere.
     #[error("{}: a label is for volumes without a sphere (.nii, .mgz, .nrrd, .tif, .npy)", .path.display())]
     LabelOfMesh {
-        /// The surface's file.
+        /// Path of the surface's file.
         path: PathBuf,
     },
     /// An area distortion is given for the surface of a label. The map of such a surface always preserves areas.
@@ -50,7 +50,7 @@ pub enum RunError {
     /// A mask or missing values leave no vertex to fit.
     #[error("{}: no vertex is left to read", .path.display())]
     NothingToRead {
-        /// The surface's file.
+        /// Path of the surface's file.
         path: PathBuf,
     },
     /// A warning, which is an error in a strict run.
@@ -62,7 +62,7 @@ pub enum RunError {
     /// A file is missing.
     #[error("{}: no such file", .path.display())]
     Missing {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
     },
     /// The caller's check of a surface failed.

@@ -22,12 +22,12 @@ Method
     with Q_l = P_l^m / P_m^m; then, at the degrees asked for, the factor
     N (2m-1)!! from exact integers, and sin(theta)^m. cos(theta) and sin(theta)
     are z/r and hypot(x, y)/r. cos(m phi), sin(m phi) are the parts of
-    ((x + i y)/hypot(x, y))^m by repeated multiplication: it is what
-    sin(m atan2(y, x)) would be, but it also keeps its relative precision
-    next to phi = pi, where a rounded phi would not (y = 1e-300), and gives
-    exact zeros where y = 0.
-    A value below 1e-320 in size is written as `0`; one that is a little above,
-    so subnormal or nearly so as a double, as it is.
+    ((x + i y)/hypot(x, y))^m by repeated multiplication. This agrees with
+    sin(m atan2(y, x)), but it also keeps its relative precision next to
+    phi = pi (for example y = 1e-300), where a rounded phi would lose it, and
+    it gives exact zeros if y = 0.
+    Values below 1e-320 in size are written as `0`. Larger values are written
+    with all digits, even if they are subnormal as doubles.
 
 Checks (a failure of any stops the script before it writes)
     1. Every row at 80 and at 160 digits: relative difference below 1e-50, the
@@ -81,8 +81,8 @@ x,y,z,degree,order,value
 # ---------------------------------------------------------------- directions
 
 def direction(theta, phi, south=False):
-    """Doubles near (theta, phi), with theta from the south pole if `south`;
-    rounded, then divided by their length in double arithmetic."""
+    """Returns a direction near (theta, phi) as doubles of nearly unit length.
+    With `south`, theta is measured from the south pole."""
     with mp.workdps(40):
         theta, phi = mpf(theta), mpf(phi)
         x = float(mp.sin(theta) * mp.cos(phi))
@@ -93,13 +93,15 @@ def direction(theta, phi, south=False):
 
 
 def seam(theta, sign, y):
-    """A direction in the half-plane y = 0, `sign` x > 0, with y then set."""
+    """Returns a direction on or next to a seam: x with the given sign, and the
+    given y, which is 0 or tiny."""
     x, _, z = direction(theta, 0)
     return sign * x, y, z
 
 
 def directions():
-    """(thin, (x, y, z)) for each; `thin` ones get fewer orders at high degree."""
+    """Returns (thin, (x, y, z)) for each direction. Directions with `thin` get
+    fewer orders at high degrees."""
     full = [(0.0, 0.0, 1.0), (0.0, 0.0, -1.0)]
     # Near the poles, z rounds to +-1, and only x and y determine the direction.
     full += [direction("1e-8", phi) for phi in ("0.7", "2.9", "-1.3")]
@@ -126,8 +128,9 @@ def directions():
 
 
 def orders(degree, vector, thin):
-    """The orders for one degree: small, spread, near the turning point
-    (|m| = l sin theta, halves rounded up) and largest, both signs."""
+    """Returns the orders to write for one degree, with both signs: small ones,
+    ones spread over the range, the one nearest to the turning point
+    |m| = l sin theta (halves rounded up), and the largest."""
     l = degree
     turning = math.floor(l * math.sqrt(vector[0] ** 2 + vector[1] ** 2) + 0.5)
     size = {0, 1, 2, l // 2, turning, l - 1, l}
@@ -153,8 +156,8 @@ def norm(l, m, dps):
 
 
 def recurrence(vector, wanted):
-    """{(l, m): S_{l,m}} for `wanted` = {|m|: degrees}, both signs of m, in the
-    current precision."""
+    """Returns {(l, m): S_{l,m}} for `wanted` = {|m|: degrees} and both signs of
+    m, in the current precision."""
     x, y, z = (mpf(c) for c in vector)
     rho = mp.sqrt(x * x + y * y)
     r = mp.sqrt(x * x + y * y + z * z)
@@ -183,8 +186,8 @@ def recurrence(vector, wanted):
 # --------------------------------------------------------- the second formula
 
 def explicit(vector, l, m):
-    """(S_{l,m}, S_{l,-m}) for m >= 0, from theta and phi and the finite sum;
-    sets its own precision."""
+    """Returns (S_{l,m}, S_{l,-m}) for m >= 0, computed from theta and phi by the
+    finite sum of check 2, with a precision that depends on l."""
     with mp.workdps(int(1.1 * l) + 500):
         x, y, z = (mpf(c) for c in vector)
         theta = mp.atan2(mp.hypot(x, y), z)
@@ -215,8 +218,8 @@ def written(value):
 
 
 def one_direction(job):
-    """The rows of one direction, with checks 1, 2 and 5. Returns the text and
-    what was seen."""
+    """Computes the rows of one direction and makes checks 1, 2 and 5. Returns
+    the rows as text, their number, and the largest differences found."""
     thin, vector = job
     pairs = [(l, m) for l in DEGREES for m in orders(l, vector, thin)]
     wanted = {}
@@ -256,10 +259,11 @@ def one_direction(job):
     return text, len(pairs), seen
 
 
-# ----------------------------------------------------------------- the others
+# ---------------------------------------------------------- remaining checks
 
 def check_low_degrees(vectors):
-    """Check 3: the written-out polynomials, then mpmath.spherharm."""
+    """Makes check 3: compares with polynomials in x, y, z, then with
+    mpmath.spherharm."""
     worst = mpf(0)
     count = 0
     with mp.workdps(DIGITS):
@@ -312,12 +316,13 @@ def check_low_degrees(vectors):
 
 
 def rho_is_generic(vector):
-    """Away from poles, equator and seams, where spherharm keeps its digits."""
+    """Returns whether a direction is far from poles, equator and seams. There,
+    spherharm is accurate to all digits."""
     return min(abs(c) for c in vector) > 0.02
 
 
 def check_addition(vector, l=2000):
-    """Check 4."""
+    """Makes check 4, the addition theorem, for one direction."""
     with mp.workdps(DIGITS):
         values = recurrence(vector, {m: {l} for m in range(l + 1)})
         assert len(values) == 2 * l + 1

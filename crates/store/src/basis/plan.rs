@@ -80,8 +80,8 @@ pub(super) struct Plan {
 }
 
 impl Plan {
-    /// Opens the file of every requested degree, with all checks except those of the chunks, and notes the missing and
-    /// damaged ones.
+    /// Opens the file of every requested degree, with all checks except those of the chunks, and records the missing
+    /// and the damaged files.
     pub(super) fn new(folder: &Path, key: SchemeKey, rows: usize, params: &BuildParams) -> Result<Self, StoreError> {
         let mut plan = Self { missing: Vec::new(), damaged: Vec::new(), chunk_rows: 0, rows, bytes: 0 };
         for degree in 0..=params.max_degree {
