@@ -263,8 +263,8 @@ impl Request<'_> {
             differences.push(Difference { setting: "voxel_size", found, wanted });
         }
         let (repaired, cut) = (recorded.repair.is_some(), recorded.handles.is_some());
-        // A model of a label without recorded repair or cut shows that the label needs neither. For a mesh, this can't
-        // be concluded.
+        // If a label was fitted without a recorded repair or cut, it needs neither. For a mesh, this can't be
+        // concluded.
         let as_it_is = self.input.label.is_some() && !repaired && !cut;
         // A repaired label has no handles left to cut.
         let without_handles = self.input.label.is_some() && repaired;

@@ -31,7 +31,7 @@ const END: u64 = 1 << 16;
 const CHUNK: usize = 1 << 19;
 const CHUNK_OF_THREAD: usize = 1 << 16;
 
-/// The tables and columns of the samples, and the degree of the fits that their moments will allow.
+/// The tables to read, their columns, and the highest degree of the fits that the moments allow.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Request {
     /// Paths of the tables, in order; `-` is standard input.

@@ -108,7 +108,7 @@ impl fmt::Display for SchemeKey {
     }
 }
 
-/// The text isn't a [`SchemeKey`]: 64 lower-case hexadecimal digits.
+/// Error for a text that isn't a valid [`SchemeKey`] of 64 lower-case hexadecimal digits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("expected 64 hexadecimal digits")]
 pub struct NotAKey;
