@@ -66,8 +66,9 @@ pub fn leave_out_kernels() {
     let Some(path) = library() else {
         // rustc's own message, minutes later, names neither the package nor the alternative.
         println!(
-            "cargo::warning=libopenblas.a is in none of the folders listed in .cargo/config.toml; if linking fails, install OpenBLAS \
-             (Debian, Ubuntu: libopenblas-dev), or build without it: --no-default-features --features tables"
+            "cargo::warning=libopenblas.a is in none of the folders listed in .cargo/config.toml; if linking fails, \
+             install OpenBLAS (Debian, Ubuntu: libopenblas-dev), or build without it: --no-default-features --features \
+             tables"
         );
         return;
     };

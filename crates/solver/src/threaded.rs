@@ -3,7 +3,7 @@
 //! [`ThreadedKernels`] lists them, and [`Kernels`] is the implementation that the build chooses: OpenBLAS with the
 //! feature `openblas`, which exists on Linux for x86-64, otherwise faer, which is Rust throughout. Small matrices, and
 //! those processed by several threads at once, are handled by faer on the calling thread in either case
-//! ([`dense`](crate::dense)).
+//! (`dense`).
 //!
 //! Matrices are column-major slices with a leading dimension. Rows are counted from 0.
 

@@ -15,6 +15,10 @@ use crate::{folder, temporary};
 pub use crate::basis::degrees;
 
 /// Lists the keys of the schemes in a store, in ascending order. The list is empty for a folder that isn't a store.
+///
+/// # Errors
+///
+/// [`StoreError::Io`] if the store can't be listed.
 pub fn schemes(store: &Path) -> Result<Vec<SchemeKey>, StoreError> {
     folder::schemes(store)
 }
