@@ -6,8 +6,11 @@
 //!
 //! The only LAPACK routine called is `dpotrf`, which OpenBLAS implements in C, so no Fortran library is linked.
 
+#[cfg(all(feature = "link", target_os = "linux", target_arch = "x86_64"))]
 use lax as _;
+#[cfg(all(feature = "link", target_os = "linux", target_arch = "x86_64"))]
 use ndarray_linalg as _;
+#[cfg(all(feature = "link", target_os = "linux", target_arch = "x86_64"))]
 use openblas_src as _;
 
 /// Bytes of address space that OpenBLAS reserves for each of its worker threads: 32 MiB if built from source with
