@@ -50,7 +50,7 @@ fn degrees_that_resolve_the_voxels_and_equal_volumes_are_warned_of() {
     let mut volumes = tool("volumes");
     volumes.args(["a.nii", "b.nii", "c.nii", "--max-degree", "12", "-o", "cells"]).current_dir(folder.path());
     let found = warnings(&mut volumes);
-    assert!(found.iter().any(|warning| warning.starts_with("a.nii label 1, c.nii label 1: their inputs")), "{found:?}");
+    assert!(found.iter().any(|warning| warning.starts_with("a.nii label 1, c.nii label 1: these inputs")), "{found:?}");
     assert!(found.iter().any(|warning| warning.contains("resolves the voxels of 2 labels")), "{found:?}");
 }
 

@@ -87,7 +87,7 @@ fn what_would_fail_after_the_fits_is_refused_before_them() {
         (
             &STUDY.to_owned(),
             table.replace("id,surface,group", "id,surface,Sphere"),
-            "unknown column \"Sphere\"; rename it to sphere",
+            "unknown column \"Sphere\"; rename the column to sphere",
         ),
     ] {
         write(site.path(), "study.toml", study_text);

@@ -73,7 +73,7 @@ fn a_wrong_unit_and_a_file_under_two_ids_are_named_at_the_end_and_on_the_page() 
     for said in ["area ", "distance from the mean ", "robust z ", "check its surface, its units and its label"] {
         assert!(far.contains(said), "{far}");
     }
-    assert!(page.iter().any(|warning| warning.starts_with("a02, b01: their inputs are equal")), "{page:?}");
+    assert!(page.iter().any(|warning| warning.starts_with("a02, b01: these inputs are equal")), "{page:?}");
     assert_eq!(page.iter().filter(|warning| warning.contains("a02, b01")).count(), 1, "once: {page:?}");
     assert!(!page.iter().any(|warning| warning.starts_with("b0")), "the others are near: {page:?}");
     for warning in &page {

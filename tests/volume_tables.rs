@@ -139,7 +139,7 @@ fn voxel_sizes_are_given_where_files_have_none() {
     std::fs::write(site.path("cube.npy"), file).expect("written");
     let output = finish(&mut site.run(&["cube.npy"]));
     assert!(
-        text(&output).contains("doesn't say how large its voxels are; give it with --voxel-size X,Y,Z"),
+        text(&output).contains("doesn't record the voxel size; give the voxel size with --voxel-size X,Y,Z"),
         "{}",
         text(&output)
     );

@@ -82,7 +82,7 @@ fn a_fit_takes_any_degree_that_is_there_and_says_how_to_get_more() {
         for degree in [7, 9] {
             let line = fail(&mut fit(degree));
             assert!(line.contains("degrees 0 to 6"), "{line}");
-            let command = line.split("extend it with: ").nth(1).unwrap_or_else(|| panic!("{line}"));
+            let command = line.split("extend the basis with: ").nth(1).unwrap_or_else(|| panic!("{line}"));
             assert_eq!(command.contains("--dtype"), dtype.is_some(), "{line}");
             // The suggested command works as printed, once SPHERE is replaced; the store doesn't know the sphere's
             // path.

@@ -36,9 +36,9 @@ fn a_read_only_store_serves_fits_and_says_why_it_does_not_grow() {
     succeed(tool("store").arg("verify").arg(&store));
     let line = fail(&mut command("basis-build", "7"));
     assert!(line.contains(&store.display().to_string()), "{line}");
-    assert!(line.contains("choose a --store that you may use, or change its permissions"), "{line}");
+    assert!(line.contains("choose a --store that you have permission to use, or change its permissions"), "{line}");
     let line = fail(command("basis-build", "2").args(["--dtype", "f32"]));
-    assert!(line.contains("choose a --store that you may use, or change its permissions"), "{line}");
+    assert!(line.contains("choose a --store that you have permission to use, or change its permissions"), "{line}");
     namespace::remount(&store, "rw");
     assert_eq!(catalog::schemes(&store).expect("a store"), [key]);
     assert!(verified(&store) == before);

@@ -69,9 +69,11 @@ fn of_run(error: &RunError) -> Option<String> {
 
 fn of_surface(error: &SurfaceError) -> Option<String> {
     match error {
-        SurfaceError::OutputExists { .. } => Some("pass --force to replace it, or give another name".to_owned()),
+        SurfaceError::OutputExists { .. } => {
+            Some("give --force to replace the file, or choose another name".to_owned())
+        }
         SurfaceError::VolumeInput { .. } => {
-            Some("fit and parametrize make the surface of one of its labels, with --label N and no --sphere".to_owned())
+            Some("spharm fit and spharm parametrize accept volumes, with --label N and without --sphere".to_owned())
         }
         // Errors of comparing two surfaces vertex by vertex.
         SurfaceError::TopologyDiffers { .. }
@@ -86,17 +88,23 @@ fn of_store(error: &StoreError) -> Option<String> {
     let text = match error {
         StoreError::Io { source, .. } => return of_io(source).map(str::to_owned),
         StoreError::FactorDiffers { .. } => {
-            "compute the one that is needed with spharm basis-build --factor".to_owned()
+            "compute the required factor with spharm basis-build --factor".to_owned()
         }
-        StoreError::FactorMissing { .. } => "compute it with spharm basis-build --factor on the same sphere".to_owned(),
-        StoreError::NoSuchScheme { .. } => "build it with spharm basis-build --sphere on the same sphere".to_owned(),
-        StoreError::NoSchemes { .. } => "is it the folder that was given as --store?".to_owned(),
-        StoreError::KeyDigits { found: 0, .. } => "`spharm store list` shows its schemes".to_owned(),
-        StoreError::KeyDigits { .. } => "give more digits".to_owned(),
+        StoreError::FactorMissing { .. } => {
+            "compute the factor with spharm basis-build --factor on the same sphere".to_owned()
+        }
+        StoreError::NoSuchScheme { .. } => {
+            "build the basis with spharm basis-build --sphere on the same sphere".to_owned()
+        }
+        StoreError::NoSchemes { .. } => "was this folder given to spharm basis-build as --store?".to_owned(),
+        StoreError::KeyDigits { found: 0, .. } => "`spharm store list` shows the keys of all schemes".to_owned(),
+        StoreError::KeyDigits { .. } => "give more digits of the key".to_owned(),
         StoreError::DegreeMissing { store, scalar, wanted, .. } => {
             let dtype = if *scalar == Some(Scalar::F32) { " --dtype f32" } else { "" };
             let store = store.display();
-            format!("extend it with: spharm basis-build --sphere SPHERE --max-degree {wanted} --store {store}{dtype}")
+            format!(
+                "extend the basis with: spharm basis-build --sphere SPHERE --max-degree {wanted} --store {store}{dtype}"
+            )
         }
         StoreError::Space { what, needed, free, .. } => of_space(what, needed > free),
         StoreError::Layout { .. } => "choose another --chunk-rows".to_owned(),
@@ -105,7 +113,7 @@ fn of_store(error: &StoreError) -> Option<String> {
         | StoreError::ChunkDamaged { .. }
         | StoreError::TileDamaged { .. }
         | StoreError::ChangedWhileRead { .. }
-        | StoreError::ChunkRowsDiffer { .. } => "spharm basis-build builds what is missing".to_owned(),
+        | StoreError::ChunkRowsDiffer { .. } => "spharm basis-build rebuilds missing files".to_owned(),
         StoreError::Interrupted(_) => "run the same command again to resume".to_owned(),
         _ => return None,
     };
@@ -130,7 +138,7 @@ fn of_io(source: &io::Error) -> Option<&'static str> {
             "free some space or choose another --store, then run the same command again: finished degrees are kept",
         ),
         io::ErrorKind::ReadOnlyFilesystem | io::ErrorKind::PermissionDenied => {
-            Some("choose a --store that you may use, or change its permissions")
+            Some("choose a --store that you have permission to use, or change its permissions")
         }
         io::ErrorKind::NotFound => Some("check the path, or build the store with spharm basis-build"),
         _ if source.raw_os_error() == Some(rustix::io::Errno::MFILE.raw_os_error()) => {
@@ -151,10 +159,10 @@ fn of_solver(error: &SolverError) -> Option<String> {
             Some(format!("give --memory {memory}MiB, or use --method irf with a smaller --granularity"))
         }
         SolverError::Underdetermined { .. } => {
-            Some("--max-degree L lowers it, --smoothness LAMBDA adds one".to_owned())
+            Some("--max-degree L sets a lower degree, --smoothness LAMBDA a penalty".to_owned())
         }
         SolverError::NotPositiveDefinite { .. } => {
-            Some("--max-degree L lowers it, --smoothness LAMBDA adds one".to_owned())
+            Some("--max-degree L sets a lower degree, --smoothness LAMBDA a penalty".to_owned())
         }
         SolverError::Interrupted(_) => {
             Some("finished models are kept, and --skip-existing skips them next time".to_owned())
@@ -166,18 +174,18 @@ fn of_solver(error: &SolverError) -> Option<String> {
 fn of_parametrize(error: &ParametrizeError) -> Option<String> {
     match error {
         ParametrizeError::BadSurface { handles: 1.., .. } => {
-            Some("--cut-handles cuts and fills them, and reconstruct restores the original surface".to_owned())
+            Some("--cut-handles cuts the handles and fills the cuts; spharm reconstruct restores handles".to_owned())
         }
         ParametrizeError::BadVolume { repairable: true, handles: 1.., .. } => {
-            Some("--fix repairs it; to keep handles, use --cut-handles".to_owned())
+            Some("--fix repairs the label; to keep its handles, use --cut-handles".to_owned())
         }
-        ParametrizeError::BadVolume { repairable: true, .. } => Some("--fix repairs it".to_owned()),
+        ParametrizeError::BadVolume { repairable: true, .. } => Some("--fix repairs the label".to_owned()),
         ParametrizeError::VertexMap { .. } => {
-            Some("fit accepts it together with the --sphere of its vertices".to_owned())
+            Some("spharm fit accepts values on vertices together with the --sphere of these vertices".to_owned())
         }
-        ParametrizeError::NoVoxelSize { .. } => Some("give it with --voxel-size X,Y,Z".to_owned()),
-        ParametrizeError::NoLabel { .. } => Some("choose one with --label N".to_owned()),
-        ParametrizeError::SinglePrecision { .. } => Some(".surf.gii and .ply are such formats".to_owned()),
+        ParametrizeError::NoVoxelSize { .. } => Some("give the voxel size with --voxel-size X,Y,Z".to_owned()),
+        ParametrizeError::NoLabel { .. } => Some("--label N selects a label".to_owned()),
+        ParametrizeError::SinglePrecision { .. } => Some(".surf.gii and .ply hold 64-bit numbers".to_owned()),
         ParametrizeError::Surface(error) => of_surface(error),
         ParametrizeError::Solver(error) => of_solver(error),
         _ => None,
@@ -187,10 +195,12 @@ fn of_parametrize(error: &ParametrizeError) -> Option<String> {
 fn of_moments(error: &MomentsError) -> Option<String> {
     match error {
         MomentsError::Columns { .. } => {
-            Some("--angles, --lonlat or --vectors name the columns of positions, --values the others".to_owned())
+            Some("give the position columns with --angles, --lonlat or --vectors, the others with --values".to_owned())
         }
-        MomentsError::Memory { .. } => Some("--max-degree L lowers it, --memory SIZE raises the limit".to_owned()),
-        MomentsError::Missing { .. } => Some("--partial adds the parts that exist".to_owned()),
+        MomentsError::Memory { .. } => {
+            Some("--max-degree L sets a lower degree, --memory SIZE a larger budget".to_owned())
+        }
+        MomentsError::Missing { .. } => Some("to add only the parts that exist, give --partial".to_owned()),
         MomentsError::Output(error) => of_surface(error),
         _ => None,
     }
@@ -198,7 +208,7 @@ fn of_moments(error: &MomentsError) -> Option<String> {
 
 fn of_model(error: &ModelError) -> Option<String> {
     match error {
-        ModelError::NoSphere => Some("--icosphere N or --sphere gives one".to_owned()),
+        ModelError::NoSphere => Some("give a sphere with --icosphere N or --sphere FILE".to_owned()),
         ModelError::Surface(error) => of_surface(error),
         _ => None,
     }
@@ -208,11 +218,11 @@ fn of_shape(error: &ShapeError) -> Option<String> {
     match error {
         ShapeError::NotASurface { .. } => Some("spharm shape smooth and describe also accept signals".to_owned()),
         ShapeError::NoExtent { .. } => {
-            Some("`spharm reconstruct` shows it; fit the surface again, to degree 1 or more".to_owned())
+            Some("`spharm reconstruct` shows the model; fit the surface again, to degree 1 or more".to_owned())
         }
-        ShapeError::Range { .. } => Some("`spharm shape rotate --scale FACTOR` does".to_owned()),
+        ShapeError::Range { .. } => Some("`spharm shape rotate --scale FACTOR` scales a model".to_owned()),
         ShapeError::Setting { name: NO_TRIANGLES, .. } => {
-            Some("--icosphere N or a --sphere that is a mesh has triangles".to_owned())
+            Some("give --icosphere N, or a --sphere with triangles".to_owned())
         }
         _ => None,
     }

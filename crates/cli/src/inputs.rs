@@ -53,7 +53,7 @@ pub fn expand_lists(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
         };
         let list = Path::new(list);
         if !list.is_file() {
-            bail!("{}: no such list of paths", list.display());
+            bail!("{}: this list of paths does not exist", list.display());
         }
         let text = read_text(list, "list", LONGEST_LIST)?;
         let base = list.parent().unwrap_or(Path::new(""));

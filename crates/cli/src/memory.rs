@@ -74,13 +74,15 @@ impl fmt::Display for TooLarge {
         let size = |bytes: u64| Size(usize::try_from(bytes).unwrap_or(usize::MAX));
         write!(f, "{} needs {} of memory, ", self.what, size(self.needed))?;
         match self.given {
-            true => write!(f, "--memory is {}", size(self.bytes))?,
-            false => write!(f, "{} are free", size(self.bytes))?,
+            true => write!(f, "but --memory is {}", size(self.bytes))?,
+            false => write!(f, "but only {} are free", size(self.bytes))?,
         }
         match (&self.nearest, self.given) {
-            (Some((setting, needed)), _) => write!(f, ": {setting} needs {}", size(*needed)),
-            (None, true) => f.write_str(": raise --memory"),
-            (None, false) => f.write_str(": use a machine with more free memory, or raise the limit"),
+            (Some((setting, needed)), _) => write!(f, "; {setting} needs only {}", size(*needed)),
+            (None, true) => f.write_str("; raise --memory"),
+            (None, false) => {
+                f.write_str("; use a machine with more free memory, or raise the memory limit of the process")
+            }
         }
     }
 }
@@ -165,10 +167,11 @@ mod tests {
         let (budget, gib) = (given(1 << 30), 1_u64 << 30);
         budget.check("work", gib - PROGRAM).unwrap();
         let line = budget.check("compare a.ply", gib).unwrap_err().to_string();
-        assert_eq!(line, "compare a.ply needs 1.02 GiB of memory, --memory is 1.00 GiB: raise --memory");
+        assert_eq!(line, "compare a.ply needs 1.02 GiB of memory, but --memory is 1.00 GiB; raise --memory");
         let others = (0..12).rev().map(|n| (format!("--icosphere {n}"), gib << 2 >> (12 - n)));
         let line = budget.check_or("--icosphere 12", 4 * gib, others).unwrap_err().to_string();
-        let nearest = "--icosphere 12 needs 4.02 GiB of memory, --memory is 1.00 GiB: --icosphere 9 needs 532.0 MiB";
+        let nearest =
+            "--icosphere 12 needs 4.02 GiB of memory, but --memory is 1.00 GiB; --icosphere 9 needs only 532.0 MiB";
         assert_eq!(line, nearest);
         assert!(budget.check("sums don't wrap", u64::MAX).is_err());
     }

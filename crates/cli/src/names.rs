@@ -61,7 +61,7 @@ impl FromStr for NameTemplate {
             return Err("a name can't contain folders; give them with --output".to_owned());
         }
         if parts.iter().all(|part| matches!(part, Part::Text(_))) {
-            return Err("expected a placeholder, such as {stem}: without one every input has the same name".to_owned());
+            return Err("expected a placeholder, such as {stem}; otherwise all inputs have the same name".to_owned());
         }
         Ok(Self(parts))
     }
@@ -113,7 +113,8 @@ impl NameTemplate {
         let of_input = self.0.iter().any(|part| matches!(part, Part::Stem | Part::Parent(_)));
         if let (false, Some((input, _))) = (of_input, inputs.iter().find(|(_, label)| label.is_none())) {
             bail!(
-                "{}: --name-template '{self}' has only {{label}}, but this isn't a label of a volume",
+                "{}: --name-template '{self}' has only the placeholder {{label}}, but this input isn't a label of a \
+                 volume",
                 input.display()
             );
         }
@@ -130,7 +131,7 @@ impl NameTemplate {
             let paths: Vec<PathBuf> = inputs.iter().map(|(input, _)| input.clone()).collect();
             let remedy = match Self::distinguishing(&paths) {
                 Some(template) => format!("give --name-template '{template}'"),
-                None => "rename one or give them in separate calls".to_owned(),
+                None => "rename one of the inputs, or give them in separate calls".to_owned(),
             };
             bail!("{first} and {second} would both be written to {}; {remedy}", outputs[pair[0]].display());
         }
@@ -187,7 +188,7 @@ pub fn model_files(
         [_] if ending == "npz" => return Ok(vec![folder.to_owned()]),
         several if ending == "npz" => {
             bail!(
-                "{}: can't hold the models of {} surfaces; --output must name a folder",
+                "{}: one file can't hold the models of {} surfaces; --output must name a folder",
                 folder.display(),
                 several.len()
             );

@@ -64,7 +64,7 @@ pub fn surfaces(
     let mut surfaces = Vec::new();
     for path in expand_lists(paths)? {
         if path.is_dir() {
-            bail!("{}: is a folder: give its files or @LIST", path.display());
+            bail!("{}: is a folder; give the files in it, or a list of paths as @LIST", path.display());
         }
         if !of_volumes || !is_volume(&path) {
             if labels.is_some() || voxel_size.is_some() {

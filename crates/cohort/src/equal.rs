@@ -72,7 +72,7 @@ pub fn first_of<'a>(names: impl IntoIterator<Item = &'a str>, most: usize) -> St
 pub fn same_inputs(names: &[&str]) -> String {
     const NAMED: usize = 12;
     let named = first_of(names.iter().copied(), NAMED);
-    format!("{named}: their inputs are equal, to the last byte; is one of them another subject's?")
+    format!("{named}: these inputs are equal, byte for byte; does one of the files belong to another subject?")
 }
 
 #[cfg(test)]
@@ -94,7 +94,7 @@ mod tests {
         inputs.add(&record("z", None), weights("a"), "a".into());
         inputs.add(&record("z", None), weights("b"), "b".into());
         let [only] = &inputs.warnings()[..] else { panic!("{:?}", inputs.warnings()) };
-        assert!(only.starts_with("s1, s3: their inputs are equal"), "{only}");
+        assert!(only.starts_with("s1, s3: these inputs are equal"), "{only}");
         (0..20).for_each(|n| inputs.add(&record("w", None), None, format!("n{n:02}")));
         assert!(inputs.warnings()[0].contains("n11 and 8 more: "), "{:?}", inputs.warnings());
     }

@@ -48,7 +48,7 @@ pub enum CohortError {
         hint: &'static str,
     },
     /// Two columns have the same name.
-    #[error("{}: line {line}: duplicate column {column}; rename one", .path.display())]
+    #[error("{}: line {line}: duplicate column {column}; rename one of the two", .path.display())]
     ColumnTwice {
         /// Path of the table.
         path: PathBuf,
@@ -59,7 +59,8 @@ pub enum CohortError {
     },
     /// The name of a column is almost that of a known column.
     #[error(
-        "{}: line {line}: unknown column {column:?}; rename it to {nearest}, or to something less similar",
+        "{}: line {line}: unknown column {column:?}; rename the column to {nearest}, or to a name less similar to \
+         {nearest}",
         .path.display()
     )]
     NearlyColumn {

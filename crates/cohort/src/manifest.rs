@@ -222,8 +222,8 @@ impl Columns {
         for (column, found) in [(ID, own[0]), (SURFACE, own[1])] {
             if found.is_none() {
                 let hint = match &header[..] {
-                    [one] if one.contains('\t') => "; a table with tabs has a name that ends in .tsv",
-                    [one] if one.contains(',') => "; a table with commas has a name that ends in .csv",
+                    [one] if one.contains('\t') => "; the name of a table with tabs must end in .tsv",
+                    [one] if one.contains(',') => "; the name of a table with commas must end in .csv",
                     [one] if one.contains(';') => "; separate the cells by tabs, or by commas in a .csv",
                     _ => "",
                 };

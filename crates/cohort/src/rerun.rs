@@ -81,7 +81,7 @@ pub enum Refusal {
         path: PathBuf,
     },
     /// The existing model was made from another input.
-    #[error("{}: the model of {}, not of {}", .path.display(), .recorded, .input)]
+    #[error("{}: the existing model was made from {}, not from {}", .path.display(), .recorded, .input)]
     OtherInput {
         /// Path of the model.
         path: PathBuf,
@@ -91,7 +91,7 @@ pub enum Refusal {
         input: String,
     },
     /// The existing model was made from an earlier version of the input's file.
-    #[error("{}: the model of {input}, whose contents have changed since", .path.display())]
+    #[error("{}: the existing model was made from an earlier version of {input}", .path.display())]
     Changed {
         /// Path of the model.
         path: PathBuf,
@@ -99,7 +99,7 @@ pub enum Refusal {
         input: String,
     },
     /// The existing model was made from the same input with other settings.
-    #[error("{}: fitted with other settings: {}", .path.display(), list(.differences))]
+    #[error("{}: the existing model was fitted with other settings: {}", .path.display(), list(.differences))]
     OtherSettings {
         /// Path of the model.
         path: PathBuf,
@@ -107,7 +107,7 @@ pub enum Refusal {
         differences: Vec<Difference>,
     },
     /// The existing sphere, or the existing surface of a label, wasn't made from the input.
-    #[error("{}: not made of {input}, or it doesn't say so", .path.display())]
+    #[error("{}: the existing file wasn't made from {input}, or doesn't record its input", .path.display())]
     OtherSphere {
         /// Path of the sphere or surface.
         path: PathBuf,
@@ -115,7 +115,7 @@ pub enum Refusal {
         input: String,
     },
     /// The existing model can't be read, or doesn't record its input.
-    #[error("{}: no model, or one that doesn't record what it was made from", .path.display())]
+    #[error("{}: the existing file isn't a model, or doesn't record its input", .path.display())]
     Unknown {
         /// Path of the model.
         path: PathBuf,
@@ -309,7 +309,7 @@ impl Request<'_> {
         let scalar = if single { Scalar::F32 } else { Scalar::F64 };
         if !same_region(provenance.region.as_ref(), self.region) {
             let name = |record: Option<&FileRecord>| record.map_or("none".to_owned(), ToString::to_string);
-            check("region", name(provenance.region.as_ref()), format!("{}, as it is", name(self.region)));
+            check("region", name(provenance.region.as_ref()), format!("{} as it is now", name(self.region)));
         }
         let wanted = self.sphere.map(|sphere| SchemeKey::of(&sphere.directions, scalar).to_string());
         let recorded_key = sphere_name(model.scheme_key.as_ref().filter(|_| !provenance.parametrized));
@@ -324,7 +324,7 @@ impl Request<'_> {
         let recorded_objective = recorded.and_then(|settings| settings.objective.clone());
         check("objective", recorded_objective.unwrap_or("vertices".to_owned()), objective.name().to_owned());
         if self.sphere.is_none() {
-            let area = |area: Option<f64>| area.map_or("the usual".to_owned(), |area| area.to_string());
+            let area = |area: Option<f64>| area.map_or("the default".to_owned(), |area| area.to_string());
             check("area", area(recorded.and_then(|settings| settings.area)), area(params.area));
         }
         check("passes", text(|s| s.passes.to_string()), method.passes().to_string());

@@ -78,7 +78,7 @@ pub enum ParametrizeError {
     },
 
     /// The volume's file doesn't specify the size of its voxels.
-    #[error("{}: {format} doesn't say how large its voxels are", path.display())]
+    #[error("{}: {format} doesn't record the voxel size", path.display())]
     NoVoxelSize {
         /// The file.
         path: PathBuf,

@@ -330,7 +330,7 @@ pub enum SurfaceError {
     },
 
     /// A mask excludes every vertex.
-    #[error("{}: no vertex is left to read: the mask excludes all of them", path.display())]
+    #[error("{}: all vertices are excluded by the mask", path.display())]
     NothingKept {
         /// The mask's file.
         path: PathBuf,

@@ -18,7 +18,7 @@ pub(super) fn of_fit(error: &Error) -> Option<String> {
             needed.div_ceil(1 << 20)
         )),
         Error::Degree { .. } => Some("give a lower --max-degree".to_owned()),
-        Error::Limit { .. } => Some("--threads N sets their number".to_owned()),
+        Error::Limit { .. } => Some("give a smaller number of threads with --threads N".to_owned()),
         Error::NotConverged(_) => Some("without --strict this is only a warning".to_owned()),
         _ => None,
     }
@@ -45,5 +45,5 @@ pub fn of_oscillation(params: &FitParams) -> String {
         (Method::Lsq, _) => "--objective vertices --smoothness auto, ",
         _ => "--method lsq, ",
     };
-    format!("use {smoother}a lower --max-degree, or a sphere with larger cells for large triangles")
+    format!("use {smoother}a lower --max-degree, or a sphere that gives large triangles more area")
 }

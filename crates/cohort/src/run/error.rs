@@ -24,31 +24,31 @@ pub enum RunError {
     #[error(transparent)]
     Output(#[from] Refusal),
     /// An output has the path of an input.
-    #[error("{}: the input; choose another name for the output", .path.display())]
+    #[error("{}: this file is the input; choose another name for the output", .path.display())]
     OutputIsInput {
         /// Path of the file.
         path: PathBuf,
     },
     /// A label is given for a mesh, or for a surface over a sphere.
-    #[error("{}: a label is for volumes without a sphere (.nii, .mgz, .nrrd, .tif, .npy)", .path.display())]
+    #[error("{}: labels are only for volumes without a sphere (.nii, .mgz, .nrrd, .tif, .npy)", .path.display())]
     LabelOfMesh {
         /// Path of the surface's file.
         path: PathBuf,
     },
     /// An area distortion is given for the surface of a label. The map of such a surface always preserves areas.
-    #[error("{input}: area is for meshes; the quadrangles around a label are mapped with equal areas")]
+    #[error("{input}: area is only for meshes; the quadrangles around a label always get equal areas")]
     AreaOfLabel {
         /// Description of the volume and its label.
         input: String,
     },
     /// The weights given in the table aren't an existing file.
-    #[error("column weights: expected uniform, area or a file, found {}, which isn't there", .path.display())]
+    #[error("column weights: expected uniform, area or a file, found {}: no such file", .path.display())]
     NoWeights {
         /// The cell of the table, as a path.
         path: PathBuf,
     },
     /// A mask or missing values leave no vertex to fit.
-    #[error("{}: no vertex is left to read", .path.display())]
+    #[error("{}: all vertices are excluded by the mask or by missing values", .path.display())]
     NothingToRead {
         /// Path of the surface's file.
         path: PathBuf,

@@ -121,8 +121,8 @@ fn nrrd_attached_and_detached() {
     check(&folder.read("d.nhdr", &detached).unwrap(), [0.0; 3], [0.4, 0.3, 0.6]);
     for (fields, why) in [
         ("encoding: bzip2\nspacings: 1 1 1\n", "encoding: raw or gzip"),
-        ("encoding: raw\n", "doesn't say how large its voxels are"),
-        ("encoding: raw\nspacings: 1 1\n", "doesn't say how large"),
+        ("encoding: raw\n", "doesn't record the voxel size"),
+        ("encoding: raw\nspacings: 1 1\n", "doesn't record the voxel size"),
         ("encoding: raw\nspacings: 1 nan 1\n", "voxels with a volume"),
         ("encoding: raw\nspacings: 1 1 1\nline skip: 3\n", "right after the header"),
         ("encoding: raw\nspacings: 1 1 1\ndata file: ../values.raw\n", "in the header's folder"),
@@ -207,7 +207,7 @@ fn arrays_of_numpy() {
     check(&read(&npy("|u1", "False", "(3, 2, 2)", &c_order)).unwrap(), [0.0; 3], last);
     let wide: Vec<u8> = c_order.iter().flat_map(|&x| i32::from(x).to_be_bytes()).collect();
     check(&read(&npy(">i4", "False", "(3, 2, 2)", &wide)).unwrap(), [0.0; 3], last);
-    folder.refused("b.npy", &npy("|u1", "True", "(3, 2, 2)", &VALUES), "doesn't say how large its voxels are");
+    folder.refused("b.npy", &npy("|u1", "True", "(3, 2, 2)", &VALUES), "doesn't record the voxel size");
     for (bytes, why) in [
         (npy("|u1", "True", "(12,)", &VALUES), "three dimensions"),
         (npy("<c8", "True", "(3, 2, 2)", &VALUES), "whole numbers"),

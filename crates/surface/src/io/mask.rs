@@ -84,13 +84,13 @@ mod tests {
             (&text.replace("\n2\n", "\n4000000000\n"), 5, "4000000000 vertices"),
             (&text.replace("\n2\n", "\nx\n"), 5, "a count on line 2"),
             (&text.replace("\n3  ", "\n-3  "), 5, "a vertex on line 3"),
-            (&format!("{head}0\n"), 5, "no vertex is left"),
+            (&format!("{head}0\n"), 5, "all vertices are excluded"),
             (head, 5, "a count"),
         ] {
             let error = read("bad.label", text, vertices).unwrap_err().to_string();
             assert!(error.contains("bad.label") && error.contains(expected) && !error.contains('\n'), "{error}");
         }
-        for (text, expected) in [("0\n0\n", "no vertex is left"), ("1\n", "1 vertices"), ("1,2\n1,2\n", "2 for each")] {
+        for (text, expected) in [("0\n0\n", "all vertices are excluded"), ("1\n", "1 vertices"), ("1,2\n1,2\n", "2 for each")] {
             let error = read("bad.csv", text, 2).unwrap_err().to_string();
             assert!(error.contains("bad.csv") && error.contains(expected), "{error}");
         }
