@@ -111,8 +111,8 @@ fn what_a_format_cannot_hold_is_refused_with_the_reason() {
     site.model("surface.npz", 3, 3);
     site.model("radius.npz", 3, 1);
     for (model, format, why) in [
-        ("radius.npz", "pdm", "SPHARM-PDM holds surfaces, of 3 channels; the model has 1"),
-        ("radius.npz", "mat", "SPHARM-MAT holds surfaces, of 3 channels; the model has 1"),
+        ("radius.npz", "pdm", "SPHARM-PDM files hold surfaces, with 3 channels; the model has 1"),
+        ("radius.npz", "mat", "SPHARM-MAT files hold surfaces, with 3 channels; the model has 1"),
         ("surface.npz", "aics", "radius of a star-shaped body"),
     ] {
         let said = fail(&mut site.run("export", &[model, "--to", format, "-o", "x"]));
@@ -123,7 +123,7 @@ fn what_a_format_cannot_hold_is_refused_with_the_reason() {
     let table = std::fs::read_to_string(site.path("r.csv")).expect("a table");
     assert!(table.starts_with("shcoeffs_L0M0C,shcoeffs_L0M1C,shcoeffs_L0M2C,") && table.lines().count() == 2);
     let said = fail(&mut site.run("import", &["r.csv", "-o", "r.npz"]));
-    assert!(said.contains("written, not read"), "{said}");
+    assert!(said.contains("can be exported, but not imported"), "{said}");
     site.model("high.npz", 90, 3);
     let output = finish(&mut site.run("export", &["high.npz", "--to", "pdm", "-o", "high.coef"]));
     assert!(

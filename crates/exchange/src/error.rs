@@ -11,7 +11,7 @@ use spharm_surface::SurfaceError;
 #[non_exhaustive]
 pub enum ExchangeError {
     /// The operating system refused to open or read a file.
-    #[error("{}: cannot be read: {source}", .path.display())]
+    #[error("{}: cannot read the file: {source}", .path.display())]
     Io {
         /// Path of the file.
         path: PathBuf,
@@ -31,7 +31,7 @@ pub enum ExchangeError {
         found: String,
     },
     /// The file's format can't be determined from its contents.
-    #[error("{}: cannot tell the format of its coefficients, {found}; expected {remedy}", .path.display())]
+    #[error("{}: the format of the coefficients is ambiguous: found {found}, expected {remedy}", .path.display())]
     Unknown {
         /// Path of the file.
         path: PathBuf,
@@ -42,7 +42,7 @@ pub enum ExchangeError {
     },
     /// The format can't represent the model.
     #[error(
-        "{format} holds {holds}; the model has {channels} channel{}{hint}",
+        "{format} files hold {holds}; the model has {channels} channel{}{hint}",
         if *.channels == 1 { "" } else { "s" }
     )]
     CannotHold {
@@ -57,7 +57,8 @@ pub enum ExchangeError {
     },
     /// The format can only be written.
     #[error(
-        "{}: files for {package} are written, not read: they hold one radius per direction, without position and pose",
+        "{}: files for {package} can be exported, but not imported: they hold one radius per direction, without \
+         position and pose",
         .path.display()
     )]
     WrittenOnly {
@@ -67,7 +68,7 @@ pub enum ExchangeError {
         package: &'static str,
     },
     /// The files of one model have different degrees.
-    #[error("{}: degree {found}; {} has degree {expected}", .path.display(), .first.display())]
+    #[error("{}: the file has degree {found}, but {} has degree {expected}; all channels of a model must have the same degree", .path.display(), .first.display())]
     Degrees {
         /// The file whose degree differs.
         path: PathBuf,
@@ -79,7 +80,7 @@ pub enum ExchangeError {
         expected: usize,
     },
     /// The files of one model have different formats.
-    #[error("{}: {found}, {} is {expected}; all channels of a model must be in one format", .path.display(), .first.display())]
+    #[error("{}: the file is {found}, but {} is {expected}; all channels of a model must be in one format", .path.display(), .first.display())]
     Formats {
         /// The file whose format differs.
         path: PathBuf,

@@ -47,11 +47,12 @@ impl fmt::Display for ExportWarning {
         match self {
             Self::PdmDegree { degree } => write!(
                 f,
-                "degree {degree}: SPHARM-PDM's own programs can't evaluate degrees above {}; others read the file",
+                "degree {degree}: SPHARM-PDM's own programs can't evaluate degrees above {}; other programs can read \
+                 the file",
                 coef::HIGHEST_EVALUATED
             ),
             Self::NoSphere => f.write_str(
-                "the model has no sphere of its own: the file has fvec without vertices, faces and sph_verts",
+                "the model has no sphere of its own, so the file has fvec, but no vertices, faces and sph_verts",
             ),
         }
     }
@@ -85,15 +86,15 @@ pub fn check(model: &Model, format: Format) -> Result<(), ExchangeError> {
     let cannot = |format, holds, hint| Err(ExchangeError::CannotHold { format, holds, channels, hint });
     match format {
         Format::Pdm if channels != 3 => {
-            cannot("SPHARM-PDM", "surfaces, of 3 channels", "; csv and json hold any number")
+            cannot("SPHARM-PDM", "surfaces, with 3 channels", "; csv and json files hold any number of channels")
         }
         Format::Mat if channels != 3 => {
-            cannot("SPHARM-MAT", "surfaces, of 3 channels", "; csv and json hold any number")
+            cannot("SPHARM-MAT", "surfaces, with 3 channels", "; csv and json files hold any number of channels")
         }
         Format::Aics if channels != 1 => cannot(
             "aics-shparam",
-            "the radius of a star-shaped body, of 1 channel",
-            ": x, y and z are no radius; fit the distance from a centre as a signal",
+            "the radius of a star-shaped body, with 1 channel",
+            "; x, y and z are not a radius: fit the distance from a center as a signal",
         ),
         _ => Ok(()),
     }

@@ -100,7 +100,7 @@ fn load(path: &Path) -> io::Result<Vec<u8>> {
     // Needed memory: the bytes of the file, and the numbers, which for text take about as many bytes as the text.
     // Checked before reading, because a sparse file can be far larger than its size on disk.
     check_room(file.metadata()?.len().saturating_mul(2))
-        .map_err(|room| io::Error::other(format!("its contents need {room}")))?;
+        .map_err(|room| io::Error::other(format!("the contents need {room}")))?;
     let mut bytes = Vec::new();
     file.read_to_end(&mut bytes)?;
     Ok(bytes)

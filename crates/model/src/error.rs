@@ -50,10 +50,10 @@ pub enum ModelError {
         value: f64,
     },
     /// The model's own sphere is required, but the model has none.
-    #[error("the model has no sphere of its own; give one to evaluate it on")]
+    #[error("the model has no sphere of its own; give a sphere to evaluate the model on")]
     NoSphere,
     /// The requested degree exceeds the degree of the model.
-    #[error("the model goes to degree {max_degree}, {degree} is above it")]
+    #[error("degree {degree} exceeds the highest degree of the model, {max_degree}")]
     DegreeTooHigh {
         /// The requested degree.
         degree: usize,
@@ -67,7 +67,7 @@ pub enum ModelError {
         channels: usize,
     },
     /// A surface was requested over a sphere without triangles.
-    #[error("this sampling has no triangles; give a sphere that is a mesh")]
+    #[error("the directions have no triangles; give a sphere with triangles")]
     NoTriangles,
     /// The record of the surface's cuts contradicts the sphere.
     #[error("the model's record of the seams doesn't match its sphere: {0}; fit the surface again")]

@@ -67,20 +67,20 @@ impl Array {
     /// Reads an array whose values have at most `most` bytes.
     pub(crate) fn read(input: &mut dyn Read, most: u64) -> Result<Self, String> {
         let header = Header::read(input).map_err(|error| error.to_string())?;
-        let count = header.bytes().ok_or("its shape doesn't fit its length: more values than can be")?;
+        let count = header.bytes().ok_or("the shape doesn't match the length: more values than any file can hold")?;
         if count > most {
-            return Err(format!("its shape doesn't fit its length: {count} bytes of values, of {most} that can be"));
+            return Err(format!("the shape doesn't match the length: {count} bytes of values, at most {most} are possible"));
         }
         // Memory for the bytes of the file, for the parsed numbers, and for the numbers in row order; complex numbers
         // also need memory for their real and imaginary parts.
         let each = if header.kind == 'c' { 48 } else { 16 };
         let numbers = header.count().map_or(u64::MAX, |values| values.saturating_mul(each));
-        check_room(count.saturating_add(numbers)).map_err(|room| format!("its values take {room}"))?;
+        check_room(count.saturating_add(numbers)).map_err(|room| format!("its values need {room}"))?;
         let mut bytes = Vec::new();
         // Reading one byte beyond the values reaches the end of the entry, at which the archive's checksum is verified.
         input.take(count + 1).read_to_end(&mut bytes).map_err(|error| error.to_string())?;
         if bytes.len() as u64 != count {
-            return Err("its shape doesn't fit its length".to_owned());
+            return Err("the shape doesn't match the length".to_owned());
         }
         Ok(Self { header, bytes })
     }
@@ -135,13 +135,13 @@ impl Array {
     /// Returns the value of an array that has exactly one text.
     pub(crate) fn text(&self) -> Result<String, String> {
         if self.header.kind != 'U' || self.header.count() != Some(1) {
-            return Err("expected a text".to_owned());
+            return Err("expected text".to_owned());
         }
         let code = |&bytes: &[u8; 4]| {
             char::from_u32(if self.header.little { u32::from_le_bytes(bytes) } else { u32::from_be_bytes(bytes) })
         };
         let text: Option<String> = self.bytes.as_chunks().0.iter().map(code).collect();
-        Ok(text.ok_or("expected a text")?.trim_end_matches('\0').to_owned())
+        Ok(text.ok_or("expected text")?.trim_end_matches('\0').to_owned())
     }
 }
 

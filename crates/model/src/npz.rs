@@ -100,7 +100,7 @@ impl<R: Read + Seek> Archive<'_, &mut ZipArchive<R>> {
         if let Some(max_degree) = self.array("max_degree", Array::scalar)?
             && max_degree != coefficients.max_degree() as f64
         {
-            return Err(invalid(path, "max_degree doesn't fit the number of coefficients"));
+            return Err(invalid(path, "max_degree doesn't match the number of coefficients"));
         }
         let provenance = self.array("provenance", Array::text)?;
         let provenance = provenance.map(|text| Provenance::parse(&text)).unwrap_or_default();
@@ -134,7 +134,7 @@ impl<R: Read + Seek> Archive<'_, &mut ZipArchive<R>> {
         if let Some(faces) = self.array("faces", Array::matrix)? {
             let count = sphere.directions.len() as f64;
             if faces.iter().any(|&v| !(0.0..count).contains(&v) || v.fract() != 0.0) {
-                return Err(invalid(path, "faces names a vertex that isn't there"));
+                return Err(invalid(path, "faces refers to a vertex that does not exist"));
             }
             let faces = triples(&faces).ok_or_else(|| invalid(path, "faces: expected three columns"))?;
             sphere.faces = faces.into_iter().map(|face| face.map(|v| v as u32)).collect();
@@ -152,7 +152,7 @@ impl<R: Read + Seek> Archive<'_, &mut ZipArchive<R>> {
         let numbers = |array: &Array2<f64>| array.iter().map(whole).collect::<Option<Vec<u32>>>();
         let (cut_from, copies) = (numbers(&cut_from), numbers(&copies));
         let (Some([own, triangles]), Some(copies)) = (cut_from.as_deref(), copies) else {
-            return Err(invalid(path, "cut_from, seam: expected two numbers, and the vertices that were copied"));
+            return Err(invalid(path, "cut_from, seam: expected two numbers in cut_from, and copied vertices in seam"));
         };
         let seam = Seam { vertices: *own as usize, faces: *triangles as usize, copies };
         seam.checked(vertices, faces).map(Some).map_err(|found| invalid(path, format!("cut_from, seam: {found}")))

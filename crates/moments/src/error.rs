@@ -43,7 +43,7 @@ pub enum MomentsError {
         expected: Vec<&'static str>,
     },
     /// A table lacks a required column.
-    #[error("{}: no column {wanted}; it has {}", .path.display(), named(.there))]
+    #[error("{}: no column {wanted}; the table has {}", .path.display(), named(.there))]
     NoColumn {
         /// Path of the file.
         path: PathBuf,
@@ -53,7 +53,7 @@ pub enum MomentsError {
         there: Vec<String>,
     },
     /// The requested columns don't determine the samples' positions or values.
-    #[error("{}: {problem}; it has {}", .path.display(), named(.there))]
+    #[error("{}: {problem}; the table has {}", .path.display(), named(.there))]
     Columns {
         /// Path of the file.
         path: PathBuf,
@@ -148,7 +148,7 @@ pub enum MomentsError {
     #[error("standard input can't be read in shards; write it to a file, or give each shard its own part")]
     ShardOfStream,
     /// The memory budget is too small.
-    #[error("moments to degree {max_degree} take {} MiB, the budget is {} MiB; choose a lower degree or raise the budget", .needed.div_ceil(1 << 20), .budget >> 20)]
+    #[error("moments to degree {max_degree} need {} MiB of memory, but the budget is {} MiB; choose a lower degree or raise the budget", .needed.div_ceil(1 << 20), .budget >> 20)]
     Memory {
         /// The degree of the fits, L.
         max_degree: usize,
@@ -170,7 +170,7 @@ pub enum MomentsError {
         found: String,
     },
     /// The file has a format version that this program can't read.
-    #[error("{}: moments of format version {found}, this program reads versions {} to {}; use the program that wrote it, or make this part again", .path.display(), .expected.start(), .expected.end())]
+    #[error("{}: the moments have format version {found}, but this program reads versions {} to {}; use the program that wrote it, or make this part again", .path.display(), .expected.start(), .expected.end())]
     Version {
         /// Path of the file.
         path: PathBuf,
@@ -181,7 +181,8 @@ pub enum MomentsError {
     },
     /// Two parts differ in degree or channels, so their moments can't be added.
     #[error(
-        "{second} and {first}: {what} differ: {found}, not {expected}; only parts of the same degree and channels can be added"
+        "{second} and {first}: {what} differ: {found} and {expected}; only parts of the same degree and channels can \
+         be added"
     )]
     Differ {
         /// The property that differs.
@@ -212,13 +213,13 @@ pub enum MomentsError {
         missing: Vec<String>,
     },
     /// A table has Parquet, Arrow or LAS format, and the program was built without support for these formats.
-    #[error("{}: this build doesn't read Parquet, Arrow and LAS; the program installed by cargo does, and every build reads .npy and .csv", .path.display())]
+    #[error("{}: this build of the program can't read Parquet, Arrow and LAS; the program installed by cargo can, and every build reads .npy and .csv", .path.display())]
     LeftOut {
         /// Path of the file.
         path: PathBuf,
     },
     /// The list of parts is empty.
-    #[error("no parts to add")]
+    #[error("there are no parts to add")]
     NoParts,
     /// The transforms don't support the requested degree.
     #[error(transparent)]
@@ -233,7 +234,7 @@ pub enum MomentsError {
 
 fn named(columns: &[String]) -> String {
     match columns.len() {
-        0 => "none".to_owned(),
+        0 => "no columns".to_owned(),
         1 => format!("the column {}", columns[0]),
         _ => format!("the columns {}", columns.join(", ")),
     }

@@ -120,16 +120,16 @@ impl Columns {
         let unclear = |problem| MomentsError::Columns { path: path.to_owned(), problem, there: there.to_vec() };
         let positions = match &self.positions {
             Some(positions) => positions.clone(),
-            None => Positions::guess(there).ok_or_else(|| unclear("which columns are the positions isn't clear"))?,
+            None => Positions::guess(there).ok_or_else(|| unclear("the columns of the positions are ambiguous"))?,
         };
         if self.values.is_empty() {
-            return Err(unclear("which columns are the values wasn't said"));
+            return Err(unclear("the columns of the values are not given"));
         }
         let vectors = matches!(positions, Positions::Vectors(_));
         if !vectors
             && (self.values.iter().any(|name| name == RADIUS && !there.contains(name)) || self.centre != [0.0; 3])
         {
-            return Err(unclear("a radius or a centre goes with positions that are vectors"));
+            return Err(unclear("the value radius and a center need positions that are vectors"));
         }
         let (mut names, mut numbers) = (Vec::new(), Vec::new());
         let mut place = |name: &String| -> Result<usize, MomentsError> {
@@ -144,7 +144,7 @@ impl Columns {
         };
         let named = positions.names();
         if (1..named.len()).any(|i| named[..i].contains(&named[i])) {
-            return Err(unclear("a column is named twice as a position"));
+            return Err(unclear("a column is given twice as a position"));
         }
         // The columns of the position are added first, because a row begins with its position.
         for name in positions.names() {
@@ -260,7 +260,7 @@ impl Plan {
                     };
                     if needs_unit && (length - 1.0).abs() > UNIT {
                         let found = format!("length {length}");
-                        return Err(BadRow { found, ..bad(0, "a unit vector; the value radius makes use of lengths") });
+                        return Err(BadRow { found, ..bad(0, "a unit vector (give the value radius to use lengths)") });
                     }
                     radius = length;
                     unit

@@ -71,7 +71,7 @@ fn archives_of_numpy() {
         archive.write_all(&npy("'<u1'", &format!("({rows},)"), &[0, 0, 0][..rows])).unwrap();
     }
     archive.finish().unwrap();
-    refused(&ragged, &["ragged.npz", "3 rows of y, 2 of the array before"]);
+    refused(&ragged, &["ragged.npz", "3 rows in y, 2 in the array before"]);
 }
 
 fn refused(path: &Path, expected: &[&str]) {
@@ -111,7 +111,7 @@ fn point_clouds_in_ply() {
     is_the_same(folder.path(), &write("text.ply", "format ascii 1.0", lines.into_bytes()));
     refused(
         &write("none.ply", "format ascii 1.0", b"property list uchar int v\nend_header\n".to_vec()),
-        &["none.ply", "no lists"],
+        &["none.ply", "not lists"],
     );
 }
 
@@ -232,8 +232,8 @@ fn sizes_in_arrow_files_are_held_against_the_file() {
         };
         // Falsify the declared uncompressed size of a buffer.
         let at = body + buffer.offset() as usize;
-        refused(&changed("expands.arrow", at, 1 << 46), &["expands.arrow", "bytes in a buffer of"]);
-        refused(&changed("less.arrow", at, -2), &["less.arrow", "less than no bytes"]);
+        refused(&changed("expands.arrow", at, 1 << 46), &["expands.arrow", "a buffer that expands from"]);
+        refused(&changed("less.arrow", at, -2), &["less.arrow", "negative number of bytes"]);
         // Falsify the length of a block, as declared in the footer.
         let own = block.bodyLength().to_le_bytes();
         let at = footer_at + bytes[footer_at..tail].windows(8).rposition(|found| found == own).unwrap();

@@ -156,7 +156,7 @@ fn what_contradicts_the_coefficients_is_refused() {
         let error = read_bytes(&archive(CompressionMethod::Stored, &[coefficients, array])).unwrap_err().to_string();
         assert!(error.contains(expected), "{expected}: {error}");
     };
-    refused(("max_degree", "<i8", false, "()", &[2, 0, 0, 0, 0, 0, 0, 0]), "max_degree doesn't fit");
+    refused(("max_degree", "<i8", false, "()", &[2, 0, 0, 0, 0, 0, 0, 0]), "max_degree doesn't match");
     refused(("convention", "<U1", false, "()", b"x\0\0\0"), "convention is \"x\"");
     refused(("directions", "<f8", false, "(1, 3)", &[0; 24]), "directions: ");
     refused(("directions", "<f8", false, "(1, 1)", &one), "three columns");

@@ -241,7 +241,7 @@ impl Lines {
             cells.extend(fields(line, self.separator));
             let row = (rows.len() / width) as u64;
             if cells.len() != columns {
-                let found = format!("{} fields, the first row or the header has {columns}", cells.len());
+                let found = format!("{} fields, but {columns} in the header or the first row", cells.len());
                 let bad = BadLine { row, column: "the line".to_owned(), expected: "as many fields as columns", found };
                 return (rows, Some(bad));
             }

@@ -40,7 +40,7 @@ pub(super) fn check(file: &File, bytes: u64) -> Result<(), String> {
     let footer = root_as_footer(&footer).map_err(|error| error.to_string())?;
     for block in footer.dictionaries().into_iter().chain(footer.recordBatches()).flatten() {
         let place =
-            place(block, bytes).ok_or_else(|| format!("a block at byte {}, not in the file", block.offset()))?;
+            place(block, bytes).ok_or_else(|| format!("a block at byte {}, outside the file", block.offset()))?;
         check_block(&mut input, &place)?;
     }
     input.seek(SeekFrom::Start(0)).map_err(failed)?;
@@ -69,13 +69,13 @@ fn check_block(input: &mut BufReader<&File>, place: &Place) -> Result<(), String
     let of_dictionary = message.header_as_dictionary_batch().and_then(|batch| batch.data());
     let Some(batch) = message.header_as_record_batch().or(of_dictionary) else { return Ok(()) };
     let compressed = batch.compression().is_some();
-    let rows = u64::try_from(batch.length()).map_err(|_| "a block of less than no rows")?;
+    let rows = u64::try_from(batch.length()).map_err(|_| "a block with a negative number of rows")?;
     let mut all = 0_u64;
     for buffer in batch.buffers().into_iter().flatten() {
         let at = u64::try_from(buffer.offset()).ok().and_then(|offset| place.body.checked_add(offset));
         let length = u64::try_from(buffer.length()).unwrap_or(u64::MAX);
         let at = at.filter(|at| at.checked_add(length).is_some_and(|end| end <= place.end));
-        let at = at.ok_or("a buffer that isn't in its block")?;
+        let at = at.ok_or("a buffer outside its block")?;
         if length < 8 || !compressed {
             continue;
         }
@@ -84,16 +84,16 @@ fn check_block(input: &mut BufReader<&File>, place: &Place) -> Result<(), String
         if expanded == PLAIN {
             continue;
         }
-        let expanded = u64::try_from(expanded).map_err(|_| "a buffer of less than no bytes")?;
+        let expanded = u64::try_from(expanded).map_err(|_| "a buffer with a negative number of bytes")?;
         // A buffer of equal numbers compresses to almost nothing, so a high ratio is valid. But no buffer is larger
         // than the numbers of its rows.
         let plausible = most_expanded(length).max(rows.saturating_mul(8).saturating_add(PADDING));
         if expanded > plausible.min(length.saturating_mul(MOST_PER_BYTE)) {
-            return Err(format!("{expanded} bytes in a buffer of {length} compressed ones, for {rows} rows"));
+            return Err(format!("a buffer that expands from {length} to {expanded} bytes, for {rows} rows"));
         }
         all = all.saturating_add(expanded);
     }
-    check_room(all).map_err(|room| format!("a block that takes {room}"))
+    check_room(all).map_err(|room| format!("a block that needs {room}"))
 }
 
 fn read(input: &mut BufReader<&File>, at: u64, length: usize) -> Result<Vec<u8>, String> {

@@ -53,7 +53,7 @@ pub(super) fn open(path: &Path, file: File, bytes: u64, shard: Shard) -> Result<
     let first = u64::from(header.offset_to_point_data);
     let least = points.checked_mul(row.into()).and_then(|values| values.checked_add(first));
     if least.is_none_or(|least| least > bytes) {
-        let expected = format!("{points} points of {row} bytes after {first} bytes, as its header says");
+        let expected = format!("{points} points of {row} bytes after {first} bytes, per the header");
         return Err(malformed(expected, format!("{bytes} bytes in all")));
     }
     let rows = shard.range(points);

@@ -50,7 +50,7 @@ pub(super) fn open(path: &Path, file: File, bytes: u64, shard: Shard) -> Result<
     let expected = header.bytes().and_then(|values| values.checked_add(header.length));
     if expected != Some(bytes) {
         let expected =
-            format!("{} rows of {} bytes after {} bytes, as its header says", header.rows, header.row, header.length);
+            format!("{} rows of {} bytes after {} bytes, per the header", header.rows, header.row, header.length);
         return Err(malformed(path, expected, format!("{bytes} bytes in all")));
     }
     let rows = shard.range(header.rows);
@@ -80,7 +80,7 @@ pub(super) fn open(path: &Path, file: File, bytes: u64, shard: Shard) -> Result<
 pub(super) fn of_stream(path: &Path, mut input: Box<dyn Read + Send>) -> Result<(Records, u64), MomentsError> {
     let header = read_header(path, &mut input)?;
     if header.bytes().is_none() {
-        return Err(malformed(path, "rows that can be".to_owned(), format!("{} rows", header.rows)));
+        return Err(malformed(path, "a possible number of rows".to_owned(), format!("{} rows", header.rows)));
     }
     if header.fortran && header.fields.len() > 1 {
         return Err(malformed(path, "an array in C order on standard input".to_owned(), "Fortran order".to_owned()));
@@ -103,7 +103,7 @@ pub(super) fn read_header(path: &Path, input: &mut dyn Read) -> Result<Header, M
         _ => malformed(path, "an array of NumPy".to_owned(), error.to_string()),
     })?;
     of_samples(&found).ok_or_else(|| {
-        let expected = "numbers of 8 to 64 bits, a row a sample, or fields of these".to_owned();
+        let expected = "numbers of 8 to 64 bits with one row per sample, or records of such numbers".to_owned();
         let what =
             if found.fields.is_empty() { format!("type {}{}", found.kind, found.size) } else { "fields".to_owned() };
         malformed(path, expected, format!("{what}, shape {:?}", found.shape))

@@ -41,11 +41,11 @@ pub(super) fn open(path: &Path, file: File, shard: Shard) -> Result<(Records, u6
             return Err(malformed("arrays in C order", format!("{} in Fortran order", entry.name)));
         }
         if header.bytes().is_none() {
-            return Err(malformed("rows that can be", format!("{} rows of {}", header.rows, entry.name)));
+            return Err(malformed("a possible number of rows", format!("{} rows of {}", header.rows, entry.name)));
         }
         let expected = *rows.get_or_insert(header.rows);
         if header.rows != expected {
-            let found = format!("{} rows of {}, {expected} of the array before", header.rows, entry.name);
+            let found = format!("{} rows in {}, {expected} in the array before", header.rows, entry.name);
             return Err(malformed("arrays with the same number of rows", found));
         }
         names.extend(named(&entry.name, &header));
@@ -53,7 +53,7 @@ pub(super) fn open(path: &Path, file: File, shard: Shard) -> Result<(Records, u6
         let before = shard.range(header.rows).start * header.row as u64;
         let skipped = io::copy(&mut input.by_ref().take(before), &mut io::sink());
         if skipped.map_err(MomentsError::io(path, "read"))? != before {
-            return Err(malformed("as many rows as its header says", format!("fewer of {}", entry.name)));
+            return Err(malformed("as many rows as the header states", format!("fewer rows of {}", entry.name)));
         }
         streams.push(Stream { input, row: header.row, fields: header.fields });
     }
@@ -73,9 +73,9 @@ fn entries(file: File) -> Result<Vec<Entry>, String> {
         let deflated = match file.compression() {
             CompressionMethod::Stored => false,
             CompressionMethod::Deflated => true,
-            other => return Err(format!("{name} is compressed by {other}")),
+            other => return Err(format!("array {name}, compressed by {other}")),
         };
-        let start = file.data_start().ok_or_else(|| format!("{name} has no data"))?;
+        let start = file.data_start().ok_or_else(|| format!("array {name}, without data"))?;
         found.push(Entry { name, start, length: file.compressed_size(), deflated });
     }
     Ok(found)

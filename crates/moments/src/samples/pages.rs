@@ -31,14 +31,14 @@ pub(super) fn check(file: &File, metadata: &ParquetMetaData, columns: &[usize]) 
     let bytes = file.metadata().map_err(|error| error.to_string())?.len();
     let schema = metadata.file_metadata().schema_descr();
     for group in metadata.row_groups() {
-        let rows = u64::try_from(group.num_rows()).map_err(|_| "a group of less than no rows")?;
+        let rows = u64::try_from(group.num_rows()).map_err(|_| "a group with a negative number of rows")?;
         let mut all = 0_u64;
         for (leaf, column) in (0..schema.num_columns()).zip(group.columns()) {
             if columns.contains(&schema.get_column_root_idx(leaf)) {
                 all = all.saturating_add(check_column(file, bytes, column, rows)?);
             }
         }
-        check_room(all).map_err(|room| format!("pages that take {room}"))?;
+        check_room(all).map_err(|room| format!("pages that need {room}"))?;
     }
     Ok(())
 }
@@ -50,7 +50,7 @@ fn check_column(file: &File, bytes: u64, column: &ColumnChunkMetaData, rows: u64
     let range = u64::try_from(start).ok().zip(u64::try_from(column.compressed_size()).ok());
     let end = |(start, length): (u64, u64)| Some((start, start.checked_add(length).filter(|&end| end <= bytes)?));
     let (mut at, end) =
-        range.and_then(end).ok_or_else(|| format!("a column at byte {start}, that isn't in the file"))?;
+        range.and_then(end).ok_or_else(|| format!("a column at byte {start}, outside the file"))?;
     let mut input = BufReader::new(file);
     let (mut page_most, mut dictionary) = (0, 0);
     while at < end {
@@ -58,14 +58,14 @@ fn check_column(file: &File, bytes: u64, column: &ColumnChunkMetaData, rows: u64
         let mut header = Compact { input: input.by_ref().take((end - at).min(HEADER)), read: 0 };
         let page = header.page().map_err(|error| format!("no header of a page at byte {at} ({error})"))?;
         let body = at + header.read;
-        let wrong = || format!("a page of {} bytes at byte {at}, that isn't in its column", page.compressed);
+        let wrong = || format!("a page of {} bytes at byte {at}, outside its column", page.compressed);
         let compressed = u64::try_from(page.compressed).map_err(|_| wrong())?;
-        let expanded = u64::try_from(page.expanded).map_err(|_| "a page of less than no bytes")?;
+        let expanded = u64::try_from(page.expanded).map_err(|_| "a page with a negative number of bytes")?;
         at = body.checked_add(compressed).filter(|&next| next <= end).ok_or_else(wrong)?;
         // A page of equal numbers compresses to almost nothing, so a high ratio is valid. But no page is larger than
         // the values of its rows.
         if expanded > most_expanded(compressed) && expanded > rows.saturating_mul(9).saturating_add(PADDING) {
-            return Err(format!("{expanded} bytes in a page of {compressed} compressed ones, for {rows} rows"));
+            return Err(format!("a page that expands from {compressed} to {expanded} bytes, for {rows} rows"));
         }
         let both = compressed + expanded;
         if page.kind == DICTIONARY {
@@ -112,7 +112,7 @@ impl<R: Read> Compact<R> {
                 }
             };
             if kind != I32 {
-                return Err(invalid("a size that is no integer"));
+                return Err(invalid("a size that is not an integer"));
             }
             *place = self.integer()?;
             if let Some(found) = found.get_mut(field as usize - 1) {
@@ -196,7 +196,7 @@ impl<R: Read> Compact<R> {
                 }
                 Ok(())
             }
-            _ => Err(invalid("a field of no known kind")),
+            _ => Err(invalid("a field of unknown type")),
         }
     }
 

@@ -60,7 +60,7 @@ pub(super) fn open(
         Some(Encoding::Binary { little }) => {
             let least = header.rows.checked_mul(header.row as u64).and_then(|values| values.checked_add(length));
             if least.is_none_or(|least| least > bytes) {
-                let expected = format!("{} vertices of {} bytes, as its header says", header.rows, header.row);
+                let expected = format!("{} vertices of {} bytes, per the header", header.rows, header.row);
                 return Err(malformed(expected, format!("{bytes} bytes in all")));
             }
             let rows = shard.range(header.rows);
@@ -79,8 +79,8 @@ pub(super) fn open(
             Ok((Box::new(table), None))
         }
         Some(Encoding::Ascii) => {
-            let expected = "vertices alone in a file of text; binary ones may have faces".to_owned();
-            Err(malformed(expected, format!("{} other elements", header.others)))
+            let expected = "only vertices in a text file; binary files may also have faces".to_owned();
+            Err(malformed(expected, format!("{} elements of other kinds", header.others)))
         }
         None => Err(malformed("a format line".to_owned(), "none".to_owned())),
     }
@@ -124,7 +124,7 @@ fn parse(text: &str) -> Result<Header, (String, String)> {
                 header.names.push(name.to_owned());
                 header.row += kind.size();
             }
-            ["property", ..] if vertices == Some(true) => return unclear("numbers of vertices, no lists"),
+            ["property", ..] if vertices == Some(true) => return unclear("vertices with numbers, not lists"),
             _ => {}
         }
     }

@@ -122,7 +122,7 @@ impl Table for Records {
                         path: self.path.clone(),
                         format: self.format,
                         expected: format!("{} more rows", self.left),
-                        found: "the end of the file; was it written to while it was read?".to_owned(),
+                        found: "the end of the file; did a program write to the file while it was read?".to_owned(),
                     },
                     _ => MomentsError::io(&self.path, "read")(error),
                 })?;
