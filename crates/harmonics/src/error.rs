@@ -38,7 +38,7 @@ pub enum HarmonicsError {
     #[error("a sampling scheme needs at least one direction, found none")]
     Empty,
     /// A coefficient array whose number of rows is not (L + 1)^2.
-    #[error("coefficients: expected a number of rows that is (max_degree + 1)^2, found {rows}")]
+    #[error("coefficients: expected (max_degree + 1)^2 rows, found {rows}")]
     NotABasisSize {
         /// Number of rows found.
         rows: usize,

@@ -74,7 +74,7 @@ fn check(mesh: &Mesh, exponent: i32) -> Result<(), ParametrizeError> {
         problems.push(with_lengths(mesh, handles, problems.is_empty(), exponent));
     }
     let remedy =
-        if handles > 0 { "cut or fill the handles first: they are often errors of segmentation" } else { found.remedy };
+        if handles > 0 { "cut or fill the handles first; handles are often segmentation errors" } else { found.remedy };
     Err(ParametrizeError::BadSurface { problems: problems.join("; "), handles, remedy })
 }
 
@@ -91,7 +91,7 @@ fn with_lengths(mesh: &Mesh, handles: usize, clean: bool, exponent: i32) -> Stri
     let lengths = shortest_loops(mesh, handles);
     let lengths: Vec<String> = lengths.iter().map(|length| written(times(*length, exponent))).collect();
     let loops = if lengths.len() == 1 { "a loop" } else { "loops" };
-    format!("{text}, which {loops} of length {} would cut", lengths.join(", "))
+    format!("{text}; handles can be cut along {loops} of length {}", lengths.join(", "))
 }
 
 /// Returns a length as text, in scientific notation if it is very large or very small.

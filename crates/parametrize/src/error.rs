@@ -24,7 +24,8 @@ pub enum ParametrizeError {
 
     /// The map isn't one to one: it has folds.
     #[error(
-        "the {method} map is not one to one: {flipped} of {triangles} triangles are flipped and {degenerate} have no \
+        "the {method} map to the sphere is not one to one: {flipped} of {triangles} triangles are flipped and \
+         {degenerate} have no \
          area; {remedy}"
     )]
     NotBijective {
@@ -51,7 +52,7 @@ pub enum ParametrizeError {
     },
 
     /// Some vertices without a value aren't connected by edges to any vertex with a value.
-    #[error("{vertices} vertices have no value, and some of them aren't connected to a vertex with one")]
+    #[error("{vertices} vertices have no value, and some of these vertices aren't connected to any vertex with a value")]
     Unfilled {
         /// Number of vertices without a value.
         vertices: usize,
@@ -97,7 +98,7 @@ pub enum ParametrizeError {
 
     /// The volume doesn't have the chosen label, or it has several labels and none was chosen.
     #[error(
-        "{}: {}; the volume's labels: {there}; choose one of them",
+        "{}: {}; the volume's labels: {there}; choose one of these labels",
         path.display(),
         label.map_or_else(|| "expected one label".to_owned(), |label| format!("no voxel has label {label}"))
     )]
@@ -138,7 +139,7 @@ pub enum ParametrizeError {
     Solver(#[from] spharm_solver::SolverError),
 
     /// The sphere would have folds after rounding to 32-bit numbers.
-    #[error("32-bit numbers would flip {flipped} of the sphere's triangles; write a format of 64-bit numbers")]
+    #[error("rounding to 32-bit numbers would flip {flipped} of the sphere's triangles; write a format with 64-bit numbers")]
     SinglePrecision {
         /// Number of triangles that would be flipped or without area.
         flipped: usize,

@@ -27,7 +27,7 @@ impl Flaws {
         let bad = |problems, remedy| Err(ParametrizeError::BadSurface { problems, handles: 0, remedy });
         if infinite > 0 {
             let problem = counted(infinite, "vertex has", "vertices have", "NaN or infinite coordinates");
-            return bad(problem, "repair them and export again");
+            return bad(problem, "repair the coordinates and export the mesh again");
         }
         if outside > 0 {
             let problem = counted(outside, "triangle has", "triangles have", "vertex numbers out of range");
@@ -50,8 +50,8 @@ impl Flaws {
         }
         let remedy = match genus {
             Some(_) => "collapse or remesh the triangles concerned",
-            None if topology.components > 1 => "keep one piece, in most cases the largest, and close what is open",
-            None => "weld equal vertices, fill holes and orient the triangles alike (MeshLab and pymeshfix do it)",
+            None if topology.components > 1 => "keep one piece, usually the largest, and close its holes",
+            None => "weld equal vertices, fill holes and orient the triangles alike (with MeshLab or pymeshfix)",
         };
         Ok(Self { problems, remedy, genus })
     }

@@ -178,8 +178,8 @@ impl std::fmt::Display for Note {
             Self::MadeFrom { method, vertices } => write!(f, "made from the {method} map of {vertices} vertices"),
             Self::Distance(distance) => write!(
                 f,
-                "distance from the given surface: mean {:.3e}, Hausdorff {:.3e}, in its unit; {:.3e} and {:.3e} once \
-                 its bounding box has volume 1",
+                "distance from the given surface: mean {:.3e}, Hausdorff {:.3e}, in its unit; {:.3e} and {:.3e} with \
+                 the bounding box scaled to volume 1",
                 distance.mean,
                 distance.hausdorff,
                 distance.mean / distance.scale,
@@ -223,7 +223,7 @@ pub enum Warning {
 impl std::fmt::Display for Warning {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Self::FellBack { method, cause } => write!(f, "{method} was tried first and failed: {cause}"),
+            Self::FellBack { method, cause } => write!(f, "the method {method} was tried first and failed: {cause}"),
             Self::CentringStopped => {
                 f.write_str("the last centring stopped early: going further would have flipped triangles")
             }
@@ -235,7 +235,7 @@ impl std::fmt::Display for Warning {
                 } else {
                     &format!("{pairs} pairs of triangles still intersect")
                 };
-                write!(f, "{pairs}: take more subdivisions, unless the given surface intersects itself")
+                write!(f, "{pairs}: use more subdivisions, unless the given surface intersects itself")
             }
         }
     }

@@ -94,7 +94,7 @@ pub(crate) fn measured(
 /// Returns the vertices of a mesh, scaled to length 1.
 pub(crate) fn unit_vectors(sphere: &Mesh) -> Result<Vec<Vec3>, ParametrizeError> {
     let wrong =
-        |found: String| ParametrizeError::Argument { what: "sphere", expected: "vertices off the origin", found };
+        |found: String| ParametrizeError::Argument { what: "sphere", expected: "vertices away from the origin", found };
     let directions = Directions::from_vertices(&sphere.vertices).map_err(|error| wrong(error.to_string()))?;
     Ok(directions.as_slice().to_vec())
 }
@@ -104,7 +104,7 @@ pub(crate) fn locator(sphere: &Mesh) -> Result<SphereLocator, ParametrizeError> 
     let locator = SphereLocator::new(sphere)?;
     let (flipped, triangles) = (locator.flipped(), sphere.faces.len());
     if flipped > 0 {
-        let remedy = "map the surface anew";
+        let remedy = "map the surface to a sphere again";
         return Err(ParametrizeError::NotBijective { method: "given", flipped, degenerate: 0, triangles, remedy });
     }
     Ok(locator)

@@ -46,7 +46,7 @@ pub fn equal_area(
     params: &EqualAreaParams,
     monitor: &dyn Monitor,
 ) -> Result<Parametrization, ParametrizeError> {
-    const REMEDY: &str = "smooth the label, or take another method on the surface";
+    const REMEDY: &str = "smooth the label, or map its surface by another method";
     let started = Instant::now();
     if quads.components() != 1 || quads.euler_characteristic() != 2 || quads.pinched_edges() > 0 {
         let (count, chi) = (quads.components(), quads.euler_characteristic());

@@ -64,7 +64,7 @@ pub fn cut_handles(surface: &Mesh, monitor: &dyn Monitor) -> Result<CutSurface, 
     }
     let mut complex = Complex::new(surface);
     let cuts = rounds::cut_all(&mut complex, genus, monitor)?;
-    let cuts = cuts.ok_or_else(|| left_over(format!("no loop around one of {genus} handles was found")))?;
+    let cuts = cuts.ok_or_else(|| left_over(format!("found no loop around at least one of the {genus} handles")))?;
     let mut cut = Mesh::new(complex.positions.clone(), complex.own_triangles().collect());
     cut.meta.clone_from(&surface.meta);
     let (normals, outward) = (normals(surface), is_outward(surface));

@@ -103,7 +103,7 @@ impl std::fmt::Display for HandlesReport {
         let length =
             |pick: fn(f64, f64) -> f64| self.loops.iter().map(|found| found.length).reduce(pick).unwrap_or(0.0);
         let (short, long) = (length(f64::min), length(f64::max));
-        write!(f, "genus {} cut to {}: ", self.genus_before, self.genus_after)?;
+        write!(f, "genus reduced from {} to {}: ", self.genus_before, self.genus_after)?;
         match (handles, tunnels) {
             (handles, 0) => write!(f, "{} severed", counted(handles, "handle"))?,
             (0, tunnels) => write!(f, "{} plugged", counted(tunnels, "tunnel"))?,
@@ -114,7 +114,7 @@ impl std::fmt::Display for HandlesReport {
         } else {
             write!(f, " along loops of length {short:.4} to {long:.4}")?;
         }
-        write!(f, ", filling adds {:.3} % of the area", 100.0 * self.area_added / self.area)
+        write!(f, ", filling the cuts adds {:.3} % of the area", 100.0 * self.area_added / self.area)
     }
 }
 

@@ -68,7 +68,7 @@ impl LabelVolume {
     #[must_use]
     pub fn new(size: [usize; 3], values: Vec<i32>, affine: Affine) -> Self {
         assert_eq!(values.len(), size.iter().product::<usize>(), "values of {size:?} voxels");
-        let labels = Runs::of(size, &values).unwrap_or_else(|room| panic!("the labels take {room}"));
+        let labels = Runs::of(size, &values).unwrap_or_else(|room| panic!("the labels need {room}"));
         Self::of(PathBuf::from("the volume"), Volume { size, affine, labels })
     }
 
@@ -108,7 +108,7 @@ impl LabelVolume {
             (Some(label), _) if labels.contains_key(&label) => Ok(label),
             (None, 1) => Ok(labels.into_keys().next().unwrap_or_default()),
             (_, 0) => {
-                let (expected, found) = ("a label", "none but 0, the background".to_owned());
+                let (expected, found) = ("a label", "only 0, the background".to_owned());
                 Err(ParametrizeError::NotAVolume { path: self.path.clone(), expected, found })
             }
             _ => Err(ParametrizeError::NoLabel { path: self.path.clone(), label, there: listed(&labels) }),
@@ -145,5 +145,5 @@ fn listed(labels: &BTreeMap<i64, usize>) -> String {
     if labels.len() > listed.len() {
         listed.push(format!("{} more", labels.len() - listed.len()));
     }
-    if listed.is_empty() { "none but 0".to_owned() } else { listed.join(", ") }
+    if listed.is_empty() { "only 0".to_owned() } else { listed.join(", ") }
 }

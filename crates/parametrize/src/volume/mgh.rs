@@ -54,7 +54,7 @@ pub(super) fn parse(
         return Err(not_mgh(format!("{dims:?} voxels")));
     };
     if int(16) != 1 {
-        return Err(wrong("one frame", format!("{} frames; give one volume of them", int(16))));
+        return Err(wrong("one frame", format!("{} frames; extract one frame", int(16))));
     }
     let scalar = match int(20) {
         0 => Scalar::U8,
@@ -67,7 +67,7 @@ pub(super) fn parse(
     let layout = Layout { size, scalar, little_endian: false, scaling: None };
     if layout.bytes() > most {
         let found =
-            format!("{x} x {y} x {z} voxels of {} bytes claimed by a file that can't hold them", scalar.width());
+            format!("{x} x {y} x {z} voxels of {} bytes, more than the file can hold", scalar.width());
         return Err(not_mgh(found));
     }
     let labels = layout.read(path, &mut stream, monitor)?;

@@ -30,12 +30,12 @@ pub(super) fn parse(
     stream.read_exact(&mut header).map_err(|_| not_nifti("a file that is shorter than its header"))?;
     if !matches!(&header[344..348], b"n+1\0") {
         let pair = header[344..348] == *b"ni1\0";
-        return Err(not_nifti(if pair { "a header without its .img: merge them" } else { "another format" }));
+        return Err(not_nifti(if pair { "a header without its .img; merge both files" } else { "another format" }));
     }
     let header = NiftiHeader::from_reader(&header[..]).map_err(|error| not_nifti(&error.to_string()))?;
     let dim = header.dim().map_err(|error| not_nifti(&error.to_string()))?;
     if dim.len() < 3 || dim[3..].iter().any(|&n| n != 1) {
-        return Err(wrong("three dimensions", format!("dimensions {dim:?}; give one volume of them")));
+        return Err(wrong("three dimensions", format!("dimensions {dim:?}; extract one volume")));
     }
     let size = [dim[0], dim[1], dim[2]].map(usize::from);
     let kind = header.data_type().map_err(|error| not_nifti(&error.to_string()))?;
@@ -55,7 +55,7 @@ pub(super) fn parse(
     if layout.bytes() > most || offset > most {
         let [x, y, z] = size;
         let width = scalar.width();
-        let found = format!("{x} x {y} x {z} voxels of {width} bytes claimed by a file that can't hold them");
+        let found = format!("{x} x {y} x {z} voxels of {width} bytes, more than the file can hold");
         return Err(not_nifti(&found));
     }
     let broken = |error: std::io::Error| cut_short(path, &error.to_string());

@@ -67,13 +67,13 @@ pub(super) fn parse(
     let header = Fields { bytes, little: bytes[0] != 0 };
     if header.bytes[4..8] != *b"n+2\0" {
         let pair = header.bytes[4..8] == *b"ni2\0";
-        let found = if pair { "a header without its .img: merge them" } else { "another format" };
+        let found = if pair { "a header without its .img; merge both files" } else { "another format" };
         return Err(not_nifti(found.to_owned()));
     }
     let dimensions: [i64; 8] = std::array::from_fn(|k| header.long(16 + 8 * k));
     let used = usize::try_from(dimensions[0]).ok().filter(|n| (3..=7).contains(n));
     if used.is_none_or(|used| dimensions[4..=used].iter().any(|&n| n != 1)) {
-        return Err(wrong("three dimensions", format!("dimensions {dimensions:?}; give one volume of them")));
+        return Err(wrong("three dimensions", format!("dimensions {dimensions:?}; extract one volume")));
     }
     let kind = i16::from_le_bytes(header.bytes(12));
     let scalar = match kind {
@@ -101,7 +101,7 @@ pub(super) fn parse(
     let offset = header.long(168).max(HEADER as i64 + 4) as u64;
     if layout.bytes() > most || offset > most {
         let found =
-            format!("{x} x {y} x {z} voxels of {} bytes claimed by a file that can't hold them", scalar.width());
+            format!("{x} x {y} x {z} voxels of {} bytes, more than the file can hold", scalar.width());
         return Err(not_nifti(found));
     }
     let broken = |error: std::io::Error| cut_short(path, &error.to_string());

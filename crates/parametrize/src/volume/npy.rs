@@ -26,10 +26,10 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
         (kind, size) => return Err(source.wrong("whole numbers as labels", format!("values of type {kind}{size}"))),
     };
     let [x, y, z] = header.shape[..] else {
-        return Err(source.wrong("three dimensions", format!("shape {:?}; give one volume of them", header.shape)));
+        return Err(source.wrong("three dimensions", format!("shape {:?}; extract one volume", header.shape)));
     };
     if header.bytes().is_none_or(|bytes| bytes > most) {
-        let found = format!("{x} x {y} x {z} values claimed by a file that can't hold them");
+        let found = format!("{x} x {y} x {z} values, more than the file can hold");
         return Err(source.wrong("a NumPy array", found));
     }
     let affine = source.affine(None, "a NumPy array")?;
@@ -40,7 +40,7 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     // Reading beyond the values also reaches the end of the compressed data, which ends in a checksum.
     let beyond = stream.take(1).read_to_end(&mut Vec::new());
     if beyond.map_err(|error| cut_short(source.path, &error.to_string()))? > 0 {
-        return Err(cut_short(source.path, "more bytes than its shape says"));
+        return Err(cut_short(source.path, "more bytes than the shape allows"));
     }
     let labels =
         if header.fortran { labels } else { labels.transposed().map_err(|room| no_room(source.path, room))? };

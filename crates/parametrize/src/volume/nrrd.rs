@@ -54,7 +54,7 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
         .ok_or_else(|| source.wrong("whole numbers as labels", format!("type {:?}", header.get("type"))))?;
     let sizes: Option<Vec<u16>> = header.get("sizes").and_then(|sizes| words(sizes).map(|n| n.parse().ok()).collect());
     let Some([x, y, z]) = sizes.as_deref().and_then(<[u16]>::as_array) else {
-        let found = format!("sizes {:?}; give one volume of them", header.get("sizes").unwrap_or("none"));
+        let found = format!("sizes {:?}; extract one volume", header.get("sizes").unwrap_or("none"));
         return Err(source.wrong("three dimensions", found));
     };
     let size = [*x, *y, *z].map(usize::from);
@@ -73,7 +73,7 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
     let other = header.get("datafile").map(|name| beside(source, name)).transpose()?;
     let values = other.as_deref().or(bytes.get(start..)).unwrap_or_default();
     let too_many = |most: u64| {
-        let found = format!("{x} x {y} x {z} voxels claimed by {most} bytes of values at most");
+        let found = format!("{x} x {y} x {z} voxels, but at most {most} bytes of values");
         Err(source.wrong("values of the sizes in the header", found))
     };
     let labels = match header.get("encoding").map(str::to_ascii_lowercase).as_deref() {

@@ -72,7 +72,7 @@ impl Repair {
             handles => (format!("{handles} handles"), "them"),
         };
         Some(format!(
-            "the repair has removed {number}, so that none was left to cut; a label that isn't repaired keeps {kept}"
+            "the repair removed {number}, so there was no handle left to cut; without the repair the label keeps {kept}"
         ))
     }
 }
@@ -87,7 +87,8 @@ impl std::fmt::Display for Repair {
         };
         write!(
             f,
-            "the volume was repaired: {} dropped ({}), {} filled ({}), {} {done} to remove {} and bare contacts",
+            "the volume was repaired: {} dropped ({}), {} filled ({}), {} {done} to remove {} and contacts at edges or \
+             corners only",
             count(self.pieces_dropped, "piece", "pieces"),
             voxels(self.voxels_dropped),
             count(self.cavities_filled, "cavity", "cavities"),

@@ -46,8 +46,8 @@ impl fmt::Display for VoxelSteps {
         let Self { max_degree, resolved, voxel, suitable_degree } = self;
         write!(
             f,
-            "degree {max_degree} resolves the voxels: it bends over {resolved:.3}, less than {VOXELS} voxels of {voxel:.3}, so that \
-             area and sphericity follow their steps; degrees up to {suitable_degree} don't"
+            "degree {max_degree} resolves the voxels: its resolution is {resolved:.3}, less than {VOXELS} voxels \
+             of {voxel:.3}, which biases area and sphericity; use degrees up to {suitable_degree}"
         )
     }
 }
@@ -64,8 +64,8 @@ pub fn steps_of_labels(found: &[(String, VoxelSteps)]) -> Option<String> {
     let more = if found.len() > NAMED { ", ..." } else { "" };
     let lowest = found.iter().map(|(_, steps)| steps.suitable_degree).min().unwrap_or(0);
     Some(format!(
-        "degree {} resolves the voxels of {} labels ({}{more}): it bends over less than {VOXELS} of them, so that area and \
-         sphericity follow their steps; degrees up to {lowest} don't",
+        "degree {} resolves the voxels of {} labels ({}{more}): its resolution is less than {VOXELS} voxels, \
+         which biases area and sphericity; use degrees up to {lowest}",
         first.max_degree,
         found.len(),
         names.join(", ")

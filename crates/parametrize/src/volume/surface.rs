@@ -102,7 +102,7 @@ fn problems(mask: &Mask, allowed: bool, monitor: &dyn Monitor) -> Result<Problem
         let sizes: Vec<String> = found.sizes.iter().take(5).map(ToString::to_string).collect();
         let more = if found.sizes.len() > 5 { ", ..." } else { "" };
         let count = found.sizes.len();
-        problems.push(format!("{count} pieces that share no voxel's face (of {}{more} voxels)", sizes.join(", ")));
+        problems.push(format!("{count} pieces that share no face of a voxel (of {}{more} voxels)", sizes.join(", ")));
     }
     let hollow = cavities(mask, monitor)?.sizes;
     if !hollow.is_empty() {
@@ -120,7 +120,7 @@ fn problems(mask: &Mask, allowed: bool, monitor: &dyn Monitor) -> Result<Problem
     let pinched = quads.pinched_edges();
     if problems.is_empty() && pinched > 0 {
         let edges = if pinched == 1 { "1 edge" } else { &format!("{pinched} edges") };
-        problems.push(format!("{edges} in which two sheets of the surface touch between the same vertices"));
+        problems.push(format!("{edges} at which two sheets of the surface touch"));
     }
     Ok(Problems { phrases: problems, handles })
 }

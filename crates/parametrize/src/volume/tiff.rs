@@ -50,7 +50,7 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
     let mut decoder = Decoder::new(Cursor::new(bytes)).map_err(broken)?.with_limits(limits);
     let description = description(&mut decoder);
     if description.others > 1 {
-        let found = format!("{} channels or times; give one of them", description.others);
+        let found = format!("{} channels or times; extract one", description.others);
         return Err(source.wrong("one channel and one time", found));
     }
     let affine = source.affine(description.voxel_size, "a TIFF file without OME-XML or ImageJ's spacing")?;

@@ -205,7 +205,7 @@ fn labels_are_chosen_or_named() {
     let error = with(4).unwrap_err().to_string();
     assert!(error.contains("no voxel has label 4") && error.contains("17 ("), "{error}");
     let error = take(&labels(|_| 0)).unwrap_err().to_string();
-    assert!(error.contains("none but 0"), "{error}");
+    assert!(error.contains("only 0"), "{error}");
 }
 
 #[test]
