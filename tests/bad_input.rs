@@ -214,7 +214,7 @@ fn usage_errors_exit_with_two_and_name_the_flag() {
     }
     let error =
         fail(&mut study.fit(&["s0.surf.gii"], &["--max-degree", "6", "--method", "sirf", "--start-degree", "9"]));
-    assert!(error.contains("above the highest degree 6"), "{error}");
+    assert!(error.contains("exceeds the highest degree of the fit, 6"), "{error}");
 }
 
 #[test]

@@ -92,7 +92,7 @@ fn a_beginning_of_a_file_is_taken_when_it_is_asked_for() {
     let end = levels[1]["bytes"].as_u64().expect("bytes") as usize;
     std::fs::write(site.path("cut.sphz"), &bytes[..end + 3]).expect("a file");
     let error = fail(&mut site.shape(&["expand", "cut.sphz", "-o", "cut.npz"]));
-    assert!(error.contains("cut.sphz") && error.contains("cut off") && error.contains("degree 8"), "{error}");
+    assert!(error.contains("cut.sphz") && error.contains("truncated") && error.contains("degree 8"), "{error}");
     succeed(&mut site.shape(&["expand", "cut.sphz", "--prefix", "-o", "cut.npz"]));
     succeed(&mut site.shape(&["expand", "a.sphz", "--max-degree", "8", "-o", "eight.npz"]));
     assert_eq!(site.read("cut.npz").coefficients, site.read("eight.npz").coefficients);

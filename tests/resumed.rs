@@ -120,7 +120,7 @@ fn what_keeps_the_state_is_a_file_of_its_own() {
     let site = Site::new(3);
     let before = std::fs::read(site.path("models/000.spharm.npz")).expect("a model");
     let refused = fail(&mut site.align("out", &["--resume", "models/000.spharm.npz"]));
-    assert!(refused.contains("found something else"), "{refused}");
+    assert!(refused.contains("found a file of another kind"), "{refused}");
     assert!(std::fs::read(site.path("models/000.spharm.npz")).expect("a model") == before);
     let misused = |command: &mut Command, expected: &str| {
         let output = finish(command);

@@ -104,7 +104,7 @@ fn a_study_finds_the_bump_of_its_second_group() {
             let output = finish(run(site.path(), &arguments).arg("-o").arg(format!("{folder}-{name}")));
             let told = String::from_utf8(output.stderr).expect("text");
             assert!(
-                output.status.success() && told.contains("don't lie in one pose") == noticed,
+                output.status.success() && told.contains("the surfaces are not aligned") == noticed,
                 "{arguments:?}: {told}"
             );
         }

@@ -38,7 +38,7 @@ pub enum ShapeError {
     },
     /// A column of a design that is a linear combination of other columns, so that its effect can't be separated from
     /// their effects.
-    #[error("the design's column {column:?} is a combination of the columns before it: leave one of them out")]
+    #[error("the design's column {column:?} is a linear combination of the columns before it; omit one of these columns")]
     Rank {
         /// The column's name.
         column: String,
@@ -68,7 +68,7 @@ pub enum ShapeError {
         found: String,
     },
     /// Welch's test of anything other than the difference of two groups.
-    #[error("Welch's test is only for the difference of two groups without covariates: use pooled variances")]
+    #[error("Welch's test needs two groups without covariates; use pooled variances instead")]
     NotTwoGroups,
     /// A number of columns that isn't a multiple of the components per vertex.
     #[error("{columns} columns: expected a multiple of {components}, the components of a vertex")]
@@ -97,7 +97,7 @@ pub enum ShapeError {
         found: usize,
     },
     /// A mode that doesn't exist.
-    #[error("mode {found} doesn't exist: there are {modes} modes")]
+    #[error("mode {found} doesn't exist; the group has {modes} modes")]
     Mode {
         /// Number of the mode, from 1.
         found: usize,
@@ -166,8 +166,8 @@ pub enum ShapeError {
     },
     /// Coefficients whose products overflow or underflow.
     #[error(
-        "coefficients of up to {largest:.1e}: their areas, volumes and variances overflow or underflow; scale the surface to \
-         another unit"
+        "coefficients of up to {largest:.1e}: areas, volumes and variances computed from these coefficients overflow \
+         or underflow; scale the surface to another unit"
     )]
     Range {
         /// The largest absolute value of the coefficients; row 0 is excluded if it is only a position.
@@ -175,7 +175,8 @@ pub enum ShapeError {
     },
     /// A column of a study that has the same value in all rows: its effect can't be estimated.
     #[error(
-        "column {column:?}: the value is {value} in all rows, so its effect can't be estimated: leave the column out"
+        "column {column:?}: the value is {value} in all rows, so the effect of the column can't be estimated; omit the \
+         column"
     )]
     Constant {
         /// The column's name.
@@ -200,7 +201,7 @@ pub enum ShapeError {
     #[error("{0}")]
     Transform(#[from] TransformError),
     /// A group that is too small.
-    #[error("the group has {found} members, at least {least} are needed")]
+    #[error("the group has {found} members, but at least {least} are needed")]
     TooFewMembers {
         /// Number of members found.
         found: usize,
@@ -219,7 +220,7 @@ pub enum ShapeError {
     #[error(
         "{}: expected the state of an alignment of these models with these settings, found {}",
         path.display(),
-        if *is_one { "that of another alignment: name another file, or remove this one" } else { "something else: name another file" }
+        if *is_one { "the state of another alignment; choose another file" } else { "a file of another kind; choose another file" }
     )]
     OtherJournal {
         /// The file.
@@ -228,7 +229,7 @@ pub enum ShapeError {
         is_one: bool,
     },
     /// The journal is in use by a run that hasn't ended.
-    #[error("{}: another process is aligning this group: wait for it, or name another file", path.display())]
+    #[error("{}: another process is aligning this group; wait until that process ends, or choose another file", path.display())]
     JournalInUse {
         /// The file.
         path: PathBuf,

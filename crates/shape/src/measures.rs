@@ -104,13 +104,13 @@ impl fmt::Display for MeasureWarning {
         match self {
             Self::NotConverged { change, tolerance, rings } => write!(
                 f,
-                "the area changed by {change:.1e} of itself on the last of the grids, of {rings} rings; {tolerance:.1e} was \
-                 asked for"
+                "the area did not converge: the relative change on the finest grid, of {rings} rings, was \
+                 {change:.1e}, the requested tolerance {tolerance:.1e}"
             ),
-            Self::Flat => f.write_str("the surface lies in a plane; it has no inside"),
+            Self::Flat => f.write_str("the surface lies in a plane and encloses no volume"),
             Self::Inwards => f.write_str(
-                "the parameterisation is mirrored, its normals point inwards; outward ones are reported, with the \
-                 curvatures that go with them",
+                "the parameterization is mirrored, so that normals point inward; normals and curvatures are reported \
+                 for outward normals",
             ),
             Self::Squeezed { part } => write!(
                 f,

@@ -125,7 +125,7 @@ mod tests {
     fn directions_that_are_no_places_are_noticed() {
         assert_eq!(turned_by(0.0), None);
         let found = turned_by(40.0).unwrap();
-        assert!(found.to_string().contains("equal directions aren't equal places"), "{found}");
+        assert!(found.to_string().contains("equal directions don't correspond"), "{found}");
     }
 
     #[test]

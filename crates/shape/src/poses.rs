@@ -62,8 +62,8 @@ impl fmt::Display for PosesDiffer {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "the surfaces don't lie in one pose: of their first-order ellipsoids {:.2} is left in the mean, 1 where they do; align \
-             them first",
+            "the surfaces are not aligned: averaging the first-order ellipsoids keeps {:.2} of the size, 1 would be \
+             perfect alignment; align the surfaces first",
             self.left
         )
     }

@@ -84,8 +84,8 @@ pub fn procrustes_with(
     if params.align.method == Method::FirstOrderEllipsoid {
         return Err(ShapeError::Setting {
             name: "the method",
-            found: "that of first-order ellipsoids".to_owned(),
-            expected: "a group is brought together by the joint search or with fixed parameters",
+            found: "the method of first-order ellipsoids".to_owned(),
+            expected: "a group is aligned by the joint search or with fixed parameters",
         });
     }
     if params.align.method == Method::Surfaces {

@@ -120,11 +120,15 @@ impl ProcrustesWarning {
     pub fn of_member(&self) -> String {
         match self {
             Self::Mirrored { rmsd, mirrored, .. } => {
-                format!("is {rmsd:.4} from the others, and its mirror image {mirrored:.4}: it may be of the other side")
+                format!(
+                    "is {rmsd:.4} from the other members, and its mirror image {mirrored:.4}: the member may be from \
+                     the \
+                     other side"
+                )
             }
             Self::Member { warning, .. } => warning.to_string(),
             Self::NoArea { .. } => {
-                "it has no area, so that the group's poses are by the distance at equal directions".to_owned()
+                "the member has no area, so the group is aligned by the distance at equal directions".to_owned()
             }
             Self::Surfaces(warning) => warning.of_member(),
             Self::Pose(warning) => warning.of_member(),
@@ -152,12 +156,12 @@ impl ProcrustesWarning {
                 let more = members.len().saturating_sub(MOST);
                 let more = if more > 0 { format!(" and {more} more") } else { String::new() };
                 let which = match members.len() {
-                    0 => "; the shapes don't tell which members are of which side".to_owned(),
-                    count => format!(": {count} of {of} members may be of the other one: {}{more}", named.join(", ")),
+                    0 => "; the shapes don't show which members are from which side".to_owned(),
+                    count => format!("; {count} of {of} members may be of the other side: {}{more}", named.join(", ")),
                 };
                 format!(
-                    "the group seems to be of two sides, and its mean of neither: with mirror images matched the spread falls from \
-                     {spread:.4} to {mirrored:.4}{which}"
+                    "the group seems to mix two sides, such as left and right, so its mean resembles neither side: \
+                     with mirror images allowed the spread falls from {spread:.4} to {mirrored:.4}{which}"
                 )
             }
             _ => self.to_string(),
@@ -180,11 +184,11 @@ impl fmt::Display for ProcrustesWarning {
             Self::Pose(warning) => warning.fmt(f),
             Self::NearlyRound { ratio } => write!(
                 f,
-                "the mean's first-order ellipsoid has axes alike, with a ratio of {ratio:.3}: the group's pose has little \
-                 meaning"
+                "two axes of the mean's first-order ellipsoid have nearly equal lengths, with a ratio of {ratio:.3}: \
+                 the orientation of the group is unreliable"
             ),
             Self::NotConverged { change } => {
-                write!(f, "the rounds were used up while the spread still fell by {change:.1e} of itself")
+                write!(f, "the rounds were used up while the spread still fell by a relative {change:.1e}")
             }
         }
     }

@@ -114,7 +114,7 @@ pub struct Test {
 #[non_exhaustive]
 pub enum TestWarning {
     /// At some vertices all subjects have equal values, or their components are linearly dependent.
-    #[error("{vertices} of {of} vertices have no variance: their statistic is 0 and their p is 1")]
+    #[error("{vertices} of {of} vertices have no variance: at these vertices the statistic is 0 and p is 1")]
     NoVariance {
         /// Number of such vertices.
         vertices: usize,
@@ -122,12 +122,12 @@ pub enum TestWarning {
         of: usize,
     },
     /// Neither permutations of subjects nor sign flips change the statistics.
-    #[error("no family-wise p: neither exchanges of subjects nor flips of signs change this contrast's statistics")]
+    #[error("no family-wise p: neither permutations of subjects nor sign flips change the statistics of this contrast")]
     NoRelabelling,
     /// Two groups differ in size and in variance.
     #[error(
         "the variance of {wide} ({wide_subjects} subjects) is {ratio:.1} times that of {narrow} ({narrow_subjects}): p values \
-         assume equal variances and are {}; use Welch's test, which doesn't{}",
+         assume equal variances and are {}; use Welch's test, which allows unequal variances{}",
         if *.wide_subjects < *.narrow_subjects { "too small" } else { "too large" },
         if *.covariates { " (of two groups without covariates)" } else { "" }
     )]

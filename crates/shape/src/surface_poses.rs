@@ -87,8 +87,8 @@ impl SurfacePoseWarning {
     pub fn of_member(&self) -> String {
         match self {
             Self::Turned { distance, turned, angle, .. } => format!(
-                "its surface is {distance:.4} from that of the most typical member, and would be {turned:.4} if it were turned by \
-                 {angle:.0} degrees: it may lie in a wrong pose"
+                "the distance from the surface of the most typical member is {distance:.4}, and would be {turned:.4} \
+                 after a rotation by {angle:.0} degrees: the pose may be wrong"
             ),
             Self::PlacesDiffer { .. } => self.to_string(),
         }
@@ -101,8 +101,9 @@ impl fmt::Display for SurfacePoseWarning {
             Self::Turned { member, .. } => write!(f, "member {member}: {}", self.of_member()),
             Self::PlacesDiffer { rmsd, distance, from } => write!(
                 f,
-                "at equal directions the members are {rmsd:.4} from {from}, and their surfaces {distance:.4}: equal directions \
-                 aren't equal places, and modes and tests show how the maps to the sphere differ"
+                "the distance of members from {from} is {rmsd:.4} at equal directions, but {distance:.4} between \
+                 surfaces: equal directions don't correspond, and modes and tests show differences of the maps to the \
+                 sphere"
             ),
         }
     }
@@ -263,7 +264,7 @@ mod tests {
                 })
                 .collect();
             assert_eq!(named, [5], "{axis:?}: {found:?}");
-            assert!(found.warnings[0].to_string().starts_with("member 5: its surface is "), "{found:?}");
+            assert!(found.warnings[0].to_string().starts_with("member 5: the distance from the surface "), "{found:?}");
         }
     }
 

@@ -48,7 +48,7 @@ pub enum SolverError {
         found: usize,
     },
     /// A first block that ends above the highest degree.
-    #[error("the first block ends at degree {found}, above the highest degree {max_degree}")]
+    #[error("the start degree {found} exceeds the highest degree of the fit, {max_degree}")]
     StartDegree {
         /// Requested last degree of the first block.
         found: usize,
@@ -64,7 +64,7 @@ pub enum SolverError {
         max_degree: usize,
     },
     /// An array whose number of rows isn't the number of directions.
-    #[error("{what} has {found} rows, the sampling scheme has {expected} directions")]
+    #[error("{what} has {found} rows, but the sampling scheme has {expected} directions")]
     Rows {
         /// Name of the array.
         what: &'static str,

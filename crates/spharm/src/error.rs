@@ -87,13 +87,13 @@ pub enum Error {
         most: usize,
     },
     /// A method that needs a basis store, called without one.
-    #[error("method {method} needs a basis store, and none was given")]
+    #[error("method {method} needs a basis store, but no basis store was given")]
     NeedsStore {
         /// Name of the method.
         method: &'static str,
     },
     /// A computation that integrates over triangles, on a sphere without triangles.
-    #[error("{what} needs triangles, and {} has none; give a sphere mesh", .sphere.display())]
+    #[error("{what} needs triangles, but {} has no triangles; give a sphere with triangles", .sphere.display())]
     NeedsTriangles {
         /// Computation that needs triangles: `quadrature`, `density`, `area`.
         what: &'static str,

@@ -98,45 +98,48 @@ impl fmt::Display for FitWarning {
         match self {
             Self::Oscillation { ratio } => write!(
                 f,
-                "between the vertices the model is {ratio:.0} times as far off as at them: they leave it undetermined \
-                 there"
+                "the error of the model between the vertices is {ratio:.0} times the error at the vertices: the \
+                 vertices don't determine the model between them"
             ),
             Self::Singular { max_degree, breaks_at, norm, optimality } => {
                 write!(f, "degree {max_degree} isn't determined by this sampling")?;
                 if let Some([column, degree]) = breaks_at {
                     write!(f, "; the Gram matrix breaks at column {column}, of degree {degree}")?;
                 }
-                write!(f, "; took the solution of least norm, {norm:.3e}, to optimality {optimality:.1e}")
+                write!(f, "; used the solution of least norm, which is {norm:.3e}, with optimality {optimality:.1e}")
             }
             Self::FewVertices { vertices, functions, suitable_degree } => write!(
                 f,
-                "{vertices} vertices don't determine {functions} coefficients, smoothness chose among them; degrees to \
-                 {suitable_degree} suit this mesh"
+                "{vertices} vertices don't determine {functions} coefficients, so the smoothness penalty determines \
+                 the rest; use degrees up to {suitable_degree} for this mesh"
             ),
             Self::NotConverged { optimality, tolerance, steps } => write!(
                 f,
-                "the iteration ended at optimality {optimality:.1e}, not {tolerance:.1e}, after {steps} steps; the best \
-                 solution so far was taken"
+                "the solver did not converge: optimality {optimality:.1e} after {steps} steps, expected \
+                 {tolerance:.1e}; the best solution so far was used"
             ),
             Self::RankDeficient { first_degree, last_degree, rank, columns } => write!(
                 f,
-                "degrees {first_degree} to {last_degree}: rank {rank} of {columns} columns; the sampling doesn't \
-                 determine them, the solution of least norm was taken"
+                "degrees {first_degree} to {last_degree}: rank {rank} of {columns} columns: the sampling doesn't \
+                 determine all coefficients of these degrees; the solution of least norm was used"
             ),
-            Self::FactorUnusable { reason } => write!(f, "{reason}; solving without it"),
+            Self::FactorUnusable { reason } => write!(f, "{reason}; solving without this factor"),
             Self::Gap { max_degree, samples, functions, largest_gap, resolved } => write!(
                 f,
-                "degree {max_degree} isn't determined by the samples: {samples} of them for {functions} coefficients, and \
-                 the largest gap between them is {largest_gap:.1} degrees wide, where the degree resolves {resolved:.1}"
+                "degree {max_degree} isn't determined by the samples: {samples} samples for {functions} coefficients, \
+                 and the largest gap between samples is {largest_gap:.1} degrees wide, but the degree resolves \
+                 {resolved:.1} degrees"
             ),
             Self::Detail { max_degree, left_out, sigma } => write!(
                 f,
-                "beyond degree {max_degree} there is detail of {left_out:.2e} rms, and it is in the noise of {sigma:.2e} \
-                 that was removed: the model may be worse than without denoising; a higher degree would tell them apart"
+                "the surface has detail of {left_out:.2e} rms beyond degree {max_degree}, which counts as part of the \
+                 removed noise of {sigma:.2e}: the model may be worse than without denoising; a higher degree would \
+                 separate detail from noise"
             ),
             Self::AreaErrors => f.write_str(
-                "standard errors take the weights for inverse variances, which areas aren't: of evenly certain vertices on an \
-                 uneven sphere they are too small; weigh the vertices uniformly for them",
+                "standard errors assume that weights are inverse variances, but the weights are areas: for equally \
+                 accurate vertices on an uneven sphere the standard errors are too small; use uniform weights for \
+                 standard errors",
             ),
             Self::Solver(warning) => warning.fmt(f),
         }

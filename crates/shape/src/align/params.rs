@@ -124,27 +124,32 @@ impl fmt::Display for AlignWarning {
             }
             Self::Point => f.write_str("a surface is a single point: no rotation is determined"),
             Self::ObjectUndetermined => f.write_str(
-                "the rotation of space is undetermined about an axis: a surface lies on a line, or the two have nothing in \
-                 common",
+                "the rotation in space is undetermined about one axis: a surface lies on a line, or the surfaces are \
+                 uncorrelated",
             ),
             Self::BothUndetermined => f.write_str(
-                "the rotations of space and of the parameters can be turned together without a change: a surface of \
-                 revolution",
+                "the rotations in space and of the parameters are undetermined: turning both together changes nothing, \
+                 as for a surface of revolution",
             ),
-            Self::ParametersUndetermined => f.write_str("the parameters can be turned under the pose without a change"),
+            Self::ParametersUndetermined => f.write_str(
+                "the rotation of the parameters is undetermined: turning the parameters in the given pose changes \
+                 nothing",
+            ),
             Self::PoseInDoubt { distance, second } => write!(
                 f,
-                "the surfaces are {distance:.4} apart, and {second:.4} in another pose: the pose is in doubt"
+                "the pose is in doubt: the distance between the surfaces is {distance:.4}, and {second:.4} in another \
+                 pose"
             ),
             Self::PlacesDiffer { rmsd, distance } => write!(
                 f,
-                "at equal directions the surfaces are {rmsd:.4} apart, and {distance:.4} as surfaces: equal directions \
-                 aren't equal places"
+                "the distance at equal directions is {rmsd:.4}, but the distance between the surfaces is \
+                 {distance:.4}: equal directions don't correspond"
             ),
-            Self::MirrorUndetermined => f.write_str("the surfaces are plane: it is unknown whether one is mirrored"),
+            Self::MirrorUndetermined => f.write_str("the surfaces are planar: a mirror image can't be detected"),
             Self::NearlyRound { ratio } => write!(
                 f,
-                "axes of the first-order ellipsoid are alike, with a ratio of {ratio:.3}: its frame has little meaning"
+                "two axes of the first-order ellipsoid have nearly equal lengths, with a ratio of {ratio:.3}: the \
+                 orientation of the ellipsoid is unreliable"
             ),
         }
     }

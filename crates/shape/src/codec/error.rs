@@ -49,7 +49,7 @@ pub enum CodecError {
         most: f64,
     },
     /// A requested size below the size of the smallest file.
-    #[error("{wanted} bytes are too few: the smallest file has {least}, of which the head takes {of_which}")]
+    #[error("{wanted} bytes are too few: the smallest possible file has {least} bytes, including {of_which} bytes of header")]
     TooFewBytes {
         /// Number of bytes requested.
         wanted: usize,
@@ -59,7 +59,7 @@ pub enum CodecError {
         of_which: usize,
     },
     /// Data that isn't a compressed model.
-    #[error("not a compressed model: expected the bytes {expected} at its start, found {found}")]
+    #[error("not a compressed model: expected the bytes {expected} at the start of the file, found {found}")]
     Magic {
         /// Expected first bytes.
         expected: String,
@@ -68,7 +68,8 @@ pub enum CodecError {
     },
     /// An unsupported version of the format.
     #[error(
-        "format version {found}, this program reads version {expected}: expand the file with the program that made it"
+        "the file has format version {found}, but this program reads version {expected}; expand the file with the \
+         version of the program that made the file"
     )]
     Version {
         /// The supported version.
@@ -77,7 +78,7 @@ pub enum CodecError {
         found: u8,
     },
     /// Bytes that violate the format, or were changed after they were written.
-    #[error("damaged: {what}: expected {expected}, found {found}; compress the model again, or take another copy")]
+    #[error("damaged file: {what}: expected {expected}, found {found}; compress the model again, or use another copy of the file")]
     Damaged {
         /// The part of the file.
         what: &'static str,
@@ -87,7 +88,7 @@ pub enum CodecError {
         found: String,
     },
     /// A truncated file.
-    #[error("cut off: expected {expected} bytes, found {found}; {}", beginning(.level))]
+    #[error("truncated file: expected {expected} bytes, found {found}; {}", beginning(.level))]
     CutOff {
         /// Size of the complete file, or, if a prefix was allowed, of the shortest prefix that contains a model.
         expected: usize,

@@ -179,8 +179,8 @@ fn check(members: &[ArrayView2<'_, f64>], sphere: &Sphere, mask: Option<&[f64]>)
     let turned = |face: &&[u32; 3]| orientation(face.map(|v| directions[v as usize])) <= 0.0;
     let found = sphere.faces.iter().filter(turned).count();
     if sphere.faces.is_empty() || found > 0 {
-        let found = if found > 0 { format!("{found} clockwise ones") } else { "none".to_owned() };
-        let expected = "counter-clockwise ones, seen from outside, are needed";
+        let found = if found > 0 { format!("{found} clockwise triangles") } else { "none".to_owned() };
+        let expected = "all triangles must be counter-clockwise, seen from outside";
         return Err(ShapeError::Setting { name: "the triangles of the sphere", found, expected });
     }
     if let Some(mask) = mask {

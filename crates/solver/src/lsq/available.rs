@@ -50,8 +50,8 @@ impl LsqSolver<'_> {
     /// Returns the reason why moments aren't available.
     pub(super) fn why_no_moments(&self) -> String {
         match self.make_moments {
-            Some(_) => format!("their moments don't fit the {} MiB of memory that are left", self.room() >> 20),
-            None => "there are no moments of them".to_owned(),
+            Some(_) => format!("moments of the samples don't fit in the remaining {} MiB of memory", self.room() >> 20),
+            None => "there are no moments of the samples".to_owned(),
         }
     }
 

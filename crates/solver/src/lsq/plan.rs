@@ -107,9 +107,9 @@ impl fmt::Display for Step {
                 if *precondition == Precondition::Density {
                     f.write_str(", with the density of uneven samples")?;
                 }
-                write!(f, ", to {at_most} in all")?;
+                write!(f, ", at most {at_most} in all")?;
                 let Some(Leave { after, most, .. }) = leave_for_factor else { return Ok(()) };
-                write!(f, "; on with a factor after {after}, if more than {most:.0} seem to be left")
+                write!(f, "; after {after} iterations a factor is used if more than {most:.0} seem to remain")
             }
             Self::Factor { from: Factor::Stored { reciprocal }, .. } => {
                 write!(f, "the stored factor, of a reciprocal condition number of {reciprocal:.1e}")

@@ -125,14 +125,15 @@ pub enum LsqWarning {
     },
     /// Moments weren't accurate enough for the requested optimality.
     #[error(
-        "moments of the sampling lose digits: iterations with them ended at an optimality of {optimality:.1e}; went on with the samples"
+        "rounding errors in the moments limit the accuracy: iterations with moments ended at an optimality of \
+         {optimality:.1e}; continued with the samples"
     )]
     MomentsLoseDigits {
         /// Optimality at which iterations by moments ended.
         optimality: f64,
     },
     /// There are fewer vertices with nonzero weight than coefficients, and no penalty.
-    #[error("{rows} vertices don't determine {columns} coefficients; took the solution of least norm, {norm:.3e}")]
+    #[error("{rows} vertices don't determine {columns} coefficients; used the solution of least norm, which is {norm:.3e}")]
     Underdetermined {
         /// Number of vertices with nonzero weight.
         rows: usize,

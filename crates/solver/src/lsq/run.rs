@@ -86,7 +86,7 @@ impl LsqSolver<'_> {
                         (Stop::Stalled, _) => Some("the optimality stopped improving"),
                         (Stop::IterationLimit, true) => Some("all iterations are used up"),
                         (Stop::IterationLimit, false) if leave_for_factor.is_some() => Some("a factor seems faster"),
-                        (Stop::IterationLimit, false) => Some("moments pay from here on"),
+                        (Stop::IterationLimit, false) => Some("moments are faster from here on"),
                     };
                     let name = self.preconditioner(precondition).name();
                     taken.add(self.name_of_iterations(given), name, &cg, left.map(str::to_owned));
@@ -143,8 +143,8 @@ impl LsqSolver<'_> {
         let too_far = stop != Stop::Converged && further_than_zero(cg, &*self.problem(given))?;
         let digits_lost = stop == Stop::Converged && cg.optimality() > 1.5 * params.tolerance && self.moments.is_some();
         let wrong = match (too_far, digits_lost) {
-            (true, _) => Some("rounding errors have carried the solution away"),
-            (false, true) => Some("moments lose digits"),
+            (true, _) => Some("rounding errors made the solution diverge"),
+            (false, true) => Some("rounding errors in the moments limit the accuracy"),
             (false, false) => None,
         };
         taken.add("confirmation", name, cg, wrong.map(str::to_owned));

@@ -47,7 +47,7 @@ impl Resume {
             if spharm_files::read(&path, MOST).map_err(io("read"))? != key.as_bytes() {
                 return refused(
                     "registrations of these surfaces and settings",
-                    "those of others; remove the folder, or name another",
+                    "registrations of other surfaces or settings; remove the folder, or choose another folder",
                 );
             }
         } else {

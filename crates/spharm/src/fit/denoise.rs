@@ -34,7 +34,7 @@ impl Denoiser {
         let precision = precision(job);
         let rows = precision.as_ref().map_or(vertices, |of| of.iter().filter(|precision| **precision > 0.0).count());
         check_rows(rows, basis_size(max_degree))?;
-        monitor.note(Level::Info, format_args!("fitting {NOISE_COLUMNS} columns of noise, to know it by its power"));
+        monitor.note(Level::Info, format_args!("fitting {NOISE_COLUMNS} columns of noise to estimate its power"));
         let mut power = NoisePower::new(max_degree);
         for start in (0..NOISE_COLUMNS).step_by(at_a_time.max(1)) {
             monitor.check()?;

@@ -201,7 +201,7 @@ fn check_range(moments: &Moments) -> Result<(), Error> {
         Err(Error::Setting {
             what: "a fit from moments",
             expected: "sums of squares from 1e-307 to 1e308; scale the values and form the moments again",
-            found: format!("those of the channel {channel:?} beyond"),
+            found: format!("sums outside this range for channel {channel:?}"),
         })
     })
 }

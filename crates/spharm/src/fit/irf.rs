@@ -184,7 +184,7 @@ impl<'o> Planner<'o> {
         };
         let Some(threads) = (1..=asked).rev().find(fits) else { return 1 };
         if threads < asked {
-            let text = format_args!("{threads} threads in place of {asked}, to keep to the memory");
+            let text = format_args!("{threads} threads instead of {asked}, to stay within the memory budget");
             monitor.note(Level::Info, text);
         }
         threads
@@ -213,7 +213,7 @@ impl<'o> Planner<'o> {
         let twice = plan.whole.iter().filter(|&&whole| !whole).count();
         if twice > 0 {
             let blocks = counted(twice, "block doesn't", "blocks don't");
-            monitor.note(Level::Info, format_args!("{blocks} fit the memory and are read again for each use"));
+            monitor.note(Level::Info, format_args!("{blocks} fit in memory and must be read again for each use"));
         }
     }
 }

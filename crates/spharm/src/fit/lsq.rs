@@ -331,7 +331,7 @@ fn stored_factor(
         Some(error) => warnings.push(FitWarning::FactorUnusable { reason: error.to_string() }),
         None => {
             let store = store.display();
-            monitor.note(Level::Info, format_args!("{store}: no factor of this scheme; solving without one"));
+            monitor.note(Level::Info, format_args!("{store}: no factor for this sphere; solving without a factor"));
         }
     }
     Ok(None)

@@ -52,7 +52,7 @@ pub(crate) fn check_auto(rows: usize, max_degree: usize) -> Result<(), Error> {
     }
     Err(Error::Setting {
         what: "a smoothness by cross-validation",
-        expected: "a vertex or sample for each 100 coefficients; lower the degree, or give the smoothness",
+        expected: "at least one vertex or sample per 100 coefficients; lower the degree, or give the smoothness",
         found: format!("{rows} for {functions}"),
     })
 }
