@@ -140,11 +140,11 @@ def both(first: sp.Surface, second: sp.Surface) -> sp.Surface:
 @pytest.mark.parametrize(
     ("made", "warning"),
     [
-        (lambda own, _: moved(own), "it is the same surface as s01"),
-        (lambda _, other: moved(other, scale=1000), "of another kind or unit"),
-        (lambda _, other: half(other), "have no counterpart on it"),
-        (lambda own, other: both(own, other), "of another kind or unit"),
-        (lambda *_: moved(sp.icosphere(4), scale=9), "of another kind or unit"),
+        (lambda own, _: moved(own), "the surface is identical to s01"),
+        (lambda _, other: moved(other, scale=1000), "of another kind or in another unit"),
+        (lambda _, other: half(other), "has no counterpart on this surface"),
+        (lambda own, other: both(own, other), "of another kind or in another unit"),
+        (lambda *_: moved(sp.icosphere(4), scale=9), "of another kind or in another unit"),
     ],
     ids=["twice", "units", "half", "two in one file", "a ball"],
 )

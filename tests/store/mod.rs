@@ -96,7 +96,7 @@ fn assert_helpful(error: &StoreError, path: &Path) {
 
 fn assert_helpful_line(line: &str, path: &Path) {
     assert!(line.contains(&path.display().to_string()), "names {}: {line}", path.display());
-    let remedies = ["build it again", "build a new store", "build the damaged files again"];
+    let remedies = ["build it again", "build the file again", "build a new store", "build the damaged files again"];
     assert!(remedies.iter().any(|remedy| line.contains(remedy)), "says what to do: {line}");
 }
 

@@ -128,7 +128,7 @@ mod tests {
 
         let mut turned = good.clone();
         turned.faces[0].swap(0, 1);
-        assert!(message(&turned).contains("wound against each other"), "{}", message(&turned));
+        assert!(message(&turned).contains("of opposite orientation"), "{}", message(&turned));
 
         let mut welded = good.clone();
         let [a, b, _] = welded.faces[0];

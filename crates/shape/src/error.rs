@@ -218,9 +218,9 @@ pub enum ShapeError {
     },
     /// A file that isn't the journal of this group's alignment.
     #[error(
-        "{}: expected the state of an alignment of these models with these settings, found {}",
+        "{}: expected the state of an alignment of these models with these settings, found {}; choose another file",
         path.display(),
-        if *is_one { "the state of another alignment; choose another file" } else { "a file of another kind; choose another file" }
+        if *is_one { "the state of another alignment" } else { "a file of another kind" }
     )]
     OtherJournal {
         /// The file.

@@ -26,7 +26,7 @@ pub enum StoreError {
         source: io::Error,
     },
     /// The path of a basis file or factor names something other than a regular file.
-    #[error("{}: expected a regular file, found {found}; move it away and build it again", .path.display())]
+    #[error("{}: expected a regular file, found {found}; move it away and build the file again", .path.display())]
     NotAFile {
         /// Path.
         path: PathBuf,
@@ -34,7 +34,7 @@ pub enum StoreError {
         found: &'static str,
     },
     /// A field or check of the file violates the format.
-    #[error("{}: damaged or not a file of a basis store: {what}: expected {expected}, found {found}; delete it and build it again", .path.display())]
+    #[error("{}: damaged or not a file of a basis store: {what}: expected {expected}, found {found}; delete the file and build it again", .path.display())]
     Corrupt {
         /// Path of the file.
         path: PathBuf,
@@ -102,7 +102,7 @@ pub enum StoreError {
         tile: usize,
     },
     /// The file has a format version that this program can't read.
-    #[error("{}: store format version {found}, this program reads version {expected}; use the program that wrote it, or build a new store", .path.display())]
+    #[error("{}: the store format version is {found}, but this program reads version {expected}; use the program that wrote it, or build a new store", .path.display())]
     Version {
         /// Path of the file.
         path: PathBuf,
@@ -144,7 +144,7 @@ pub enum StoreError {
         found: usize,
     },
     /// The store has the scheme, but lacks a basis file of some degree up to the requested one.
-    #[error("{}: scheme {key} holds {}, degree {missing} is missing", .store.display(), degrees_there(.complete_to))]
+    #[error("{}: scheme {key} holds {}, but degree {missing} is missing", .store.display(), degrees_there(.complete_to))]
     DegreeMissing {
         /// Path of the store.
         store: PathBuf,
@@ -160,7 +160,7 @@ pub enum StoreError {
         wanted: usize,
     },
     /// Two basis files of a scheme have different numbers of rows per chunk, so they can't be read together.
-    #[error("{}: chunks of {found} rows, the other degrees have {expected}; delete it and build it again", .path.display())]
+    #[error("{}: the file has chunks of {found} rows, but the other degrees have chunks of {expected}; delete the file and build it again", .path.display())]
     ChunkRowsDiffer {
         /// Path of the file.
         path: PathBuf,
@@ -170,7 +170,7 @@ pub enum StoreError {
         found: usize,
     },
     /// The disk has too little free space, or the files exceed 64 GiB and large files aren't allowed.
-    #[error("{}: the {what} needs {needed} bytes ({:.1} GB), the disk has {free} free ({:.1} GB)", .path.display(), *.needed as f64 / 1e9, *.free as f64 / 1e9)]
+    #[error("{}: the {what} needs {needed} bytes ({:.1} GB), but the disk has {free} free ({:.1} GB)", .path.display(), *.needed as f64 / 1e9, *.free as f64 / 1e9)]
     Space {
         /// Path of the store.
         path: PathBuf,
@@ -203,7 +203,8 @@ pub enum StoreError {
     },
     /// The file would have more chunks, or larger ones, than the format allows.
     #[error(
-        "degree {degree} of {rows} directions in chunks of {chunk_rows} rows: a file holds at most {MAX_CHUNKS} chunks of {MAX_CHUNK_LEN} bytes; choose another number of rows a chunk"
+        "degree {degree} of {rows} directions in chunks of {chunk_rows} rows: a file holds at most {MAX_CHUNKS} chunks \
+         of {MAX_CHUNK_LEN} bytes; choose another number of rows per chunk"
     )]
     Layout {
         /// Degree of the file.
@@ -248,7 +249,7 @@ fn keys_there(keys: &[SchemeKey]) -> String {
         keys => {
             let shown: Vec<_> = keys.iter().take(8).map(|k| k.short()).collect();
             let more = if keys.len() > 8 { format!(" and {} more", keys.len() - 8) } else { String::new() };
-            format!("it has {}{more}", shown.join(", "))
+            format!("the store has {}{more}", shown.join(", "))
         }
     }
 }
@@ -258,7 +259,7 @@ fn keys_begin(found: usize) -> String {
 }
 
 fn factors_there(names: &[String]) -> String {
-    if names.is_empty() { "it has none".to_owned() } else { format!("it has {}", names.join(", ")) }
+    if names.is_empty() { "the store has no factors".to_owned() } else { format!("the store has {}", names.join(", ")) }
 }
 
 fn degrees_there(complete_to: &Option<usize>) -> String {
@@ -279,7 +280,7 @@ mod tests {
         let key = SchemeKey([0xab; 32]);
         let none = |available| StoreError::NoSuchScheme { store: store(), key, available }.to_string();
         assert!(none(vec![]).ends_with("; the store is empty"));
-        assert!(none(vec![key]).ends_with("; it has abababababab"));
+        assert!(none(vec![key]).ends_with("; the store has abababababab"));
         assert!(none(vec![key; 8]).ends_with(", abababababab"));
         assert!(none(vec![key; 10]).ends_with(", abababababab and 2 more"));
         assert_eq!(none(vec![key; 10]).matches("abababababab, ").count(), 7);
@@ -289,16 +290,16 @@ mod tests {
         let missing = |available| {
             StoreError::FactorMissing { store: store(), key, wanted: "degree 2".into(), available }.to_string()
         };
-        assert!(missing(vec![]).ends_with("; it has none"));
-        assert!(missing(vec!["factor_1".into(), "factor_2".into()]).ends_with("; it has factor_1, factor_2"));
+        assert!(missing(vec![]).ends_with("; the store has no factors"));
+        assert!(missing(vec!["factor_1".into(), "factor_2".into()]).ends_with("; the store has factor_1, factor_2"));
         let degree = |complete_to| {
             let (scalar, missing, wanted) = (None, 3, 5);
             StoreError::DegreeMissing { store: store(), key, scalar, complete_to, missing, wanted }.to_string()
         };
-        assert!(degree(Some(2)).ends_with("holds degrees 0 to 2, degree 3 is missing"));
-        assert!(degree(None).ends_with("holds no degree 0, degree 3 is missing"));
+        assert!(degree(Some(2)).ends_with("holds degrees 0 to 2, but degree 3 is missing"));
+        assert!(degree(None).ends_with("holds no degree 0, but degree 3 is missing"));
         let space = StoreError::Space { path: store(), what: "basis", needed: 2_500_000_000, free: 1_000_000_000 };
-        let expected = "the basis needs 2500000000 bytes (2.5 GB), the disk has 1000000000 free (1.0 GB)";
+        let expected = "the basis needs 2500000000 bytes (2.5 GB), but the disk has 1000000000 free (1.0 GB)";
         assert!(space.to_string().ends_with(expected), "{space}");
     }
 }

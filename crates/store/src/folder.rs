@@ -86,7 +86,7 @@ pub(crate) fn lock(folder: &Path, monitor: &dyn Monitor) -> Result<Option<File>,
             Err(TryLockError::WouldBlock) => {}
         }
         if !std::mem::replace(&mut noted, true) {
-            let text = "another build is at work on this scheme; waiting for it";
+            let text = "another build is at work on this scheme; waiting until the other build ends";
             monitor.note(Level::Info, format_args!("{text}"));
         }
         monitor.check()?;

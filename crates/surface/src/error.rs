@@ -45,8 +45,8 @@ pub enum SurfaceError {
 
     /// The format of the output doesn't preserve the order of the vertices, which this surface requires.
     #[error(
-        "{}: {format} doesn't keep the order of the vertices, which matches a surface to its sphere: \
-         write .surf.gii, .ply or .obj",
+        "{}: {format} doesn't keep the order of the vertices, which links a surface to its sphere; write .surf.gii, \
+         .ply or .obj",
         path.display()
     )]
     LosesOrder {
@@ -95,7 +95,7 @@ pub enum SurfaceError {
     },
 
     /// Reading the file needs more memory than is free.
-    #[error("{}: its contents need {room}; make more memory available, or make the file smaller", path.display())]
+    #[error("{}: the contents need {room}; make more memory available, or make the file smaller", path.display())]
     NoRoom {
         /// The file.
         path: PathBuf,
@@ -134,7 +134,7 @@ pub enum SurfaceError {
     },
 
     /// The surface has no vertices or triangles, or the signal has no values.
-    #[error("{}: expected at least one {what}, found none: the file was exported empty", path.display())]
+    #[error("{}: expected at least one {what}, found none; export the file again", path.display())]
     Empty {
         /// The file.
         path: PathBuf,
@@ -145,7 +145,7 @@ pub enum SurfaceError {
     /// A coordinate or value is NaN or infinite.
     #[error(
         "{}: expected finite numbers, found {value} at vertex {vertex} (counted from 0): \
-         mend or mask the value and export again",
+         repair or mask the value and export the file again",
         path.display()
     )]
     NonFinite {
@@ -159,8 +159,8 @@ pub enum SurfaceError {
 
     /// A triangle refers to a vertex that doesn't exist.
     #[error(
-        "{}: triangle {face} refers to vertex {index} (both counted from 0), expected an index below {vertices}: \
-         the file is damaged or its parts belong to different surfaces",
+        "{}: triangle {face} refers to vertex {index} (both counted from 0), expected an index below {vertices}; the \
+         file is damaged or its parts belong to different surfaces",
         path.display()
     )]
     IndexOutOfRange {
@@ -175,7 +175,7 @@ pub enum SurfaceError {
     },
 
     /// The surface has more vertices or triangles than this crate supports.
-    #[error("{}: found {found} {what}, expected at most {limit}: simplify the surface", path.display())]
+    #[error("{}: found {found} {what}, expected at most {limit}; simplify the surface", path.display())]
     TooLarge {
         /// The file.
         path: PathBuf,
@@ -299,7 +299,8 @@ pub enum SurfaceError {
 
     /// A sphere's mesh is closed but doesn't enclose the origin.
     #[error(
-        "{}: the origin lies outside this sphere; centre it at the origin, or is this the surface itself?",
+        "{}: the origin lies outside this sphere; center the sphere at the origin, and check that the file is a \
+         sphere, not the surface itself",
         path.display()
     )]
     OriginOutside {
@@ -317,7 +318,7 @@ pub enum SurfaceError {
     },
 
     /// A surface or signal doesn't have the sphere's number of vertices.
-    #[error("{}: {found} vertices, {} has {expected}; they must correspond", path.display(), named(sphere.as_ref()))]
+    #[error("{}: found {found} vertices, but {} has {expected}; both must have the same vertices", path.display(), named(sphere.as_ref()))]
     VertexCount {
         /// The surface's or the signal's file.
         path: PathBuf,
@@ -351,7 +352,7 @@ pub enum SurfaceError {
     },
 
     /// The seam recorded in a sphere's file is inconsistent with the sphere.
-    #[error("{}: its record of the seams doesn't match the sphere: {found}; map the surface again", path.display())]
+    #[error("{}: the record of the seams doesn't match the sphere: {found}; map the surface again", path.display())]
     Seam {
         /// The sphere's file.
         path: PathBuf,

@@ -152,7 +152,7 @@ impl<'a> Parser<'a> {
                 _ => return Err(format!("expected the keys descr, fortran_order and shape, found {}", shown(key))),
             };
             if again {
-                return Err(format!("the key {key:?} is there twice"));
+                return Err(format!("the key {key:?} occurs twice"));
             }
             if !self.take(",") {
                 self.expect("}")?;
@@ -183,7 +183,7 @@ impl<'a> Parser<'a> {
             Ok(Field { name, kind, size, little })
         })?;
         let size = fields.iter().try_fold(0_usize, |sum, field| sum.checked_add(field.size));
-        let size = size.filter(|&size| size > 0).ok_or("expected fields of some bytes")?;
+        let size = size.filter(|&size| size > 0).ok_or("expected fields of at least one byte")?;
         Ok((Type { kind: 'V', size, little: true }, fields))
     }
 

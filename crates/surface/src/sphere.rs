@@ -68,7 +68,7 @@ impl fmt::Display for SphereWarning {
                 let percent = 100.0 * (max - min) / max;
                 write!(
                     f,
-                    "radii from {min:.4} to {max:.4}, {percent:.1} % apart; is it a sphere centred at the origin?"
+                    "radii from {min:.4} to {max:.4}, {percent:.1} % apart; is this a sphere centered at the origin?"
                 )
             }
             Self::NotClosed(topology) => write!(f, "not a closed sphere: {}", topology.problems().join("; ")),

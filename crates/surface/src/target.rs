@@ -49,7 +49,7 @@ impl fmt::Display for TargetWarning {
                 write!(f, "not a closed surface of genus zero: {}", topology.problems().join("; "))
             }
             Self::OtherHemisphere { target, sphere } => {
-                write!(f, "of the {target} hemisphere, the sphere is of the {sphere} one")
+                write!(f, "this file is of the {target} hemisphere, but the sphere is of the {sphere} hemisphere")
             }
         }
     }

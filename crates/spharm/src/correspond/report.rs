@@ -116,15 +116,16 @@ impl CorrespondWarning {
         match self {
             Self::Pose(warning) => warning.of_member(),
             Self::Unreached { share, farthest, .. } => format!(
-                "the template doesn't reach {:.1} % of its surface, by at most {farthest:.4}: it has parts that the template \
-                 lacks",
+                "the template misses {:.1} % of this surface, by at most {farthest:.4}: the surface has parts that the \
+                 template lacks",
                 100.0 * share
             ),
             Self::Lacks { share, .. } => format!(
-                "{:.1} % of the template have no counterpart on it: places there are guesses, and marked so",
+                "{:.1} % of the template has no counterpart on this surface: positions there are guesses, and marked \
+                 as such",
                 100.0 * share
             ),
-            Self::Same { as_member, .. } => format!("it is the same surface as {}", name(*as_member)),
+            Self::Same { as_member, .. } => format!("the surface is identical to {}", name(*as_member)),
         }
     }
 }

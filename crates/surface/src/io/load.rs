@@ -75,7 +75,7 @@ pub(super) fn gunzip(bytes: &[u8]) -> Result<Vec<u8>, Flaw> {
     if text.len() as u64 >= limit {
         return Err(Flaw::unsupported(
             format!("more than {} in {} compressed bytes", Bytes(limit), bytes.len()),
-            "unpack it with gunzip if it is to be trusted",
+            "unpack the file with gunzip if you trust it",
         ));
     }
     Ok(text)

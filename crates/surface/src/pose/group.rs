@@ -106,14 +106,16 @@ impl GroupPoseWarning {
     pub fn of_member(&self) -> String {
         match self {
             Self::Doubtful { distance, second, .. } => format!(
-                "its surface is {distance:.4} from the others, and {second:.4} in another pose: its pose is in doubt"
+                "the pose is in doubt: the distance from the other surfaces is {distance:.4}, and {second:.4} in \
+                 another pose"
             ),
             Self::Far { distance, median, .. } => format!(
-                "its surface is {distance:.4} from the others, where {median:.4} is usual: it may be of another kind or unit"
+                "the distance from the other surfaces is {distance:.4}, but the median of the group is {median:.4}: \
+                 the surface may be of another kind or in another unit"
             ),
             Self::Mirrored { distance, mirrored, .. } => format!(
-                "its surface is {distance:.4} from the others, and its mirror image {mirrored:.4}: it may be of the other side, \
-                 or of a file that is mirrored"
+                "the distance from the other surfaces is {distance:.4}, and {mirrored:.4} for its mirror image: the \
+                 surface may be from the other side, or the file may be mirrored"
             ),
         }
     }

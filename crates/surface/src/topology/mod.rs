@@ -139,13 +139,13 @@ impl Topology {
             ),
             counted(
                 self.non_manifold_vertices,
-                "vertex joins parts that touch in that point only",
-                "vertices join parts that touch in that point only",
+                "vertex joins parts that touch only at this vertex",
+                "vertices join parts that touch only at these vertices",
             ),
             counted(
                 self.inconsistent_edges,
-                "edge has triangles wound against each other",
-                "edges have triangles wound against each other",
+                "edge has triangles of opposite orientation",
+                "edges have triangles of opposite orientation",
             ),
             counted(self.degenerate_faces, "triangle names a vertex twice", "triangles name a vertex twice"),
             counted(self.duplicate_faces, "triangle repeats another one", "triangles repeat others"),

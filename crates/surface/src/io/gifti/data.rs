@@ -133,7 +133,7 @@ fn expanded(count: u64, data_type: DataType, text: usize, left: &mut u64) -> Res
         Some(rest) => *left = rest,
         None => {
             let found = format!("{count} values ({}) in {text} bytes of compressed text", Bytes(bytes));
-            return Err(Flaw::unsupported(found, "write the file again without compression if it is to be trusted"));
+            return Err(Flaw::unsupported(found, "write the file again without compression if you trust it"));
         }
     }
     // The decompressed bytes and the numbers decoded from them are in memory at the same time.
