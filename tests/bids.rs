@@ -131,7 +131,7 @@ fn what_is_missing_is_said_and_costs_nobody_else_s_model() {
     }
     fs::write(site.path().join("out/dataset_description.json"), r#"{"Name": "raw data"}"#).expect("a file");
     let line = fail(&mut bids(site.path(), &["participant", "--max-degree", "4"]));
-    assert!(line.contains("expected the description of a dataset of spharm"), "{line}");
+    assert!(line.contains("expected the description of a dataset made by spharm"), "{line}");
 }
 
 #[test]

@@ -206,7 +206,10 @@ fn an_interrupted_group_goes_on_where_it_was_ended() {
     assert!(!wait(child).status.success() && !site.path("group").exists());
     // Registrations of another group, or in another folder, aren't used.
     let error = fail(&mut site.correspond("group", &["--resume", "state", "--rounds", "1"]));
-    assert!(error.contains("state/key.json") && error.contains("registrations of other surfaces or settings"), "{error}");
+    assert!(
+        error.contains("state/key.json") && error.contains("registrations of other surfaces or settings"),
+        "{error}"
+    );
     let error = fail(&mut site.correspond("group", &["--resume", "in"]));
     assert!(error.contains("a folder with other files"), "{error}");
     // A truncated registration is made again.

@@ -232,7 +232,7 @@ fn damaged_files_get_one_line_that_names_them() {
     for (name, contents) in [("text", "hello\n"), ("bytes", "\u{0}\u{1}\u{2}"), ("matrix", "1 2 3\n4 5 6\n")] {
         std::fs::write(site.path(name), contents).expect("written");
         let said = fail(&mut site.run("import", &[name, "-o", "y.npz"]));
-        assert!(said.contains(name) && said.contains("give it with --from"), "{said}");
+        assert!(said.contains(name) && said.contains("give the format with --from"), "{said}");
     }
     let said = fail(&mut site.run("import", &["nowhere.coef", "-o", "y.npz"]));
     assert!(said.contains("nowhere.coef"), "{said}");

@@ -112,8 +112,8 @@ fn broken_subjects_are_named_and_stop_no_other() {
     };
     assert!(error("bert.rh.white").contains("rh.sphere.reg"));
     assert!(error("bert.lh.thickness").contains("642") && error("bert.lh.white").contains("2562"));
-    assert!(error("ernie b..rh.white").contains("reverses its orientation"), "{report}");
-    assert!(error("ernie b..rh.thickness").contains("reverses its orientation"), "{report}");
+    assert!(error("ernie b..rh.white").contains("reverses the orientation of the surface"), "{report}");
+    assert!(error("ernie b..rh.thickness").contains("reverses the orientation of the surface"), "{report}");
     assert!(subjects.out("ernie b..lh.white.spharm.npz").exists());
 }
 
@@ -145,7 +145,7 @@ fn values_are_held_against_the_surfaces_of_their_hemisphere() {
     let output = finish(&mut subjects.run(&fit));
     assert!(error_line(&output).contains("1 of 1 surface"), "{}", text(&output));
     assert!(
-        text(&output).contains("rh.thickness: ") && text(&output).contains("reverses its orientation"),
+        text(&output).contains("rh.thickness: ") && text(&output).contains("reverses the orientation of the surface"),
         "{}",
         text(&output)
     );
@@ -167,7 +167,7 @@ fn the_other_hemispheres_sphere_is_known_by_its_vertices() {
     std::fs::copy(bert("rh.sphere.reg"), bert("lh.sphere.reg")).expect("copied");
     let output = finish(&mut subjects.run(&["--surface", "white", "--subject", "bert", "--hemi", "lh"]));
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(said.contains("rh.white: does it belong to that hemisphere?"), "{said}");
+    assert!(said.contains("rh.white: does the sphere belong to that hemisphere?"), "{said}");
     let missing = finish(&mut subjects.run(&["--surface", "white", "--subject", "oscar"]));
     assert!(error_line(&missing).contains("oscar: no such subject"));
 }

@@ -167,7 +167,10 @@ fn a_label_with_a_handle_comes_back_with_it() {
     let refused = fail(&mut fit(&ring, &[]));
     assert!(refused.contains("1 handle (genus 1)") && refused.contains("--cut-handles"), "{refused}");
     let told = finish(&mut fit(&ring, &["--cut-handles"]));
-    assert!(told.status.success() && String::from_utf8_lossy(&told.stderr).contains("genus reduced from 1 to 0"), "{told:?}");
+    assert!(
+        told.status.success() && String::from_utf8_lossy(&told.stderr).contains("genus reduced from 1 to 0"),
+        "{told:?}"
+    );
     let named = |ending: &str| folder.path().join(format!("ring.1{ending}"));
     let files = || std::fs::read_dir(folder.path()).expect("a folder").count();
     // The label's surface before and after the cut.

@@ -73,7 +73,7 @@ fn a_study_of_labels_says_on_its_page_that_they_follow_the_voxels() {
     let head = page.split_once("class=\"warnings\"").and_then(|(_, rest)| rest.split_once("</section>")).unwrap().0;
     assert!(head.contains("resolves the voxels of 4 labels (s1, s2, s3, s4)"), "{head}");
     // The page shows each model beside the surface to which it was fitted.
-    assert!(!String::from_utf8_lossy(&output.stderr).contains("without its surface"), "{}", text(&output));
+    assert!(!String::from_utf8_lossy(&output.stderr).contains("without the original surface"), "{}", text(&output));
     for item in items(&page).iter().filter(|item| item.get("reference").is_some()) {
         assert_eq!(item["reference"]["kind"], "vertices");
     }

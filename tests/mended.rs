@@ -111,7 +111,7 @@ fn masked_vertices_and_missing_values_are_not_read() {
     };
     let output = finish(&mut fit(&["nan.csv", "full.csv"], "gaps", &["--report", "r.json"]));
     assert!(
-        output.status.success() && text(&output).contains("nan.csv: 40 of 642 vertices aren't read"),
+        output.status.success() && text(&output).contains("nan.csv: 40 of 642 vertices are excluded"),
         "{}",
         text(&output)
     );

@@ -100,7 +100,10 @@ fn landmarks_that_do_not_fit_are_said() {
     let found: Value = serde_json::from_slice(&output.stdout).expect("JSON");
     assert_eq!(found["landmarks"]["names"], serde_json::json!(["x1"]));
     let warnings = found["warnings"].to_string();
-    assert!(warnings.contains("far from its surface") && warnings.contains("not in every file"), "{warnings}");
+    assert!(
+        warnings.contains("far from its surface") && warnings.contains("landmarks omitted because other files lack them"),
+        "{warnings}"
+    );
     fs::remove_file(site.join("group/s03.json")).expect("removed");
     let output = run(&["group"]);
     assert!(error_line(&output).contains("no landmarks of s03"), "{}", text(&output));

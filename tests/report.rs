@@ -110,7 +110,7 @@ fn what_was_fitted_is_compared_with_where_it_is_as_it_was() {
     assert_eq!(info(&site.page("found.html"))["items"][0]["reference"]["kind"], "vertices");
     site.run(&["generate", "--subdivisions", "3", "--variant", "2", "--surface", "s.ply", "--force"]);
     let output = finish(&mut site.command(&["report", "s.spharm.npz", "-o", "changed.html"]));
-    assert!(output.status.success() && String::from_utf8_lossy(&output.stderr).contains("it has changed"));
+    assert!(output.status.success() && String::from_utf8_lossy(&output.stderr).contains("the file has changed"));
     assert_eq!(info(&site.page("changed.html"))["items"][0]["reference"]["kind"], "model");
     // A surface with other triangles; and more vertices than permitted, so that the page shows an icosphere instead.
     site.run(&["generate", "--subdivisions", "4", "--surface", "fine.ply"]);

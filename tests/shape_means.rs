@@ -107,7 +107,7 @@ fn questions_that_mean_nothing_are_refused() {
     for (a, b, paired, words) in [
         (&some[..], &["year2/s0.spharm.npz"][..], true, "as many models in --b as in --a, 2, found 1"),
         (&some, &["./year1/s1.spharm.npz", "year2/s2.spharm.npz"], false, "in both groups"),
-        (&["year1/s0.spharm.npz", "./year1/s0.spharm.npz"], &["year2/s2.spharm.npz"], false, "in its group twice"),
+        (&["year1/s0.spharm.npz", "./year1/s0.spharm.npz"], &["year2/s2.spharm.npz"], false, "in the same group twice"),
     ] {
         let groups = [&["--a"][..], a, &["--b"], b, if paired { &["--paired"] } else { &[] }].concat();
         let error = fail(test(site, &groups).args(["-o", "out"]));

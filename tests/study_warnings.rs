@@ -98,7 +98,7 @@ fn models_that_are_equal_are_named_where_their_files_are_not() {
     let table = table.replace("a04.ply", "a04.obj").replace("b02.ply", "b02.off");
     fs::write(meshes.join("study.csv"), table).expect("a table");
     let (terminal, page) = warnings(site.path(), &run(site.path()));
-    let expected = "a01, a04, b02: their models are equal";
+    let expected = "a01, a04, b02: these models are equal";
     for (place, found) in [("page", page), ("terminal", terminal)] {
         assert!(found.iter().any(|warning| warning.starts_with(expected)), "{place}: {found:?}");
     }

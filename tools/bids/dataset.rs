@@ -25,7 +25,8 @@ pub(super) fn prepare(output: &Path, source: &Path, subjects: &[&str]) -> Result
     match spharm_files::read_text(&path, MOST_OWN) {
         Ok(text) if !is_ours(&text) => {
             bail!(
-                "{}: expected the description of a dataset of spharm, found another one; choose another OUT",
+                "{}: expected the description of a dataset made by spharm, found another description; choose another \
+                 OUT",
                 path.display()
             )
         }

@@ -98,7 +98,8 @@ fn check_earlier(cli: &Cli, found: &[Found]) -> Result<()> {
         let degree = described.as_ref().and_then(|described| described["MaximalDegree"].as_u64());
         if let Some(degree) = degree.filter(|degree| *degree != cli.max_degree as u64) {
             bail!(
-                "{}: exists with degree {degree} (requested: {}); give --force to replace it, or another OUT",
+                "{}: the model exists with degree {degree} (requested: {}); give --force to replace the model, or \
+                 choose another OUT",
                 model.display(),
                 cli.max_degree
             );
@@ -106,7 +107,8 @@ fn check_earlier(cli: &Cli, found: &[Found]) -> Result<()> {
         let name = |path: &PathBuf| path.file_name().is_some_and(|name| !name.to_string_lossy().contains(&sampled));
         if let Some(other) = found.evaluations(&cli.output).iter().find(|path| name(path)) {
             bail!(
-                "{}: exists on another icosphere (requested: {}); give --force to replace it, or another OUT",
+                "{}: the file exists on another icosphere (requested: {}); give --force to replace the file, or choose \
+                 another OUT",
                 other.display(),
                 cli.icosphere
             );

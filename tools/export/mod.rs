@@ -20,7 +20,7 @@ const WRITING: u64 = 1 << 20;
 /// Runs the verb.
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     if cli.normalization != Normalization::default() && cli.to != Format::Pyshtools {
-        return Err(Usage::conflict("--normalization is for --to pyshtools").into());
+        return Err(Usage::conflict("--normalization can only be used with --to pyshtools").into());
     }
     let console = cli.common.console();
     let models = expand(&cli.models, ".npz")?;

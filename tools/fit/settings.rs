@@ -47,10 +47,10 @@ fn method(cli: &Cli) -> Result<Method, Usage> {
     let name = method.to_possible_value().map_or(String::new(), |value| value.get_name().to_owned());
     let streamed = !matches!(method, Lsq | Quadrature);
     let needs = [
-        (cli.input.store.is_none(), "--store DIR, with a basis that basis-build has made"),
+        (cli.input.store.is_none(), "--store DIR, with a basis made by spharm basis-build"),
         (
             cli.input.sphere.is_none() && cli.input.manifest.is_none(),
-            "--sphere SPHERE, the one that the basis was built for",
+            "--sphere SPHERE, the sphere for which the basis was built",
         ),
     ];
     if let Some((_, needed)) = needs.iter().find(|(missing, _)| streamed && *missing) {
@@ -64,7 +64,7 @@ fn method(cli: &Cli) -> Result<Method, Usage> {
     let conflicts = [
         (args.start_degree.is_some() && !matches!(method, Sirf | Mirf), "--start-degree", ""),
         (args.granularity.is_some() && method != Irf, "--granularity", ""),
-        (args.passes.is_some_and(|p| p > 1) && !repeated, "--passes", "; several passes of sirf are mirf"),
+        (args.passes.is_some_and(|p| p > 1) && !repeated, "--passes", "; for several passes use --method mirf"),
         (args.accelerate && !repeated, "--accelerate", "; use --method irf or mirf"),
         (args.objective == Some(Objective::Surface) && method != Lsq, "--objective surface", "; use --method lsq"),
         (of_surface_in_store, "--objective surface", " over a --store, whose basis and factor are for the vertices"),

@@ -32,7 +32,8 @@ pub(super) fn hemisphere(row: &Row, sphere: &Sphere, target: Result<Target, RunE
             let of_surface = volume(positions.as_chunks::<3>().0, &sphere.faces);
             if of_surface * volume(sphere.directions.as_slice(), &sphere.faces) < 0.0 {
                 return Err(RunError::Check(format!(
-                    "{}: {} reverses its orientation; is it the other hemisphere's sphere?",
+                    "{}: the sphere {} reverses the orientation of the surface; is this the sphere of the other \
+                     hemisphere?",
                     row.surface.display(),
                     sphere.name().display()
                 )));
@@ -49,7 +50,8 @@ pub(super) fn hemisphere(row: &Row, sphere: &Sphere, target: Result<Target, RunE
                 Some(path) => {
                     let (sphere, path) = (sphere.name().display(), path.display());
                     Err(RunError::Check(format!(
-                        "{error}; {sphere} has the {vertices} vertices of {path}: does it belong to that hemisphere?"
+                        "{error}; {sphere} has {vertices} vertices, as many as {path}: does the sphere belong to that \
+                         hemisphere?"
                     )))
                 }
                 None => Err(error),

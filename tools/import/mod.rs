@@ -22,7 +22,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let budget = cli.memory.budget(1);
     budget.check_inputs("import", cli.files.iter().chain(&cli.sphere).map(PathBuf::as_path))?;
     let found = import(&cli.files, &options).map_err(|error| match error {
-        ExchangeError::Unknown { .. } => anyhow!("{error}; give it with --from"),
+        ExchangeError::Unknown { .. } => anyhow!("{error}; give the format with --from"),
         error => error.into(),
     });
     let Imported { coefficients, sphere, format } = found?;

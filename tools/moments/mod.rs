@@ -39,7 +39,7 @@ fn read(form: &Form, monitor: &ConsoleMonitor) -> Result<()> {
     let request = Request {
         files: form.samples.clone(),
         columns: form.columns(vertices(form, budget, monitor)?),
-        max_degree: form.max_degree.ok_or_else(|| Usage::missing("--max-degree is needed"))?,
+        max_degree: form.max_degree.ok_or_else(|| Usage::missing("--max-degree is required"))?,
         shard: form.shard,
         memory: Some(form.memory.memory.map_or(free, |size| size.0)),
     };
@@ -120,7 +120,7 @@ struct Output<'a> {
 impl<'a> Output<'a> {
     /// Refuses outputs that couldn't be written at the end.
     fn new(args: &'a OutputArgs) -> Result<Self> {
-        let path = args.output.as_deref().ok_or_else(|| Usage::missing("--output is needed"))?;
+        let path = args.output.as_deref().ok_or_else(|| Usage::missing("--output is required"))?;
         let moments = OutputFile::with_ending(path, "--output", &[".moments"]);
         let report = args.report.iter().map(|path| OutputFile::new(path, "--report"));
         check_outputs(std::iter::once(moments).chain(report), args.force)?;

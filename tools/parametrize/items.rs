@@ -68,18 +68,21 @@ fn check(cli: &Cli, input: &Path) -> Result<()> {
     let volume = is_volume(input);
     let by_cald = !volume && !matches!(cli.method, MethodName::Conformal | MethodName::Stretch);
     if !by_cald && (cli.area.is_some() || cli.max_degree.is_some()) {
-        bail!("--area and --max-degree are for meshes by --method cald, auto or deform");
+        bail!("--area and --max-degree can only be used for meshes, with --method cald, auto or deform");
     }
     match cli.method {
         MethodName::EqualArea if !volume => {
-            bail!("equal-area is for volumes (.nii, .mgz, .nrrd, .tif, .npy); use --method cald for meshes")
+            bail!(
+                "--method equal-area can only be used for volumes (.nii, .mgz, .nrrd, .tif, .npy); use --method cald \
+                 for meshes"
+            )
         }
         MethodName::Deform if cli.resample_to.is_some() => {
-            bail!("deform makes its own sampling; omit --resample-to")
+            bail!("--method deform makes its own sampling; omit --resample-to")
         }
         MethodName::Deform => Ok(()),
         _ if cli.subdivisions.is_some() => {
-            bail!("--subdivisions is for --method deform; use --resample-to icosphere:N")
+            bail!("--subdivisions can only be used with --method deform; use --resample-to icosphere:N")
         }
         _ => Ok(()),
     }

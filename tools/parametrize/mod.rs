@@ -75,10 +75,14 @@ fn one(
     if let Some(cut) = input.cut() {
         cut.mark(&mut found.sphere);
         if Seam::of(&found.sphere.meta).is_none() {
-            console.warn("the new sampling doesn't have the seams: its models reconstruct the cut surface");
+            console.warn(
+                "the resampled sphere has no seams where handles were cut; models on this sphere reconstruct the cut \
+                 surface",
+            );
         } else if !item.keeps_metadata() {
             console.warn(format_args!(
-                "{}: this format doesn't keep the seams, so models over it reconstruct the cut surface; write .surf.gii",
+                "{}: this format doesn't keep the seams, so models on this sphere reconstruct the cut surface; write \
+                 .surf.gii",
                 item.sphere.display()
             ));
         }

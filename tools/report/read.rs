@@ -65,7 +65,7 @@ pub(super) fn models(cli: &Cli, console: &Console) -> Result<Vec<Shown>> {
     };
     for (report, entries) in cli.fit_report.iter().zip(&reports) {
         if !entries.iter().any(|entry| paths.iter().any(|path| is_of(entry, path))) {
-            console.note(format!("{}: ignored: it reports the fits of other models", report.display()));
+            console.note(format!("{}: ignored, because the file reports fits of other models", report.display()));
         }
     }
     paths.iter().enumerate().map(one).collect()
@@ -77,7 +77,7 @@ fn fitted_to(model: &Model, path: &Path, console: &Console) -> Option<(String, M
     let input = Path::new(&record.path);
     let left_out = |why: &str| {
         console.note(format!(
-            "{}: shown without its surface, {}: {why}; give it with --surface",
+            "{}: shown without the original surface, {}: {why}; give the surface with --surface",
             path.display(),
             input.display()
         ));
@@ -89,7 +89,7 @@ fn fitted_to(model: &Model, path: &Path, console: &Console) -> Option<(String, M
         return match read_mesh(&beside) {
             Ok(mesh) => Some((shown(&beside), mesh)),
             Err(error) if beside.exists() => left_out(&error.to_string()),
-            Err(_) => left_out(&format!("it is a volume, and there is no {} beside the model", shown(&beside))),
+            Err(_) => left_out(&format!("the file is a volume, and there is no {} beside the model", shown(&beside))),
         };
     }
     if !input.is_file() {
@@ -97,7 +97,7 @@ fn fitted_to(model: &Model, path: &Path, console: &Console) -> Option<(String, M
     }
     match FileRecord::of(input) {
         Ok(found) if found.same_contents(record) => {}
-        Ok(_) => return left_out("it has changed"),
+        Ok(_) => return left_out("the file has changed"),
         Err(error) => return left_out(&error.to_string()),
     }
     match read_mesh(input) {

@@ -198,11 +198,12 @@ impl<'a> Rows<'a> {
     fn mapped(&self, row: &Row, sphere: &std::path::Path, report: &Report, reused: bool) {
         let (input, path) = (row.surface.display(), sphere.display());
         self.console.note(match reused {
-            true => format!("{path}: reusing the sphere that an earlier call made of {input}"),
+            true => format!("{path}: reusing the sphere made from {input} by an earlier call"),
             false => {
                 let (by, seconds, area) = (&report.method, report.seconds, report.quality.area_rms);
                 format!(
-                    "{input}: no --sphere; mapped by {by} in {seconds:.1} s, log area ratio {area:.3} rms, to {path}"
+                    "{input}: no --sphere given; mapped by {by} in {seconds:.1} s, log area ratio {area:.3} rms, to \
+                     {path}"
                 )
             }
         });
@@ -251,14 +252,14 @@ impl Observer for Rows<'_> {
             Event::OwnSpheres(_) if self.aligned_later => {}
             Event::OwnSpheres(_) => console.note(
                 "each surface is mapped to its own sphere, in an arbitrary rotation, so coefficients of different models \
-                 don't correspond; give a common --sphere if they should",
+                 don't correspond; give a common --sphere for corresponding coefficients",
             ),
             Event::Started { row } => {
                 console.event(|| json!({ "event": "start", "id": row.id, "surface": shown(&row.surface) }));
             }
             Event::Mapped { row, sphere, report, reused } => self.mapped(row, sphere, report, *reused),
             Event::LeftOut { row, vertices, all } if self.rows <= LISTED => {
-                console.note(format!("{}: {vertices} of {all} vertices aren't read", row.surface.display()));
+                console.note(format!("{}: {vertices} of {all} vertices are excluded", row.surface.display()));
             }
             Event::FitWarning { row, warning, params } => self.warn_once(match warning {
                 FitWarning::Oscillation { .. } => {

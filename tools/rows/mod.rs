@@ -78,7 +78,11 @@ fn check_apart(cohort: &Cohort, options: &Options) -> Result<()> {
     for row in cohort.rows.iter().filter(|_| !beside.is_empty()) {
         for path in (ModelFiles { model: row.model(&cohort.folder) }).all() {
             if let Some((path, flag)) = beside.iter().find(|(other, _)| same_place(other, &path)) {
-                bail!("{}: is the name of a file of {}'s model; choose another {flag}", path.display(), row.id);
+                bail!(
+                    "{}: the name is reserved for a file of the model of {}; choose another {flag}",
+                    path.display(),
+                    row.id
+                );
             }
         }
     }

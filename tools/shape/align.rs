@@ -147,7 +147,7 @@ impl Cli {
             (self.resume.is_some(), "--resume"),
         ];
         if let Some((_, flag)) = of_models.iter().find(|(given, _)| *given) {
-            return Err(Usage::conflict(format!("{flag} is for models, but the inputs are meshes")).into());
+            return Err(Usage::conflict(format!("{flag} can only be used for models; the inputs are meshes")).into());
         }
         Ok(align_meshes::Asked {
             paths,
@@ -178,7 +178,7 @@ struct Found {
 pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let started = Instant::now();
     if cli.resume.is_some() && !cli.target.group {
-        return Err(Usage::conflict("--resume is for --group").into());
+        return Err(Usage::conflict("--resume can only be used with --group").into());
     }
     if cli.pose == Some(PoseBy::Surfaces) && cli.method != How::Joint {
         return Err(Usage::conflict("--pose surfaces searches the parameters, which needs --method joint").into());

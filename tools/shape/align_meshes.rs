@@ -135,7 +135,7 @@ fn outputs(asked: &Asked<'_>) -> Result<Vec<PathBuf>> {
 
 fn surface(path: &Path) -> Result<PoseSurface> {
     let mesh: Mesh = read_mesh(path)?;
-    PoseSurface::new(&mesh).ok_or_else(|| anyhow!("{}: the surface has no area, and so no pose", path.display()))
+    PoseSurface::new(&mesh).ok_or_else(|| anyhow!("{}: the surface has no area, so it has no pose", path.display()))
 }
 
 fn to_target(asked: &Asked<'_>, target: &Path, monitor: &ConsoleMonitor) -> Result<Found> {
@@ -159,7 +159,8 @@ fn to_target(asked: &Asked<'_>, target: &Path, monitor: &ConsoleMonitor) -> Resu
         let Pose { distance, second, .. } = *pose;
         (second < DOUBTFUL * distance.max(least)).then(|| {
             format!(
-                "{}: the surfaces are {distance:.4} apart, and {second:.4} in another pose: the pose is in doubt",
+                "{}: the pose is in doubt: the distance between the surfaces is {distance:.4}, and {second:.4} in \
+                 another pose",
                 path.display()
             )
         })

@@ -124,7 +124,7 @@ fn one(
     let degree = model.coefficients.max_degree();
     if file.max_degree < degree {
         monitor.console().warn(format!(
-            "{}: the degrees above {} are all zero and don't fit into a file this small; they are left out",
+            "{}: the degrees above {} are all zero and don't fit into a file this small; these degrees are omitted",
             path.display(),
             file.max_degree
         ));

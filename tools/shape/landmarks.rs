@@ -79,7 +79,7 @@ pub(super) fn of_surfaces(
     }
     for (file, alone) in files.iter().zip(&matched.alone).filter(|(_, alone)| !alone.is_empty()) {
         let names = first_of(alone.iter().map(String::as_str), 5);
-        warnings.push(format!("{}: not in every file, left out: {names}", file.display()));
+        warnings.push(format!("{}: landmarks omitted because other files lack them: {names}", file.display()));
     }
     Ok(Marks { names: matched.names, points: matched.points, warnings })
 }

@@ -135,7 +135,9 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
             }
             let count = points.iter().filter(|point| point.is_singular()).count();
             if count > 0 {
-                warnings.push(format!("{count} vertices have no tangent plane; curvatures are 0 there"));
+                warnings.push(format!(
+                    "{count} vertices have no tangent plane; curvatures at these vertices are set to 0"
+                ));
             }
             singular = Some(count);
             maps.write(sphere, &points)?;

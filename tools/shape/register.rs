@@ -120,7 +120,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         if cover.unreached > 0.02 {
             let (share, farthest) = (100.0 * cover.unreached, cover.farthest);
             warnings.push(format!(
-                "{}: the template doesn't reach {share:.1} % of it, by at most {farthest:.4}",
+                "{}: the template misses {share:.1} % of this surface, by at most {farthest:.4}",
                 surface.name
             ));
         }

@@ -149,8 +149,8 @@ pub(crate) fn column_of(cells: &[&str]) -> Result<Column, usize> {
 /// Returns the message about a cell that isn't a number in a column of numbers, with the remedy.
 pub(crate) fn no_number(cell: &str) -> String {
     format!(
-        "expected a number, as in most rows, found {cell:?}; write it as one, such as 30.5, or leave the subject out; levels are \
-         words, such as site1"
+        "expected a number, as in most rows, found {cell:?}; write a number, such as 30.5, or omit the subject; for \
+         levels write words, such as site1"
     )
 }
 

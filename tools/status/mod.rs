@@ -93,7 +93,9 @@ fn gone(entries: &[&Entry], console: &Console) -> HashSet<String> {
         entries.iter().filter(|entry| entry.state.is_there() && !entry.output.is_empty()).collect();
     let gone: Vec<&&&Entry> = made.iter().filter(|entry| !Path::new(&entry.output).exists()).collect();
     if !made.is_empty() && gone.len() == made.len() && made.iter().any(|entry| Path::new(&entry.output).is_relative()) {
-        console.note("none of the models was found; if they were made in another folder, run this command there");
+        console.note(
+            "none of the models was found; if the models were made in another folder, run this command in that folder",
+        );
         return HashSet::new();
     }
     gone.iter().map(|entry| entry.id.clone()).collect()
@@ -111,7 +113,7 @@ fn write_rest(
     let is_there = |id: &str| merged.entry(id).is_some_and(|entry| entry.state.is_there()) && !gone.contains(id);
     let left = manifest.rows.iter().filter(|row| !is_there(&row.id)).count();
     if left == 0 {
-        console.note(format!("every row has its model; {} isn't written", path.display()));
+        console.note(format!("every row has a model, so {} isn't written", path.display()));
         return Ok(());
     }
     if path == manifest.path {

@@ -63,7 +63,7 @@ pub(crate) fn run(
         }
         let text = config::template(table.as_deref());
         write_new(file, *force, |out| out.write_all(text.as_bytes()))?;
-        return print_line(&format!("{}: fill it in, then: spharm study {}", file.display(), file.display()));
+        return print_line(&format!("{}: fill in this file, then run: spharm study {}", file.display(), file.display()));
     }
     let study = cli.study.as_ref().context("STUDY.toml is missing")?;
     // The other verbs get their arguments as text, so the path must be UTF-8.
@@ -100,7 +100,10 @@ fn lock(plan: &Plan, shared: bool) -> Result<File> {
     let options = File::options().create(true).append(true).clone();
     let file = spharm_files::open_with(&path, &options).with_context(|| path.display().to_string())?;
     if let Err(TryLockError::WouldBlock) = if shared { file.try_lock_shared() } else { file.try_lock() } {
-        bail!("{}: the study is already running; wait for it to end, or stop it", plan.file.display());
+        bail!(
+            "{}: the study is already running; wait until the other run ends, or stop the other run",
+            plan.file.display()
+        );
     }
     Ok(file)
 }

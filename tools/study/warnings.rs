@@ -24,7 +24,10 @@ pub(super) fn collect(plan: &Plan, subjects: &[Subject<'_>]) -> Result<Vec<Strin
     // Equal input files give equal models; warn only about the files.
     let known = group.inputs.sets();
     for names in group.models.sets().iter().filter(|names| !known.contains(names)) {
-        warnings.push(format!("{}: their models are equal; is one of them another subject's?", names.join(", ")));
+        warnings.push(format!(
+            "{}: these models are equal; does one of the inputs belong to another subject?",
+            names.join(", ")
+        ));
     }
     warnings.extend(steps_of_labels(&group.steps));
     if plan.alignment_warnings().is_file() {

@@ -62,7 +62,8 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let text = earlier.map_or(text.clone(), |earlier| table::with_earlier(&earlier, &text));
     if refused > 0 && table.is_file() {
         bail!(
-            "{}: {} fitted with other settings or inputs, and the table is unchanged; give --force, or another --output",
+            "{}: {} fitted with other settings or inputs, so the table was left unchanged; give --force, or choose \
+             another --output",
             table.display(),
             counted_were(refused)
         );
@@ -80,7 +81,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     // The table of the finished rows has been written; now return an interruption as the error.
     done?;
     if failed > 0 {
-        bail!("{}: {failed} of {} failed, see column error", table.display(), counted(rows.len(), "row"));
+        bail!("{}: {failed} of {} failed, see the column error", table.display(), counted(rows.len(), "row"));
     }
     Ok(())
 }

@@ -94,7 +94,7 @@ fn added(
         && let Some(origin) = GroupFiles::origin(&cli.output_dir, &name)?
     {
         if !origin.input.is_some_and(|found| found.same_contents(&input)) {
-            bail!("the existing {name} was made of another file; choose another folder or give --force");
+            bail!("the existing {name} was made from another file; choose another folder or give --force");
         }
         return Ok(None);
     }
@@ -121,8 +121,8 @@ fn warnings_of(found: &MemberReport, directions: usize) -> Vec<String> {
     let mut warnings = Vec::new();
     if found.unreached > LACKING {
         warnings.push(format!(
-            "the group's mean doesn't reach {:.1} % of its surface, by at most {:.4}: it may be of another kind, or have parts \
-             that the group lacks",
+            "the mean of the group misses {:.1} % of this surface, by at most {:.4}: the surface may be of another \
+             kind, or have parts that the group lacks",
             100.0 * found.unreached,
             found.cover_farthest
         ));
@@ -130,7 +130,10 @@ fn warnings_of(found: &MemberReport, directions: usize) -> Vec<String> {
     let share = found.without_counterpart as f64 / directions.max(1) as f64;
     if share > LACKING {
         warnings
-            .push(format!("{:.1} % of the group's places have no counterpart on it: they are guessed", 100.0 * share));
+            .push(format!(
+                "{:.1} % of the corresponding points have no counterpart on this surface: their positions are guesses",
+                100.0 * share
+            ));
     }
     warnings
 }

@@ -166,7 +166,7 @@ fn together(cli: &Cli, surfaces: &Arc<Vec<Surface>>, landmarks: &[PathBuf], moni
     };
     // clap doesn't require --to if an argument that excludes it is given.
     if cli.shard.is_some() {
-        return Err(Usage::missing("--shard needs --to: a group is made in one run").into());
+        return Err(Usage::missing("--shard needs --to, because a new group is made in one run").into());
     }
     let of_member = |surface: &Surface| GroupFiles::of_member(&cli.output_dir, &surface.name);
     let mut files: Vec<PathBuf> = surfaces.iter().flat_map(of_member).collect();

@@ -61,8 +61,8 @@ impl Cli {
     fn study_of_table(&self, path: &Path) -> Result<Study> {
         if self.mean && self.minus.is_none() && self.signal != What::Value {
             return Err(Usage::missing(
-                "--mean of surfaces needs --minus, each subject's other model: about the group's own mean, the mean \
-                 displacement is zero; a signal's values are tested with --signal value",
+                "--mean of surfaces needs --minus, each subject's other model: relative to the mean of the group, the \
+                 mean displacement is always zero; to test the values of a signal, give --signal value",
             )
             .into());
         }
@@ -76,7 +76,7 @@ impl Cli {
         for name in &self.categorical {
             if self.effect.as_ref() != Some(name) && !self.covariates.contains(name) {
                 return Err(Usage::conflict(format!(
-                    "--categorical {name}: it is neither the --effect nor one of the --covariates"
+                    "--categorical {name}: this column is neither the --effect nor one of the --covariates"
                 ))
                 .into());
             }
@@ -167,12 +167,12 @@ fn distinct(a: &[PathBuf], b: &[PathBuf]) -> Result<()> {
     let place = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
     let first: HashSet<PathBuf> = a.iter().map(place).collect();
     if let Some(both) = b.iter().find(|path| first.contains(&place(path))) {
-        bail!("{}: it is in both groups", both.display());
+        bail!("{}: the model is in both groups", both.display());
     }
     for group in [a, b] {
         let mut seen = HashSet::new();
         if let Some(twice) = group.iter().find(|path| !seen.insert(place(path))) {
-            bail!("{}: it is in its group twice", twice.display());
+            bail!("{}: the model is in the same group twice", twice.display());
         }
     }
     Ok(())
