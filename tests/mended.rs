@@ -143,7 +143,7 @@ fn masked_vertices_and_missing_values_are_not_read() {
     succeed(&mut fit(&["surface.ply"], "masked", &masked));
     std::fs::write(site.path("short.csv"), "1\n0\n").expect("written");
     let said = error_line(&finish(&mut fit(&["full.csv"], "short", &["--mask", "short.csv"])));
-    assert!(said.contains("short.csv: 2 vertices, the sphere has 642"), "{said}");
+    assert!(said.contains("short.csv: 2 vertices, but the sphere has 642"), "{said}");
     site.column("none.csv", |_, _| 0.0);
     let said = fail(&mut fit(&["full.csv"], "none", &["--mask", "none.csv"]));
     assert!(said.contains("all vertices are excluded by the mask"), "{said}");

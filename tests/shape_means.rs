@@ -195,5 +195,5 @@ fn a_mask_leaves_vertices_out_of_all_that_is_corrected() {
     assert_eq!(fs::read_to_string(site.join("part/test.csv")).expect("a table").lines().count(), 15);
     fs::write(site.join("short.csv"), "1\n1\n").expect("a mask");
     let error = fail(&mut self::test(site, &[&test[..], &["--mask", "short.csv", "-o", "x"]].concat()));
-    assert!(error.contains("short.csv: 2 vertices, the sphere has 42"), "{error}");
+    assert!(error.contains("short.csv: 2 vertices, but the sphere has 42"), "{error}");
 }

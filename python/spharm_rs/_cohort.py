@@ -58,7 +58,7 @@ class CohortFit:
             If the row has no model.
         """
         if self.state not in ("done", "skipped"):
-            raise errors.SpharmError(f"{self.id}: has no model: {self.error or self.state}")
+            raise errors.SpharmError(f"{self.id}: the row has no model: {self.error or self.state}")
         return Model.load(self.path)
 
 
@@ -199,7 +199,7 @@ def fit_cohort(
     if on_error not in ("raise", "collect"):
         raise ValueError(f"on_error: expected 'raise' or 'collect', found {on_error!r}")
     if not isinstance(weights, str):
-        raise ValueError("weights: expected 'uniform' or 'area'; arrays of vertices belong to `fit`, files to the table")
+        raise ValueError("weights: expected 'uniform' or 'area'; give arrays to `fit`, and files in the table")
     settings = _settings(
         max_degree,
         0,

@@ -106,7 +106,8 @@ def compare(
         return Distances(nan, nan, nan, nan, between["scale"], each, between)
     if not corresponding and between is None:
         raise ValueError(
-            f"other: {second!r} doesn't have the triangles of {first!r}; surface_distance=True compares any surfaces"
+            f"other: the triangles of {second!r} differ from the triangles of {first!r}; "
+            "surface_distance=True compares surfaces with different triangles"
         )
     (msd, xsd, rms, largest, scale), _, by_vertex = _core.compare(*arrays)
     return Distances(msd, xsd, rms, largest, scale, by_vertex if each is None else each, between)

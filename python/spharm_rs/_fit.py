@@ -224,10 +224,12 @@ def fit(
         mesh = as_surface(surface)
         values, triangles, is_surface = mesh.vertices, mesh.faces, True
     if isinstance(sphere, (int, float, np.number)):
-        raise ValueError(f"sphere: expected a sphere, found {sphere!r}; the degree is max_degree={sphere!r}")
+        raise ValueError(f"sphere: expected a sphere, found {sphere!r}; give the degree as max_degree={sphere!r}")
     directions, faces, parametrized = sphere_arrays(named_icosphere(sphere))
     if directions is not None and len(directions) != len(values):
-        raise errors.MeshError(f"surface: {len(values)} vertices, the sphere has {len(directions)}; they must correspond")
+        raise errors.MeshError(
+            f"surface: {len(values)} vertices, but the sphere has {len(directions)}; both must have the same vertices"
+        )
     if directions is not None and faces is None and triangles is not None:
         faces = triangles
     settings = _settings(
@@ -316,7 +318,7 @@ def fit_many(
             mesh = as_surface(surface)
             arrays.append(mesh.vertices)
             if triangles is not None and not np.array_equal(triangles, mesh.faces):
-                raise ValueError(f"surfaces: the triangles of surface {len(arrays) - 1} aren't those of the others")
+                raise ValueError(f"surfaces: the triangles of surface {len(arrays) - 1} differ from those of surface 0")
             triangles = mesh.faces
             kinds.add(True)
     if len(kinds) > 1:
@@ -387,7 +389,7 @@ def solve(
     if max_degree is not None:
         degree = _arrays.whole("max_degree", max_degree)
     if degree == -1:
-        raise ValueError("max_degree: expected a degree beside the directions, found None")
+        raise ValueError("max_degree: expected a degree, which is required with directions; found None")
     array = _arrays.channels("values", values)
     if len(array) != len(directions):
         raise ValueError(f"values: expected a row for each of {len(directions)} directions, found shape {np.shape(values)}")

@@ -38,7 +38,7 @@ class Landmarks:
         object.__setattr__(self, "points", points)
         if len(self.names) != len(points) or len(set(self.names)) != len(points):
             found = f"{len(self.names)}, {len(set(self.names))} of them different"
-            raise ValueError(f"names: expected {len(points)} different ones, found {found}")
+            raise ValueError(f"names: expected {len(points)} different names, found {found}")
         if self.frame not in (None, "LPS", "RAS"):
             raise ValueError(f"frame: expected LPS or RAS, found {self.frame!r}")
 
@@ -99,7 +99,7 @@ def matched(
     names."""
     found = [read_landmarks(item) if isinstance(item, (str, os.PathLike)) else item for item in landmarks]
     if len(found) != members:
-        raise ValueError(f"landmarks: expected those of {members} members, found {len(found)}")
+        raise ValueError(f"landmarks: expected landmarks of {members} members, found {len(found)}")
     named = [item for item in found if isinstance(item, Landmarks)]
     if not named:
         arrays = [_arrays.positions(f"landmarks[{index}]", item) for index, item in enumerate(found)]  # type: ignore[arg-type]
@@ -110,7 +110,7 @@ def matched(
                 raise ValueError(f"landmarks[{index}]: expected finite positions, found NaN or infinity")
         return None, arrays
     if len(named) != members:
-        raise ValueError("landmarks: expected names of all members, or arrays of all")
+        raise ValueError("landmarks: expected named landmarks for all members, or arrays for all members")
     names = tuple(name for name in named[0].names if all(name in item.names for item in named))
     if not names:
         raise ValueError("landmarks: no name is common to all members")

@@ -263,7 +263,7 @@ def sphere_arrays(sphere: Any) -> tuple[Any, Any, bool]:
     if isinstance(sphere, Model):
         own = sphere._inner.sphere
         if own is None:
-            raise ValueError("sphere: this model has none of its own")
+            raise ValueError("sphere: expected a sphere, because the model has no sphere of its own")
         return own[0], own[1] if len(own[1]) else None, sphere._inner.parametrized
     mesh = as_surface(sphere)
     return mesh.vertices, mesh.faces, False

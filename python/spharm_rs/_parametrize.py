@@ -204,7 +204,7 @@ def labels(volume: Path | ArrayLike) -> dict[int, int]:
 def _volume(volume: Path | ArrayLike, affine: ArrayLike | None) -> Any:
     if isinstance(volume, (str, os.PathLike)):
         if affine is not None:
-            raise ValueError("affine: a file has its own")
+            raise ValueError("affine: expected None, because the volume file has its own affine")
         return os.fspath(volume)
     array = np.asarray(volume)
     if array.ndim != 3:

@@ -318,7 +318,7 @@ class Group:
         found = self.carried(points, source, target)
         if guesses := int((~found.reached).sum()):
             of = f"{self.names[self.index(source)]} to {self.names[self.index(target)]}"
-            warn([f"{of}: {guesses} of {len(found.points)} points are where one of them has no counterpart: places are guesses"])
+            warn([f"{of}: {guesses} of {len(found.points)} points have no counterpart on a member; their positions are guesses"])
         return Landmarks(points.names, found.points, points.frame) if isinstance(points, Landmarks) else found.points
 
     def carried(self, points: Landmarks | ArrayLike, source: int | str, target: int | str) -> Carried:
@@ -394,15 +394,15 @@ def _signals(given: Any, count: int, refine: bool) -> tuple[list[list[Floats]], 
             raise ValueError(f"{what}: expected a pair of values and weight, found {type(pair).__name__}")
         of_members, weight = pair
         if len(of_members) != count:
-            raise ValueError(f"{what}: expected an array of each of {count} surfaces, found {len(of_members)}")
+            raise ValueError(f"{what}: expected one array for each of {count} surfaces, found {len(of_members)}")
         for member, own in enumerate(of_members):
             own = np.asarray(own, dtype=float)
             if own.ndim != 1:
-                raise ValueError(f"{what}[{member}]: expected a value a vertex, found an array of shape {own.shape}")
+                raise ValueError(f"{what}[{member}]: expected one value per vertex, found an array of shape {own.shape}")
             values[member].append(own)
         weights.append(float(weight))
     if weights and not refine:
-        raise ValueError("signals: expected refine=True, as they are channels of the refinement")
+        raise ValueError("signals: expected refine=True, because signals are channels of the refinement")
     return values, weights
 
 
@@ -500,7 +500,7 @@ def correspond(
     if guide and marks is None:
         raise ValueError("guide: expected landmarks, found None")
     if guide and template is not None and template_member is None:
-        raise ValueError("template: expected a member, by number or name, as landmarks guide; found another surface")
+        raise ValueError("template: expected the number or name of a member, because guide=True; found another surface")
     values, weights = _signals(signals, len(surfaces), refine)
     settings = {
         "guide": [own.tolist() for own in marks[1]] if guide and marks is not None else None,

@@ -229,7 +229,7 @@ def _settings(
     if pose not in ("joint", "surfaces"):
         raise ValueError(f"pose: expected joint or surfaces, found {pose}")
     if pose == "surfaces" and method != "joint":
-        raise ValueError(f"pose: surfaces searches the parameters, which method {method} doesn't")
+        raise ValueError(f"pose: 'surfaces' requires method 'joint', found method {method!r}")
     return {
         "method": "surfaces" if pose == "surfaces" else str(method),
         "scale": bool(scale),

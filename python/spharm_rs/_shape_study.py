@@ -157,17 +157,17 @@ def _asked(
 ) -> dict[str, Any]:
     """Converts the tested design for the extension module."""
     if sum(given is not None for given in (groups, effect, design)) + mean != 1:
-        raise ValueError("groups, effect, mean, design: expected one of them")
+        raise ValueError("groups, effect, mean, design: expected exactly one of them")
     if (design is None) != (contrast is None):
         raise ValueError("design, contrast: expected both, or neither")
     if levels is not None and groups is None:
-        raise ValueError("levels: they are those of groups")
+        raise ValueError("levels: can only be given with groups")
     asked: dict[str, Any] = {
         "name": "groups", "mean": mean, "effect": None, "levels": [], "covariates": [], "design": None, "columns": [], "contrast": None,
     }  # fmt: skip
     if design is not None:
         if covariates is not None:
-            raise ValueError("covariates: expected as columns of the design")
+            raise ValueError("covariates: expected None with a design; add covariates as columns of the design")
         asked["columns"] = [str(name) for name in design.columns] if hasattr(design, "columns") else []
         asked["design"] = _arrays.channels("design", design)
         weights = _arrays.real("contrast", contrast, "(p,) or (q, p)")
@@ -359,7 +359,7 @@ def test(
         measured = _measured(subjects, minus, sphere, signal, degree, threads, progress)  # type: ignore[arg-type]
         values, average, noted = measured.values, measured.mean, measured.warnings
         if mean and minus is None and signal != "value":
-            raise ValueError("mean: of displacements from the mean it is zero: expected minus, or signal='value'")
+            raise ValueError("mean: the mean of displacements from the mean is always zero; give minus, or signal='value'")
     else:
         values = _arrays.real("subjects", subjects, "(n, V) or (n, V, 3)")  # type: ignore[arg-type]
         if values.ndim not in (2, 3):

@@ -86,7 +86,7 @@ def as_surface(mesh: Any) -> Surface:
     if hasattr(mesh, "agg_data"):
         arrays = mesh.agg_data(("pointset", "triangle"))
         if not all(isinstance(array, np.ndarray) for array in arrays):
-            raise ValueError("surface: this GIfTI image doesn't have one point set and one array of triangles")
+            raise ValueError("surface: expected a GIfTI image with exactly one point set and one array of triangles")
         return Surface(*arrays)
     if hasattr(mesh, "cells_dict"):
         if "triangle" not in mesh.cells_dict:

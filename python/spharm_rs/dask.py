@@ -212,14 +212,14 @@ def _chunks(samples: Any, values: Any, weights: Any) -> list[Any]:
     """Returns a delayed tuple of arrays for each chunk of rows."""
     if not hasattr(samples, "to_delayed"):
         if values is not None or weights is not None:
-            raise ValueError("values, weights: delayed chunks have their own, as tuples")
+            raise ValueError("values, weights: expected None, because delayed chunks are tuples that contain values and weights")
         chunks = list(samples) if isinstance(samples, Iterable) and not isinstance(samples, Delayed) else [samples]
         for chunk in chunks:
             if not isinstance(chunk, Delayed):
                 raise ValueError(f"samples: expected a Dask array or delayed chunks, found {type(chunk).__name__}")
         return chunks
     if values is None:
-        raise ValueError("values: expected those at the directions, found None")
+        raise ValueError("values: expected the values at the directions, found None")
     arrays = {"samples": samples, "values": values} | ({} if weights is None else {"weights": weights})
     for name, array in arrays.items():
         if not hasattr(array, "to_delayed"):

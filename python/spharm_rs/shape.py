@@ -256,7 +256,7 @@ def smooth(model: Model, *, fwhm: float | None = None, s: float | None = None) -
     Model
     """
     if (fwhm is None) == (s is None):
-        raise ValueError("fwhm, s: expected one of them")
+        raise ValueError("fwhm, s: expected exactly one of them")
     time, width = (None, math.radians(fwhm)) if fwhm is not None else (float(s or 0.0), 0.0)
     return Model._of(_core.shape_smooth(_model("model", model), time=time, width=width))
 
@@ -365,5 +365,5 @@ def even(
         progress=callback(progress),
     )
     if folded:
-        warnings.warn(f"{folded} triangles are turned over; a finer sphere has room for this surface", SpharmWarning, stacklevel=2)
+        warnings.warn(f"{folded} triangles are turned over; choose a finer sphere for this surface", SpharmWarning, stacklevel=2)
     return Surface(directions, faces)

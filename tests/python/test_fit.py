@@ -253,7 +253,7 @@ def test_what_can_be_refused_is_refused_before_the_map(study: Study) -> None:
     assert stages == []
     with pytest.raises(ValueError, match="max_degree=10"):
         sp.fit(surface, 10)
-    with pytest.raises(sp.MeshError, match="2561 vertices, the sphere has 2562"):
+    with pytest.raises(sp.MeshError, match="2561 vertices, but the sphere has 2562"):
         sp.fit(surface.vertices[:-1], sphere, 10)
 
 

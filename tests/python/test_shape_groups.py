@@ -169,7 +169,7 @@ def test_modes_are_numpys_singular_vectors(group: list[sp.Model], tmp_path: Path
     group[0].save(tmp_path / "model.npz")
     with pytest.raises(ValueError, match="modes"):
         sp.shape.Modes.load(tmp_path / "model.npz")
-    with pytest.raises(ValueError, match="before truncate"):
+    with pytest.raises(ValueError, match="without truncate"):
         modes.truncate(2).quality()
     for wrong in ([0] * 8, [float("nan")], [[1, 2]]):
         with pytest.raises(ValueError):

@@ -68,9 +68,9 @@ def test_a_second_measurement_is_subtracted() -> None:
         sp.shape.measure_group(after, 2, minus=before[:7])
     with pytest.raises(ValueError, match="minus: expected shape"):
         sp.shape.test(values, minus=values[:7], mean=True)
-    with pytest.raises(ValueError, match="expected minus, or signal='value'"):
+    with pytest.raises(ValueError, match="give minus, or signal='value'"):
         sp.shape.test(after, mean=True)
-    with pytest.raises(ValueError, match="expected one of them"):
+    with pytest.raises(ValueError, match="expected exactly one of them"):
         sp.shape.test(values, groups=[0, 1] * 4, mean=True)
 
 

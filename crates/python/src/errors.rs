@@ -70,9 +70,9 @@ pub(crate) fn exception(py: Python<'_>, failure: Failure) -> PyErr {
             let size = |bytes: u64| format!("{:.1} MiB", bytes as f64 / f64::from(1 << 20));
             let (needs, has) = (size(needed), size(budget));
             let text = if given {
-                format!("{what} needs {needs} of memory, memory is {has}: give more")
+                format!("{what} needs {needs} of memory, but memory is {has}; give a larger memory")
             } else {
-                format!("{what} needs {needs} of memory, {has} are free")
+                format!("{what} needs {needs} of memory, but only {has} are free")
             };
             raised(py, &text, Kind::Memory { budget, needed })
         }

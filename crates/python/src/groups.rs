@@ -78,7 +78,7 @@ pub(crate) fn shape_mean(
     let models = coefficients(&models);
     let (inner, distances, warnings) = run_owned(py, threads, None, move |monitor| {
         if models.len() < 2 {
-            return Err(Failure::Argument(format!("models: a mean is of 2 models or more, found {}", models.len())));
+            return Err(Failure::Argument(format!("models: expected at least 2 for a mean, found {}", models.len())));
         }
         let group = group(&models, Kind::Surface, degree, monitor)?;
         let mean = mean(&group.members)?;

@@ -165,7 +165,7 @@ pub(crate) fn shape_procrustes(
 ) -> PyResult<(Vec<Model>, Model, String)> {
     let default = ProcrustesParams::default();
     if settings.method == "foe" {
-        return Err(exception(py, Failure::Argument("method: a group takes joint or fixed, found foe".to_owned())));
+        return Err(exception(py, Failure::Argument("method: a group needs joint or fixed, found foe".to_owned())));
     }
     let params =
         ProcrustesParams { align: settings.params(default.align.starts)?, templates: settings.templates, ..default };

@@ -318,7 +318,7 @@ pub enum SurfaceError {
     },
 
     /// A surface or signal doesn't have the sphere's number of vertices.
-    #[error("{}: found {found} vertices, but {} has {expected}; both must have the same vertices", path.display(), named(sphere.as_ref()))]
+    #[error("{}: {found} vertices, but {} has {expected}; both must have the same vertices", path.display(), named(sphere.as_ref()))]
     VertexCount {
         /// The surface's or the signal's file.
         path: PathBuf,

@@ -255,6 +255,6 @@ mod tests {
         let target = Target::from_signal(Signal::new(vec![0.5; 24], 12, 2), &sphere).unwrap();
         assert_eq!((target.channels, target.kind), (2, Kind::Signal));
         let error = Target::from_signal(Signal::new(vec![0.5; 10], 10, 1), &sphere).unwrap_err();
-        assert!(error.to_string().contains("10 vertices, the sphere has 12"), "{error}");
+        assert!(error.to_string().contains("10 vertices, but the sphere has 12"), "{error}");
     }
 }

@@ -95,7 +95,7 @@ impl Signals {
             return refused("the same signals of each surface", format!("{} for {}", values.len(), self.weights.len()));
         }
         if let Some(values) = values.iter().find(|values| values.len() != vertices) {
-            return refused("a value a vertex", format!("{} of {vertices} vertices", values.len()));
+            return refused("one value per vertex", format!("{} of {vertices} vertices", values.len()));
         }
         match values.iter().flatten().find(|value| !value.is_finite()) {
             Some(value) => refused("finite values", value.to_string()),
