@@ -86,7 +86,8 @@ fn surfaces_that_are_not_closed_spheres() {
     std::fs::remove_file(&output).unwrap();
     let strict = [&arguments[..], &["--strict"]].concat();
     refuses(&study, &mut study.fit(&["open.surf.gii"], &strict), &["open.surf.gii", "not a closed surface"]);
-    for (name, words) in [("bad_cow.obj", "vertices, but the sphere"), ("bad_suzanne.obj", "vertices, but the sphere")] {
+    for (name, words) in [("bad_cow.obj", "vertices, but the sphere"), ("bad_suzanne.obj", "vertices, but the sphere")]
+    {
         let Some(path) = shared(name) else { continue };
         // Copied into the study's folder, so that `fit` gets a path in that folder.
         std::fs::copy(path, study.path(name)).unwrap();

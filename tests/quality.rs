@@ -101,7 +101,8 @@ fn landmarks_that_do_not_fit_are_said() {
     assert_eq!(found["landmarks"]["names"], serde_json::json!(["x1"]));
     let warnings = found["warnings"].to_string();
     assert!(
-        warnings.contains("far from its surface") && warnings.contains("landmarks omitted because other files lack them"),
+        warnings.contains("far from its surface")
+            && warnings.contains("landmarks omitted because other files lack them"),
         "{warnings}"
     );
     fs::remove_file(site.join("group/s03.json")).expect("removed");

@@ -318,7 +318,7 @@ def fit_many(
             mesh = as_surface(surface)
             arrays.append(mesh.vertices)
             if triangles is not None and not np.array_equal(triangles, mesh.faces):
-                raise ValueError(f"surfaces: the triangles of surface {len(arrays) - 1} differ from those of surface 0")
+                raise ValueError(f"surfaces: the triangles of surface {len(arrays) - 1} differ from those of the surfaces before it")
             triangles = mesh.faces
             kinds.add(True)
     if len(kinds) > 1:

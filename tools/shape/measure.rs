@@ -135,9 +135,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
             }
             let count = points.iter().filter(|point| point.is_singular()).count();
             if count > 0 {
-                warnings.push(format!(
-                    "{count} vertices have no tangent plane; curvatures at these vertices are set to 0"
-                ));
+                warnings
+                    .push(format!("{count} vertices have no tangent plane; curvatures at these vertices are set to 0"));
             }
             singular = Some(count);
             maps.write(sphere, &points)?;

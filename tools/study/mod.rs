@@ -63,7 +63,11 @@ pub(crate) fn run(
         }
         let text = config::template(table.as_deref());
         write_new(file, *force, |out| out.write_all(text.as_bytes()))?;
-        return print_line(&format!("{}: fill in this file, then run: spharm study {}", file.display(), file.display()));
+        return print_line(&format!(
+            "{}: fill in this file, then run: spharm study {}",
+            file.display(),
+            file.display()
+        ));
     }
     let study = cli.study.as_ref().context("STUDY.toml is missing")?;
     // The other verbs get their arguments as text, so the path must be UTF-8.

@@ -87,9 +87,7 @@ fn of_surface(error: &SurfaceError) -> Option<String> {
 fn of_store(error: &StoreError) -> Option<String> {
     let text = match error {
         StoreError::Io { source, .. } => return of_io(source).map(str::to_owned),
-        StoreError::FactorDiffers { .. } => {
-            "compute the required factor with spharm basis-build --factor".to_owned()
-        }
+        StoreError::FactorDiffers { .. } => "compute the required factor with spharm basis-build --factor".to_owned(),
         StoreError::FactorMissing { .. } => {
             "compute the factor with spharm basis-build --factor on the same sphere".to_owned()
         }

@@ -69,7 +69,9 @@ impl Array {
         let header = Header::read(input).map_err(|error| error.to_string())?;
         let count = header.bytes().ok_or("the shape doesn't match the length: more values than any file can hold")?;
         if count > most {
-            return Err(format!("the shape doesn't match the length: {count} bytes of values, at most {most} possible"));
+            return Err(format!(
+                "the shape doesn't match the length: {count} bytes of values, at most {most} possible"
+            ));
         }
         // Memory for the bytes of the file, for the parsed numbers, and for the numbers in row order; complex numbers
         // also need memory for their real and imaginary parts.

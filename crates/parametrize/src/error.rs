@@ -52,7 +52,9 @@ pub enum ParametrizeError {
     },
 
     /// Some vertices without a value aren't connected by edges to any vertex with a value.
-    #[error("{vertices} vertices have no value, and some of these vertices aren't connected to any vertex with a value")]
+    #[error(
+        "{vertices} vertices have no value, and some of these vertices aren't connected to any vertex with a value"
+    )]
     Unfilled {
         /// Number of vertices without a value.
         vertices: usize,
@@ -139,7 +141,9 @@ pub enum ParametrizeError {
     Solver(#[from] spharm_solver::SolverError),
 
     /// The sphere would have folds after rounding to 32-bit numbers.
-    #[error("rounding to 32-bit numbers would flip {flipped} of the sphere's triangles; write a format with 64-bit numbers")]
+    #[error(
+        "rounding to 32-bit numbers would flip {flipped} of the sphere's triangles; write a format with 64-bit numbers"
+    )]
     SinglePrecision {
         /// Number of triangles that would be flipped or without area.
         flipped: usize,

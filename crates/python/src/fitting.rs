@@ -149,8 +149,10 @@ pub(crate) fn fit<'py>(
         (Some(sphere), _) => {
             Given::Sphere(SphereArrays::new(sphere, sphere_faces.as_ref(), parametrized)?.with_seam(seam))
         }
-        (None, Some(faces)) => Given::Bare(mesh("surface", &values, faces)?),
-        (None, None) => return Err(PyValueError::new_err("sphere: required for signals and surfaces without triangles")),
+        (None, Some(faces)) => Given::Bare(Box::new(mesh("surface", &values, faces)?)),
+        (None, None) => {
+            return Err(PyValueError::new_err("sphere: required for signals and surfaces without triangles"));
+        }
     };
     let triangles = faces.map(|faces| crate::arrays::rows("faces", faces.as_array())).transpose()?;
     let view = values.as_array();

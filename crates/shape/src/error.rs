@@ -38,7 +38,9 @@ pub enum ShapeError {
     },
     /// A column of a design that is a linear combination of other columns, so that its effect can't be separated from
     /// their effects.
-    #[error("the design's column {column:?} is a linear combination of the columns before it; omit one of these columns")]
+    #[error(
+        "the design's column {column:?} is a linear combination of the columns before it; omit one of these columns"
+    )]
     Rank {
         /// The column's name.
         column: String,

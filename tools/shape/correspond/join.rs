@@ -129,11 +129,10 @@ fn warnings_of(found: &MemberReport, directions: usize) -> Vec<String> {
     }
     let share = found.without_counterpart as f64 / directions.max(1) as f64;
     if share > LACKING {
-        warnings
-            .push(format!(
-                "{:.1} % of the corresponding points have no counterpart on this surface: their positions are guesses",
-                100.0 * share
-            ));
+        warnings.push(format!(
+            "{:.1} % of the corresponding points have no counterpart on this surface: their positions are guesses",
+            100.0 * share
+        ));
     }
     warnings
 }

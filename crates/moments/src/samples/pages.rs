@@ -49,8 +49,7 @@ fn check_column(file: &File, bytes: u64, column: &ColumnChunkMetaData, rows: u64
     let start = column.dictionary_page_offset().unwrap_or(column.data_page_offset());
     let range = u64::try_from(start).ok().zip(u64::try_from(column.compressed_size()).ok());
     let end = |(start, length): (u64, u64)| Some((start, start.checked_add(length).filter(|&end| end <= bytes)?));
-    let (mut at, end) =
-        range.and_then(end).ok_or_else(|| format!("a column at byte {start}, outside the file"))?;
+    let (mut at, end) = range.and_then(end).ok_or_else(|| format!("a column at byte {start}, outside the file"))?;
     let mut input = BufReader::new(file);
     let (mut page_most, mut dictionary) = (0, 0);
     while at < end {

@@ -66,8 +66,7 @@ pub(super) fn parse(
     let size = [x, y, z].map(usize::from);
     let layout = Layout { size, scalar, little_endian: false, scaling: None };
     if layout.bytes() > most {
-        let found =
-            format!("{x} x {y} x {z} voxels of {} bytes, more than the file can hold", scalar.width());
+        let found = format!("{x} x {y} x {z} voxels of {} bytes, more than the file can hold", scalar.width());
         return Err(not_mgh(found));
     }
     let labels = layout.read(path, &mut stream, monitor)?;

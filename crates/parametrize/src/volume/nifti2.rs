@@ -100,8 +100,7 @@ pub(super) fn parse(
     let layout = Layout { size, scalar, little_endian: header.little, scaling: scaled.then_some((slope, intercept)) };
     let offset = header.long(168).max(HEADER as i64 + 4) as u64;
     if layout.bytes() > most || offset > most {
-        let found =
-            format!("{x} x {y} x {z} voxels of {} bytes, more than the file can hold", scalar.width());
+        let found = format!("{x} x {y} x {z} voxels of {} bytes, more than the file can hold", scalar.width());
         return Err(not_nifti(found));
     }
     let broken = |error: std::io::Error| cut_short(path, &error.to_string());

@@ -49,7 +49,9 @@ pub enum CodecError {
         most: f64,
     },
     /// A requested size below the size of the smallest file.
-    #[error("{wanted} bytes are too few: the smallest possible file has {least} bytes, including {of_which} bytes of header")]
+    #[error(
+        "{wanted} bytes are too few: the smallest possible file has {least} bytes, including {of_which} bytes of header"
+    )]
     TooFewBytes {
         /// Number of bytes requested.
         wanted: usize,
@@ -78,7 +80,9 @@ pub enum CodecError {
         found: u8,
     },
     /// Bytes that violate the format, or were changed after they were written.
-    #[error("damaged file: {what}: expected {expected}, found {found}; compress the model again, or use another copy of the file")]
+    #[error(
+        "damaged file: {what}: expected {expected}, found {found}; compress the model again, or use another copy of the file"
+    )]
     Damaged {
         /// The part of the file.
         what: &'static str,

@@ -133,7 +133,9 @@ pub enum LsqWarning {
         optimality: f64,
     },
     /// There are fewer vertices with nonzero weight than coefficients, and no penalty.
-    #[error("{rows} vertices don't determine {columns} coefficients; used the solution of least norm, which is {norm:.3e}")]
+    #[error(
+        "{rows} vertices don't determine {columns} coefficients; used the solution of least norm, which is {norm:.3e}"
+    )]
     Underdetermined {
         /// Number of vertices with nonzero weight.
         rows: usize,

@@ -90,7 +90,9 @@ mod tests {
             let error = read("bad.label", text, vertices).unwrap_err().to_string();
             assert!(error.contains("bad.label") && error.contains(expected) && !error.contains('\n'), "{error}");
         }
-        for (text, expected) in [("0\n0\n", "vertices are excluded"), ("1\n", "1 vertices"), ("1,2\n1,2\n", "2 for each")] {
+        for (text, expected) in
+            [("0\n0\n", "vertices are excluded"), ("1\n", "1 vertices"), ("1,2\n1,2\n", "2 for each")]
+        {
             let error = read("bad.csv", text, 2).unwrap_err().to_string();
             assert!(error.contains("bad.csv") && error.contains(expected), "{error}");
         }
