@@ -200,7 +200,7 @@ def test_models_are_evaluated_truncated_and_summed(study: Study) -> None:
     assert len(model.surface(2).vertices) == 162
     assert np.array_equal(model.evaluate(study[1].vertices), model.surface(study[1]).vertices)
     assert not model.coefficients.flags.writeable
-    with pytest.raises(ValueError, match="degree 8"):
+    with pytest.raises(ValueError, match="highest degree of the model, 8"):
         model.surface(degree=9)
     with pytest.raises(ValueError, match="sphere"):
         sp.Model(model.coefficients).surface()

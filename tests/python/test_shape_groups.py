@@ -128,7 +128,7 @@ def test_the_mean_is_numpys_and_lower_degrees_are_said(group: list[sp.Model]) ->
     for other in (sp.Model(np.ones((36, 1))), sp.Model(np.ones((36, 2)), surface=True)):
         with pytest.raises(ValueError, match=r"models\[1\]: expected a model of a surface"):
             sp.shape.mean([group[0], other])
-    with pytest.raises(ValueError, match="2 models or more"):
+    with pytest.raises(ValueError, match="at least 2 for a mean"):
         sp.shape.mean(group[:1])
 
 
