@@ -68,7 +68,10 @@ fn a_model_of_another_input_is_not_taken_for_ones_own() {
     succeed(&mut subjects.fit(&[1], &["--skip-existing"]));
     let before = subjects.model("lh.pial.spharm.npz");
     let error = fail(&mut subjects.fit(&[2], &["--skip-existing"]));
-    assert!(error.contains("sub-01/surf/lh.pial.ply, not of") && error.contains("sub-02/surf/lh.pial.ply"), "{error}");
+    assert!(
+        error.contains("sub-01/surf/lh.pial.ply, not from") && error.contains("sub-02/surf/lh.pial.ply"),
+        "{error}"
+    );
     assert!(error.contains("--name-template '{parent2}.{stem}'"), "{error}");
     assert_eq!(subjects.model("lh.pial.spharm.npz"), before);
     let warnings = errors(&mut subjects.fit(&[2], &["--force"]));

@@ -316,7 +316,7 @@ fn what_a_terminal_obeys_is_shown() {
     );
     let said = quiet(&site.run(&["fit", "--no\u{202e}\u{7}\u{1b}[1m", name]));
     assert!(said.contains("--no\\u{202e}"), "{said}");
-    // In tables, notes and progress of successful runs, in JSON on standard output, and in a JSON log.
+    // Successful runs print the name in tables, notes and progress, in JSON on standard output, and in a JSON log.
     let fit = ["fit", "--sphere", "sphere.ply", "--surface", name, "--max-degree", "2", "--force", "-o", "made"];
     for more in [&["-v"][..], &["--json"], &["--log", "json", "-v"], &["--report", "-"]] {
         let output = site.run(&[&fit[..], more].concat());

@@ -257,7 +257,7 @@ fn what_does_not_fit_is_refused_with_the_nearest_setting_that_does() {
     let mut reconstruct = verb("reconstruct", &["--icosphere", "12"], "64MiB");
     let line = crate::common::fail(reconstruct.arg("--model").arg(&model).arg("-o").arg(&out));
     assert!(line.contains("(167772162 vertices) needs") && line.contains("--memory is 64.0 MiB"), "{line}");
-    let nearest = line.split(": --icosphere ").nth(1).and_then(|rest| rest.split(' ').next()).unwrap();
+    let nearest = line.split("; --icosphere ").nth(1).and_then(|rest| rest.split(' ').next()).unwrap();
     let mut reconstruct = verb("reconstruct", &["--icosphere", nearest], "64MiB");
     let peak = peak_anonymous(reconstruct.arg("--model").arg(&model).arg("-o").arg(&out));
     assert!(peak < 64 << 20, "{peak} bytes at --icosphere {nearest}");
@@ -265,7 +265,7 @@ fn what_does_not_fit_is_refused_with_the_nearest_setting_that_does() {
     for samples in ["10000000000", "18446744073709551615"] {
         let mut compare = verb("compare", &["--surface-distance", "--samples", samples], "64MiB");
         let line = crate::common::fail(compare.arg(&mesh).arg(&mesh));
-        let nearest = line.split(": --samples ").nth(1).and_then(|rest| rest.split(' ').next()).unwrap();
+        let nearest = line.split("; --samples ").nth(1).and_then(|rest| rest.split(' ').next()).unwrap();
         let mut compare = verb("compare", &["--surface-distance", "--samples", nearest], "64MiB");
         let peak = peak_anonymous(compare.arg(&mesh).arg(&mesh));
         assert!(peak > 4 << 20 && peak < 64 << 20, "{peak} bytes with {nearest} samples");
@@ -274,7 +274,7 @@ fn what_does_not_fit_is_refused_with_the_nearest_setting_that_does() {
     let png = folder.path().join("p.png");
     let mut picture = verb("picture", &["--size", "4096"], "64MiB");
     let line = crate::common::fail(picture.arg(&mesh).arg("-o").arg(&png));
-    let nearest = line.split(": --size ").nth(1).and_then(|rest| rest.split(' ').next()).unwrap();
+    let nearest = line.split("; --size ").nth(1).and_then(|rest| rest.split(' ').next()).unwrap();
     let peak = peak_anonymous(verb("picture", &["--size", nearest], "64MiB").arg(&mesh).arg("-o").arg(&png));
     assert!(peak < 64 << 20, "{peak} bytes at --size {nearest}");
 

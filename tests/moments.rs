@@ -1,4 +1,4 @@
-//! Tests `moments`, `moments merge` and `fit --moments`: from tables to models, in parts, and bad input.
+//! Tests `moments`, `moments merge` and `fit --moments`: models from tables, sums of parts, and refusal of bad input.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};

@@ -323,7 +323,7 @@ fn outputs_are_kept_unless_force_is_given() {
     let error = fail(&mut again(&[]));
     assert!(error.contains("the output exists") && error.contains("--force"), "{error}");
     // With --skip-existing, an existing model of another surface is refused.
-    assert!(fail(&mut again(&["--skip-existing"])).contains("s0.surf.gii, not of"));
+    assert!(fail(&mut again(&["--skip-existing"])).contains("s0.surf.gii, not from"));
     assert!(succeed(&mut again_with("s0.surf.gii", &["--skip-existing"])).contains("nothing to do"));
     assert_eq!(std::fs::read(study.path("m.npz")).unwrap(), before);
     succeed(&mut again(&["--force"]));

@@ -144,7 +144,7 @@ fn a_model_that_missed_the_tolerance_is_not_taken_where_that_is_an_error() {
         fit.args(more);
         fit
     };
-    assert!(errors(&mut fit(&[])).contains("not 1.0e-10"));
+    assert!(errors(&mut fit(&[])).contains("expected 1.0e-10"));
     assert!(succeed(&mut fit(&[])).contains("nothing to do"));
     let error = fail(&mut fit(&["--strict"]));
     assert!(error.contains("optimality ") && error.contains("not 1e-10"), "{error}");

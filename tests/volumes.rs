@@ -124,7 +124,7 @@ fn each_label_of_a_volume_is_a_surface_to_fit() {
     // The model of another label is refused.
     std::fs::copy(path("out/cells.1.spharm.npz"), path("out/cells.5.spharm.npz")).unwrap();
     let error = fail(&mut fit(&["--label", "5", "--skip-existing"]));
-    assert!(error.contains("label 1, not of") && error.contains("label 5"), "{error}");
+    assert!(error.contains("label 1, not from") && error.contains("label 5"), "{error}");
     succeed(fit(&["--label", "5"]).args(["--name-template", "{stem}_{label}"]));
     assert!(path("out/cells_5.spharm.npz").exists());
 }

@@ -69,7 +69,7 @@ pub(crate) fn run(
             file.display()
         ));
     }
-    let study = cli.study.as_ref().context("STUDY.toml is missing")?;
+    let study = cli.study.as_ref().context("give the path of STUDY.toml; spharm study init writes a template of it")?;
     // The other verbs get their arguments as text, so the path must be UTF-8.
     utf8(study)?;
     let plan = Plan::read(study, common(cli))?;

@@ -214,7 +214,8 @@ impl Call<'_> {
                 rows.push(row);
             } else {
                 let model = model.display();
-                let text = anyhow!("{record}: {model} is another label's model; give --name-template");
+                let text =
+                    anyhow!("{record}: {model} is the model of another label; give --name-template with {{label}}");
                 self.failed(row, &text)?;
             }
         }

@@ -104,7 +104,7 @@ pub(super) fn with_earlier(earlier: &str, table: &str) -> String {
     table.to_owned() + &earlier.lines().filter(|line| !own.contains(&key(line))).filter_map(kept).collect::<String>()
 }
 
-/// Returns a cell without line breaks that no spreadsheet interprets as a formula.
+/// Returns a cell's text on one line, escaped so that no spreadsheet interprets the text as a formula.
 fn text(cell: &str) -> String {
     guarded(&plain(cell)).into_owned()
 }

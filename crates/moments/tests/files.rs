@@ -103,7 +103,7 @@ fn an_error_says_which_versions_are_read() {
     bytes[8] = 3;
     let error = Moments::from_bytes(&bytes).unwrap_err();
     assert!(matches!(&error, MomentsError::Version { found: 3, .. }), "{error}");
-    assert!(error.to_string().contains("format version 3, this program reads versions 1 to 2"), "{error}");
+    assert!(error.to_string().contains("format version 3, but this program reads versions 1 to 2"), "{error}");
 }
 
 #[test]

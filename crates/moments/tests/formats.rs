@@ -238,7 +238,7 @@ fn sizes_in_arrow_files_are_held_against_the_file() {
         let own = block.bodyLength().to_le_bytes();
         let at = footer_at + bytes[footer_at..tail].windows(8).rposition(|found| found == own).unwrap();
         for length in [i64::MAX, -1, 1 << 46] {
-            refused(&changed("block.arrow", at, length), &["block.arrow", "not in the file"]);
+            refused(&changed("block.arrow", at, length), &["block.arrow", "outside the file"]);
         }
     }
 }

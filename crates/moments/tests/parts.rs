@@ -78,7 +78,7 @@ fn what_does_not_belong_together_is_refused() {
     let error = merge(vec![first.clone(), other], false).unwrap_err();
     assert_eq!(
         error.to_string(),
-        "part 2 and part 1: degrees differ: 19, not 20; only parts of the same degree and channels can be added"
+        "part 2 and part 1: degrees differ: 19 and 20; only parts of the same degree and channels can be added"
     );
     let mut other = request(&path, Shard { index: 1, of: 2 });
     other.columns.values.pop();

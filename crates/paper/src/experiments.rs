@@ -104,7 +104,7 @@ pub(crate) fn sirf(
             surface: surface.name.clone(),
             vertices: surface.vertices.len(),
             max_degree,
-            measured: *sweeps.last().context("a fit without a pass")?,
+            measured: *sweeps.last().context("the fit made no pass")?,
             reference: reference.sirf(&surface.name, max_degree),
         })
     };

@@ -23,7 +23,7 @@ pub struct Contents {
     pub tests: Vec<Maps>,
     /// Quality of several alignments of one group, for comparison; the first is the main alignment.
     pub quality: Vec<Quality>,
-    /// Tables of status, and other tables.
+    /// Tables shown as they are, such as the status of a study's subjects.
     pub tables: Vec<Table>,
     /// The version of the program, for the page's footer.
     pub version: String,

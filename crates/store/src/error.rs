@@ -112,7 +112,7 @@ pub enum StoreError {
         found: u32,
     },
     /// A file was truncated or changed, or couldn't be read any more, after it had been opened.
-    #[error("{}: truncated, changed or unreadable while it was being read; verify the store and build the damaged files again", .path.display())]
+    #[error("{}: the file was truncated, changed or became unreadable during reading; verify the store and build the damaged files again", .path.display())]
     ChangedWhileRead {
         /// Path of the file.
         path: PathBuf,

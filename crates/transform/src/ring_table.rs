@@ -10,8 +10,8 @@ use spharm_harmonics::rings::SEED;
 
 use crate::lanes::{fused, load};
 
-/// Numbers of rings and of degrees in a table. The L1 cache must hold the block's sums besides the table. The number of
-/// degrees is even, so that every chunk starts with an even `l - m`.
+/// Numbers of rings and of degrees in a table. The table and the block's sums must fit the L1 cache together. The
+/// number of degrees is even, so that every chunk starts with an even `l - m`.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Tiling {
     /// Rings of a block; a multiple of [`LANES`].

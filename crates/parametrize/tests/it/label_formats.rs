@@ -86,7 +86,7 @@ fn nifti_2() {
     }
     let mut huge = plain.clone();
     huge[24..32].copy_from_slice(&60_000_i64.to_le_bytes());
-    folder.refused("huge.nii", &huge, "can't hold");
+    folder.refused("huge.nii", &huge, "more than the file can hold");
     huge[24..32].copy_from_slice(&i64::MAX.to_le_bytes());
     folder.refused("huge.nii", &huge, "voxels");
     for at in 0..544 {

@@ -28,7 +28,7 @@ pub enum Target {
     /// points and along the normal: a relative length, 1e-8 to 1. The distance reached is at most about 2 % below this
     /// maximum. For a signal, the maximum root mean square error.
     Tolerance(f64),
-    /// Maximum file size in bytes. If possible, the file is less than 0.5 % smaller than this.
+    /// Maximum file size in bytes. Where possible, the file fills at least 99.5 % of it.
     Bytes(usize),
     /// The step itself, a relative length, 1e-12 to 1.
     Step(f64),

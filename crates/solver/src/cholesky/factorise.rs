@@ -59,7 +59,7 @@ impl Panels {
     }
 }
 
-/// Factorises `source` into `finished`; returns the 1-norm of G. Steps of the monitor are flops.
+/// Factorises `source` into `finished` and returns the 1-norm of G. Progress is reported in flops.
 pub(crate) fn factorise(
     source: &dyn GramMatrix,
     finished: &dyn Finished,

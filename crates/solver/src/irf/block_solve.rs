@@ -84,7 +84,7 @@ impl<'o> BlockSolver<'o> {
         &self.reports
     }
 
-    /// Returns whether a block was too ill-conditioned for its Gram matrix.
+    /// Returns whether a block was too ill-conditioned to be solved by its Gram matrix.
     pub(super) fn has_rank_revealing(&self) -> bool {
         self.reports.iter().any(|block| block.solver != "cholesky")
     }

@@ -10,7 +10,7 @@ use spharm_harmonics::index::{basis_size, first_column};
 
 use crate::SolverError;
 
-/// The paper's four methods.
+/// The paper's four methods of fitting.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Method {
     /// Iterative residual fitting: `passes` passes over blocks of at most `granularity` columns.

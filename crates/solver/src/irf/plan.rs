@@ -66,7 +66,7 @@ impl IrfPlan {
 ///
 /// # Errors
 ///
-/// [`SolverError::Budget`] if there is none, and those of [`Method::blocks`].
+/// [`SolverError::Budget`] if no plan fits the budget, and the errors of [`Method::blocks`].
 pub fn plan(operator: &dyn BlockOperator, channels: usize, params: &IrfParams) -> Result<IrfPlan, SolverError> {
     let blocks = params.method.blocks(params.max_degree)?;
     let needs = Needs::of(operator, channels, params, &blocks);

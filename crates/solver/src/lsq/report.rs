@@ -21,7 +21,7 @@ pub struct LsqReport {
     pub iterations: usize,
     /// Source of the last iterations' products with the normal matrix: `samples` or `moments`.
     pub products: &'static str,
-    /// Number of refinements with a factor.
+    /// Number of steps of iterative refinement with the Cholesky factor.
     pub refinements: usize,
     /// The steps taken, in order.
     pub steps: Vec<StepReport>,

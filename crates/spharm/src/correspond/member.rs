@@ -78,7 +78,7 @@ impl Joining {
     ///
     /// # Errors
     ///
-    /// [`Error::NoArea`], [`Error::Register`], those of the fit; [`Error::Interrupted`].
+    /// [`Error::NoArea`], [`Error::Register`], any error of the fit of the surface, and [`Error::Interrupted`].
     pub fn add(&self, surface: &Mesh, monitor: &dyn Monitor) -> Result<NewMember, Error> {
         let quiet = OnlyCancel(monitor);
         let moving = PoseSurface::new(surface).ok_or(Error::NoArea)?;

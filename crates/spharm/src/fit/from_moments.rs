@@ -272,8 +272,8 @@ fn provenance(params: &FitParams, report: &LsqReport, converged: bool) -> Proven
 }
 
 impl MomentsFit {
-    /// Returns the model: a surface if the channels are x, y and z, else a signal. It has no sphere, but it has the key
-    /// of the sampling scheme if the samples are at its vertices.
+    /// Returns the model: a surface if the channels are x, y and z, else a signal. The model holds no sphere. If the
+    /// samples are at the vertices of a sampling scheme, the model holds the scheme's key.
     #[must_use]
     pub fn model(&self) -> Model {
         let surface = is_surface(&self.report.channels);

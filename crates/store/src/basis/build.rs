@@ -145,8 +145,8 @@ fn compute_and_publish(
     headers: &[Header],
 ) -> Result<Published, StoreError> {
     std::thread::scope(|scope| {
-        // The queue holds one group: at most three groups of files are open, of which one is computed, one waits and
-        // one is synced.
+        // The queue holds one group, so at most three groups of files are open: one being computed, one waiting in the
+        // queue, one being synced to disk.
         let (to_disk, computed) = sync_channel::<Vec<DegreeWriter>>(1);
         let publisher = scope.spawn(move || -> Result<Published, StoreError> {
             let mut published = Published::default();

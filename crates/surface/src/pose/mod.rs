@@ -90,8 +90,8 @@ struct Stage {
     rest: f64,
     /// Number of results that are candidates for the next stage.
     candidates: usize,
-    /// Number of candidates that enter the next stage: the best ones as measured with that stage's points. Of the other
-    /// candidates, the one with the least untrimmed distance enters the next stage, too.
+    /// Number of best candidates that enter the next stage, measured with the next stage's points. Of the others, the
+    /// candidate with the smallest untrimmed distance enters, too.
     go_on: usize,
 }
 
