@@ -22,7 +22,7 @@ fn normal(random: &mut SplitMix64) -> f64 {
 fn surfaces(sigma: f64) -> (Mesh, Mesh, Sphere) {
     let (surface, sphere) = cortex(&Cortex { subdivisions: 4, variant: 0 });
     let sphere = Sphere::from_mesh(&sphere).unwrap();
-    let plain = fit(&sphere, &surface, &FitParams { objective: Objective::Vertices, ..FitParams::lsq(14) }).unwrap();
+    let plain = fit(&sphere, &surface, &FitParams::lsq(14).with_objective(Objective::Vertices)).unwrap();
     let clean = Model::new(sphere.clone(), plain, Kind::Surface).reconstruct(&sphere, 14).unwrap();
     let mut random = SplitMix64::new(3);
     let mut noisy = clean.clone();
@@ -46,8 +46,8 @@ fn noise_is_removed_from_vertices_and_from_surfaces() {
     let sigma = 0.02 * size;
     let (clean, noisy, sphere) = surfaces(sigma);
     for objective in [Objective::Vertices, Objective::Surface] {
-        let params = FitParams { objective, surface_distance: false, threads: Some(1), ..FitParams::lsq(DEGREE) };
-        let denoise = FitParams { denoise: true, ..params.clone() };
+        let params = FitParams::lsq(DEGREE).with_objective(objective).with_surface_distance(false).with_threads(1);
+        let denoise = params.clone().with_denoise(true);
         let plain = error(&clean, &sphere, fit(&sphere, &noisy, &params).unwrap());
         let found = fit(&sphere, &noisy, &denoise).unwrap();
         let removed = &found.report.denoise[..];
@@ -58,7 +58,7 @@ fn noise_is_removed_from_vertices_and_from_surfaces() {
         assert!(noise.gain.windows(2).all(|pair| pair[0] >= pair[1] && pair[1] >= 0.0));
         assert!(noise.degrees_of_freedom < 0.6 * 625.0, "{}", noise.degrees_of_freedom);
         assert!(found.report.warnings.is_empty(), "{:?}", found.report.warnings);
-        let again = fit(&sphere, &noisy, &FitParams { threads: Some(3), ..denoise }).unwrap();
+        let again = fit(&sphere, &noisy, &denoise.with_threads(3)).unwrap();
         assert_eq!(again.coefficients, found.coefficients, "{objective:?}: the same bits for any number of threads");
         let denoised = error(&clean, &sphere, found);
         assert!(denoised < 0.6 * plain, "{objective:?}: {denoised:e} {plain:e}");
@@ -75,7 +75,7 @@ fn channels_of_a_signal_are_denoised_apart() {
     let values: Vec<f64> =
         rows.iter().flat_map(|row| [0, 1].map(|k| row[k] + sigmas[k] * normal(&mut random))).collect();
     let signal = Signal::new(values, rows.len(), 2);
-    let params = FitParams { denoise: true, standard_errors: true, ..FitParams::lsq(12) };
+    let params = FitParams::lsq(12).with_denoise(true).with_standard_errors(true);
     let found = fit(&sphere, &signal, &params).unwrap();
     assert_eq!(found.report.denoise.len(), 2);
     for (removed, sigma) in found.report.denoise.iter().zip(sigmas) {
@@ -96,9 +96,9 @@ fn channels_of_a_signal_are_denoised_apart() {
 fn detail_beyond_the_degree_is_warned_of() {
     let (surface, sphere) = cortex(&Cortex { subdivisions: 4, variant: 0 });
     let sphere = Sphere::from_mesh(&sphere).unwrap();
-    let params = FitParams { denoise: true, surface_distance: false, ..FitParams::lsq(8) };
+    let params = FitParams::lsq(8).with_denoise(true).with_surface_distance(false);
     for objective in [Objective::Vertices, Objective::Surface] {
-        let found = fit(&sphere, &surface, &FitParams { objective, ..params.clone() }).unwrap();
+        let found = fit(&sphere, &surface, &params.clone().with_objective(objective)).unwrap();
         let warned = found.report.warnings.iter().any(|warning| matches!(warning, FitWarning::Detail { .. }));
         assert!(warned, "{objective:?}: {:?}", found.report.denoise);
     }
@@ -107,19 +107,19 @@ fn detail_beyond_the_degree_is_warned_of() {
 #[test]
 fn what_does_not_go_with_it_is_refused() {
     let (_, noisy, sphere) = surfaces(0.1);
-    let denoise = FitParams { denoise: true, ..FitParams::lsq(DEGREE) };
+    let denoise = FitParams::lsq(DEGREE).with_denoise(true);
     for smoothness in [Smoothness::Auto, Smoothness::Fixed(1e-3)] {
-        let refused = fit(&sphere, &noisy, &FitParams { smoothness, ..denoise.clone() }).unwrap_err();
+        let refused = fit(&sphere, &noisy, &denoise.clone().with_smoothness(smoothness)).unwrap_err();
         assert!(matches!(refused, Error::Setting { what: "denoise", .. }), "{refused}");
     }
     for method in [spharm::Method::Quadrature, spharm::Method::irf()] {
-        let params = FitParams { method, store: Some("nowhere".into()), ..denoise.clone() };
+        let params = denoise.clone().with_method(method).with_store(std::path::PathBuf::from("nowhere"));
         let refused = fit(&sphere, &noisy, &params).unwrap_err();
         assert!(matches!(refused, Error::Setting { what: "denoise", .. }), "{refused}");
     }
     // A fit of 2,562 vertices with 2,601 coefficients leaves no residual from which to estimate noise.
     for objective in [Objective::Vertices, Objective::Surface] {
-        let refused = fit(&sphere, &noisy, &FitParams { objective, max_degree: 50, ..denoise.clone() }).unwrap_err();
+        let refused = fit(&sphere, &noisy, &denoise.clone().with_objective(objective).with_max_degree(50)).unwrap_err();
         let few = matches!(refused, Error::Solver(SolverError::NoResidual { rows: 2562, columns: 2601 }));
         assert!(few, "{refused}");
     }

@@ -25,7 +25,7 @@ fn a_bare_mesh_has_the_bits_of_the_program() {
     let expected = Model::read(path("bare.npz")).expect("a model");
 
     let surface = read_mesh(path("bare.ply")).expect("the mesh");
-    let params = FitParams { threads: threads(), ..FitParams::lsq(15) };
+    let params = FitParams::lsq(15).with_threads(threads());
     let fitted = fit_mesh(&surface, &params).expect("a fit");
     let sphere = parametrize(&surface, &CaldParams::for_degree(15)).expect("a map").sphere;
     let found = fit(&sphere, &surface, &params).expect("a fit");
@@ -58,12 +58,9 @@ fn a_surface_on_its_sphere_has_the_bits_of_the_program() {
     };
     let sphere: Sphere = read_sphere(study.path("sphere.surf.gii")).expect("a sphere");
     let surface = read_mesh(study.path("s0.surf.gii")).expect("a surface");
-    let lsq = FitParams { threads: threads(), ..FitParams::lsq(12) };
+    let lsq = FitParams::lsq(12).with_threads(threads());
     assert_eq!(fit(&sphere, &surface, &lsq).expect("a fit").coefficients, program(false, "lsq.npz"));
-    let irf = FitParams {
-        method: Method::Irf { passes: 3, granularity: 30, accelerate: false },
-        store: Some(study.path("store")),
-        ..lsq
-    };
+    let irf =
+        lsq.with_method(Method::Irf { passes: 3, granularity: 30, accelerate: false }).with_store(study.path("store"));
     assert_eq!(fit(&sphere, &surface, &irf).expect("a fit").coefficients, program(true, "irf.npz"));
 }

@@ -89,7 +89,7 @@ fn a_fit_minimises_the_integral_over_the_sphere() {
     // The remaining difference is the midpoint rule's error, of second order in a 24th of an edge.
     assert!(off < 2e-4 * largest, "{off:e} of {largest:e}");
     // The least squares at the vertices is a different model.
-    let vertices = fit(&sphere, &surface, &FitParams { objective: Objective::Vertices, ..FitParams::lsq(6) }).unwrap();
+    let vertices = fit(&sphere, &surface, &FitParams::lsq(6).with_objective(Objective::Vertices)).unwrap();
     assert!((vertices.coefficients.values() - &expected).iter().any(|x| x.abs() > 1e-2 * largest));
 }
 
@@ -111,7 +111,7 @@ fn signals_are_of_the_vertices_unless_asked_for() {
     let sphere = Sphere::icosphere(2);
     let values: Vec<f64> = sphere.directions.as_slice().iter().map(|p| (3.0 * p[0]).sin() + p[1] * p[2]).collect();
     let signal = Signal::new(values, 162, 1);
-    let with = |objective| fit(&sphere, &signal, &FitParams { objective, ..FitParams::lsq(6) }).unwrap();
+    let with = |objective| fit(&sphere, &signal, &FitParams::lsq(6).with_objective(objective)).unwrap();
     let (default, vertices, surface) = (with(Objective::Default), with(Objective::Vertices), with(Objective::Surface));
     assert_eq!(default.coefficients, vertices.coefficients);
     assert_eq!(surface.report.settings.objective, Objective::Surface);
@@ -130,17 +130,17 @@ fn settings_leave_the_objective_as_it_is() {
     assert_eq!(objective(lsq.clone()), Objective::Surface);
     let signal = Signal::new(vec![0.5; 642], 642, 1);
     for params in [
-        FitParams { hold_out: Some(0.1), ..lsq.clone() },
-        FitParams { standard_errors: true, ..lsq.clone() },
-        FitParams { smoothness: Smoothness::Auto, ..lsq.clone() },
-        FitParams { preconditioner: Preconditioner::Density, ..lsq.clone() },
-        FitParams { preconditioner: Preconditioner::Factor, ..lsq.clone() },
+        lsq.clone().with_hold_out(0.1),
+        lsq.clone().with_standard_errors(true),
+        lsq.clone().with_smoothness(Smoothness::Auto),
+        lsq.clone().with_preconditioner(Preconditioner::Density),
+        lsq.clone().with_preconditioner(Preconditioner::Factor),
     ] {
         assert_eq!(objective(params.clone()), Objective::Surface);
-        assert_eq!(objective(FitParams { objective: Objective::Vertices, ..params.clone() }), Objective::Vertices);
+        assert_eq!(objective(params.clone().with_objective(Objective::Vertices)), Objective::Vertices);
         assert_eq!(fit(&sphere, &signal, &params).unwrap().report.settings.objective, Objective::Vertices);
     }
-    let in_store = FitParams { objective: Objective::Surface, store: Some("store".into()), ..lsq.clone() };
+    let in_store = lsq.clone().with_objective(Objective::Surface).with_store(std::path::PathBuf::from("store"));
     assert!(matches!(fit(&sphere, &surface, &in_store), Err(Error::Setting { what: "store", .. })));
     let bare = Sphere::from_directions(sphere.directions.clone());
     let without = fit(&bare, &surface, &lsq).unwrap().report;
@@ -167,7 +167,7 @@ fn standard_errors_of_surfaces_are_the_spread_of_repeated_fits() {
     let sphere = Sphere::from_mesh(&sphere).unwrap();
     let clean = fit(&sphere, &surface, &FitParams::lsq(5)).unwrap().into_model(sphere.clone());
     let clean = clean.reconstruct(&sphere, 5).unwrap();
-    let params = FitParams { surface_distance: false, ..FitParams::lsq(8) };
+    let params = FitParams::lsq(8).with_surface_distance(false);
     let (mut sum, mut squares) = (Array2::<f64>::zeros((81, 3)), Array2::<f64>::zeros((81, 3)));
     for seed in 0..REPEATS {
         let fit = fit(&sphere, &noisy(&sphere, &clean, SIGMA, seed), &params).unwrap();
@@ -176,7 +176,7 @@ fn standard_errors_of_surfaces_are_the_spread_of_repeated_fits() {
     }
     let count = REPEATS as f64;
     let spread = (squares - sum.map(|x| x * x) / count) / (count - 1.0);
-    let with = FitParams { standard_errors: true, ..params };
+    let with = params.with_standard_errors(true);
     let errors = fit(&sphere, &noisy(&sphere, &clean, SIGMA, 99), &with).unwrap().standard_errors.unwrap();
     // Compared by blocks of degrees. The mean of some hundred variances of 59 degrees of freedom has an error of 2 %,
     // and so has the mean of as many estimates from 256 fits; sigma has an error of 2 %.
@@ -196,7 +196,7 @@ fn the_smoothness_of_a_surface_is_near_the_best() {
     let clean = clean.reconstruct(&sphere, 5).unwrap();
     let noisy = noisy(&sphere, &clean, 0.3, 1);
     let error = |smoothness: Smoothness| {
-        let fit = fit(&sphere, &noisy, &FitParams { smoothness, ..FitParams::lsq(14) }).unwrap();
+        let fit = fit(&sphere, &noisy, &FitParams::lsq(14).with_smoothness(smoothness)).unwrap();
         let chosen = fit.report.smoothness;
         let model = fit.into_model(sphere.clone()).reconstruct(&sphere, 14).unwrap();
         let square = |(a, b): (&[f64; 3], &[f64; 3])| (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>();
@@ -215,7 +215,7 @@ fn the_smoothness_of_a_surface_is_near_the_best() {
 fn vertices_of_surfaces_are_held_out() {
     let (surface, sphere) = cortex(&Cortex { subdivisions: 4, variant: 0 });
     let sphere = Sphere::from_mesh(&sphere).unwrap();
-    let report = fit(&sphere, &surface, &FitParams { hold_out: Some(0.1), ..FitParams::lsq(12) }).unwrap().report;
+    let report = fit(&sphere, &surface, &FitParams::lsq(12).with_hold_out(0.1)).unwrap().report;
     let held_out = report.held_out.expect("vertices were held out");
     assert!((200..320).contains(&held_out.vertices), "{}", held_out.vertices);
     let ratio = (held_out.held_out.msd_raw / held_out.seen.msd_raw).sqrt();
@@ -253,7 +253,7 @@ fn weights_say_what_counts() {
     let upper: Vec<f64> = sphere.directions.as_slice().iter().map(|p| if p[2] > 0.0 { 1.0 } else { 0.01 }).collect();
     let weights = spharm::Weights::Values { name: "upper".to_owned(), values: upper };
     let params = FitParams::lsq(5);
-    let [even, uneven] = [params.clone(), FitParams { weights, ..params }].map(|params| {
+    let [even, uneven] = [params.clone(), params.with_weights(weights)].map(|params| {
         let model = Model::new(sphere.clone(), fit(&sphere, &surface, &params).unwrap(), Kind::Surface);
         let back = model.reconstruct(&sphere, 5).unwrap();
         let pairs = surface.vertices.iter().zip(&back.vertices).zip(sphere.directions.as_slice());

@@ -44,17 +44,17 @@ fn values_of_weight_zero_are_never_read() {
     let (surface, sphere) = ellipsoid();
     let bad = sphere.directions.as_slice().iter().filter(|v| is_bad(**v)).count();
     assert!((15..40).contains(&bad), "{bad}");
-    let lsq = FitParams { weights: weights(&sphere, 0.0), ..FitParams::lsq(4) };
-    let vertices = FitParams { objective: Objective::Vertices, ..lsq.clone() };
+    let lsq = FitParams::lsq(4).with_weights(weights(&sphere, 0.0));
+    let vertices = lsq.clone().with_objective(Objective::Vertices);
     for (name, params) in [
         ("surface", lsq.clone()),
-        ("denoised", FitParams { denoise: true, ..lsq.clone() }),
-        ("smooth", FitParams { smoothness: Smoothness::Fixed(0.01), ..lsq.clone() }),
-        ("little memory", FitParams { memory: Some(40 << 20), ..lsq.clone() }),
+        ("denoised", lsq.clone().with_denoise(true)),
+        ("smooth", lsq.clone().with_smoothness(Smoothness::Fixed(0.01))),
+        ("little memory", lsq.clone().with_memory(40 << 20)),
         ("vertices", vertices.clone()),
-        ("vertices, denoised", FitParams { denoise: true, ..vertices.clone() }),
-        ("held out", FitParams { hold_out: Some(0.1), ..vertices.clone() }),
-        ("errors", FitParams { standard_errors: true, ..vertices.clone() }),
+        ("vertices, denoised", vertices.clone().with_denoise(true)),
+        ("held out", vertices.clone().with_hold_out(0.1)),
+        ("errors", vertices.clone().with_standard_errors(true)),
     ] {
         let right = fit(&sphere, &surface, &params).unwrap();
         // The ellipsoid has degree 1; the model is a little smaller, because triangles lie inside the ellipsoid.
@@ -79,7 +79,7 @@ fn values_of_weight_zero_are_never_read() {
         }
     }
     // With weight 1 the values are refused, and the error names the vertex.
-    let params = FitParams { weights: Weights::Uniform, ..lsq };
+    let params = lsq.with_weights(Weights::Uniform);
     let error = fit(&sphere, &spoilt(&surface, &sphere, f64::NAN), &params).unwrap_err();
     assert!(error.to_string().contains("the surface") && error.to_string().contains("NaN at vertex"), "{error}");
     let gap = |v: &[f64; 3]| if is_bad(*v) { f64::NAN } else { v[0] };
@@ -96,7 +96,7 @@ fn weights_fade_to_zero_without_a_jump() {
     let surface = spoilt(&surface, &sphere, 100.0);
     for objective in [Objective::Surface, Objective::Vertices] {
         let of = |weight: f64| {
-            let params = FitParams { objective, weights: weights(&sphere, weight), ..FitParams::lsq(4) };
+            let params = FitParams::lsq(4).with_objective(objective).with_weights(weights(&sphere, weight));
             fit(&sphere, &surface, &params).unwrap().coefficients.values().to_owned()
         };
         let none = of(0.0);
@@ -116,10 +116,10 @@ fn weights_that_leave_no_triangle_are_refused() {
     let (surface, sphere) = ellipsoid();
     // Only the twelve corners of the icosahedron have a weight. No triangle has three of them, so no triangle is left.
     let values = (0..2562).map(|vertex| f64::from(vertex < 12)).collect();
-    let params = FitParams { weights: Weights::Values { name: "few".to_owned(), values }, ..FitParams::lsq(2) };
+    let params = FitParams::lsq(2).with_weights(Weights::Values { name: "few".to_owned(), values });
     let error = fit(&sphere, &surface, &params).unwrap_err();
     assert!(matches!(error, Error::NoTriangle { .. }) && error.to_string().starts_with("few: "), "{error}");
-    let params = FitParams { objective: Objective::Vertices, ..params };
+    let params = params.with_objective(Objective::Vertices);
     assert!(fit(&sphere, &surface, &params).is_ok());
 }
 
@@ -135,7 +135,8 @@ fn without_store(study: &Study, surface: &str, arguments: &[&str]) -> std::proce
 fn standard_errors_by_areas_are_warned_of() {
     let (surface, sphere) = ellipsoid();
     for (weights, warned) in [(Weights::Area, true), (Weights::Uniform, false)] {
-        let params = FitParams { objective: Objective::Vertices, standard_errors: true, weights, ..FitParams::lsq(4) };
+        let params =
+            FitParams::lsq(4).with_objective(Objective::Vertices).with_standard_errors(true).with_weights(weights);
         let warnings = fit(&sphere, &surface, &params).unwrap().report.warnings;
         assert_eq!(warnings.contains(&FitWarning::AreaErrors), warned, "{warnings:?}");
     }

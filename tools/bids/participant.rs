@@ -40,7 +40,7 @@ pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result
     let cohort =
         Cohort::of_manifest(Manifest::read(&manifest)?, Some(cli.output.clone()), cli.shard.unwrap_or_default());
     let memory = cli.memory.memory.map(|size| size.0);
-    let params = FitParams { memory, threads: Some(cli.threads.count()), ..FitParams::lsq(cli.max_degree) };
+    let params = FitParams::lsq(cli.max_degree).with_memory(memory).with_threads(cli.threads.count());
     let mut params = RunParams::new(params);
     (params.if_exists, params.status) = (IfExists::Update, Some(status.clone()));
     let fitted = rows::run(&cohort, &Options::new(params, cli.threads), &monitor, started);

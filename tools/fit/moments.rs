@@ -24,7 +24,7 @@ pub(super) fn run(cli: &Cli, path: &Path, params: &FitParams, monitor: &ConsoleM
     if cli.input.weights != "uniform" {
         return Err(Usage::conflict("--weights cannot be used with --moments, which include weights").into());
     }
-    let params = FitParams { store: None, method: Method::Lsq, ..params.clone() };
+    let params = params.clone().with_store(None).with_method(Method::Lsq);
     let inputs = [(path.to_owned(), None)];
     let mut models = model_files(cli.output.output.as_deref(), &cli.output.name_template, &inputs)?;
     let files = ModelFiles { model: models.remove(0) };

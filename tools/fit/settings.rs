@@ -10,32 +10,30 @@ use super::args::{Cli, MethodName};
 
 /// Returns the settings given by the arguments.
 pub(super) fn params(cli: &Cli) -> Result<FitParams> {
-    let method = method(cli)?;
-    let params = FitParams {
-        max_degree: cli.method.max_degree,
-        method,
-        objective: cli.method.objective.unwrap_or_default(),
-        area: cli.method.area,
-        smoothness: cli.method.smoothness.unwrap_or_default(),
-        denoise: cli.method.denoise,
-        weights: match cli.input.weights.as_str() {
-            "uniform" => Weights::Uniform,
-            "area" => Weights::Area,
-            file => Weights::read(file)?,
-        },
-        hold_out: cli.method.hold_out,
-        surface_distance: !cli.method.no_surface_distance,
-        standard_errors: cli.output.stderr,
-        tolerance: cli.solver.tolerance,
-        max_iterations: cli.solver.max_iterations,
-        preconditioner: cli.solver.preconditioner,
-        strict: cli.input.strict,
-        store: cli.input.store.clone(),
-        scalar: cli.solver.dtype.map(Dtype::scalar),
-        verify: cli.solver.verify,
-        memory: cli.resources.memory.map(|size| size.0),
-        threads: Some(cli.resources.threads.count()),
+    let weights = match cli.input.weights.as_str() {
+        "uniform" => Weights::Uniform,
+        "area" => Weights::Area,
+        file => Weights::read(file)?,
     };
+    let params = FitParams::lsq(cli.method.max_degree)
+        .with_method(method(cli)?)
+        .with_objective(cli.method.objective.unwrap_or_default())
+        .with_area(cli.method.area)
+        .with_smoothness(cli.method.smoothness.unwrap_or_default())
+        .with_denoise(cli.method.denoise)
+        .with_weights(weights)
+        .with_hold_out(cli.method.hold_out)
+        .with_surface_distance(!cli.method.no_surface_distance)
+        .with_standard_errors(cli.output.stderr)
+        .with_tolerance(cli.solver.tolerance)
+        .with_max_iterations(cli.solver.max_iterations)
+        .with_preconditioner(cli.solver.preconditioner)
+        .with_strict(cli.input.strict)
+        .with_store(cli.input.store.clone())
+        .with_scalar(cli.solver.dtype.map(Dtype::scalar))
+        .with_verify(cli.solver.verify)
+        .with_memory(cli.resources.memory.map(|size| size.0))
+        .with_threads(cli.resources.threads.count());
     params.check()?;
     Ok(params)
 }

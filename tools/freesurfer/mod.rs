@@ -40,14 +40,14 @@ fn options(cli: &Cli, left_out: &[String]) -> Result<Options> {
         ("left_out", json!(left_out)),
         ("sphere", json!(null)),
     ];
-    let mut run = RunParams::new(FitParams {
-        smoothness: cli.smoothness.unwrap_or_default(),
-        strict: cli.strict,
-        surface_distance: !cli.no_surface_distance,
-        memory: cli.memory.map(|size| size.0),
-        threads: Some(cli.threads.count()),
-        ..FitParams::lsq(cli.max_degree)
-    });
+    let mut run = RunParams::new(
+        FitParams::lsq(cli.max_degree)
+            .with_smoothness(cli.smoothness.unwrap_or_default())
+            .with_strict(cli.strict)
+            .with_surface_distance(!cli.no_surface_distance)
+            .with_memory(cli.memory.map(|size| size.0))
+            .with_threads(cli.threads.count()),
+    );
     run.if_exists = if_exists(cli.force, false, cli.skip_existing);
     run.check = Some(Box::new(check::hemisphere));
     run.evaluate = cli.evaluate_on.map(|n| evaluate(cli, n)).transpose()?;

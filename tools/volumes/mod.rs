@@ -46,7 +46,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let earlier = if cli.skip_existing && table.is_file() { Some(earlier(&table, cli.max_degree)?) } else { None };
     let volumes = volumes(&cli.volumes)?;
     let memory = cli.memory.map(|size| size.0);
-    let params = FitParams { memory, threads: Some(cli.threads.count()), ..FitParams::lsq(cli.max_degree) };
+    let params = FitParams::lsq(cli.max_degree).with_memory(memory).with_threads(cli.threads.count());
     params.check()?;
     let mut params = RunParams::new(params);
     let voxel_size = cli.voxel_size.map(|size| size.0);

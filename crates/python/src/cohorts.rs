@@ -7,7 +7,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use serde_json::json;
-use spharm::{FitParams, Preparation, SurfaceError};
+use spharm::{Preparation, SurfaceError};
 use spharm_cohort::rerun::IfExists;
 use spharm_cohort::run::{Cohort, Event, Observer, Outcome, RunError, RunParams, run};
 use spharm_cohort::{CohortError, Entry, Manifest, Row, Shard, check_id};
@@ -138,7 +138,7 @@ impl CohortRun {
             }
         };
         let cohort = cohort.with_sphere(sphere);
-        let fit = FitParams { threads: settings.threads, ..settings.params()? };
+        let fit = settings.params()?.with_threads(settings.threads);
         fit.check().map_err(|error| exception(py, error.into()))?;
         let mut params = RunParams::new(fit);
         params.preparation = Preparation { voxel_size, fix, cut_handles };

@@ -53,17 +53,15 @@ impl Settings {
         let weights = self.weights;
         let read = move |index: usize| Ok(signals.get(index).cloned().unwrap_or_default());
         let signals = (!weights.is_empty()).then(|| Signals { weights, read: Arc::new(read) });
-        CorrespondParams {
-            template,
-            guide,
-            signals,
-            subdivisions,
-            rounds,
-            refinement: refine.then(GroupwiseParams::default),
-            pose: PoseParams { scale, mirror, ..PoseParams::default() },
-            memory,
-            ..CorrespondParams::up_to(max_degree)
-        }
+        CorrespondParams::up_to(max_degree)
+            .with_template(template)
+            .with_guide(guide)
+            .with_signals(signals)
+            .with_subdivisions(subdivisions)
+            .with_rounds(rounds)
+            .with_refinement(refine.then(GroupwiseParams::default))
+            .with_pose(PoseParams { scale, mirror, ..PoseParams::default() })
+            .with_memory(memory)
     }
 }
 

@@ -97,28 +97,25 @@ impl Settings<'_> {
                 Weights::Values { name: "weights".to_owned(), values: values.as_array().to_vec() }
             }
         };
-        Ok(FitParams {
-            method,
-            objective: self.objective.as_deref().map_or(Ok(Objective::Default), |text| parsed("objective", text))?,
-            surface_distance: self.surface_distance,
-            weights,
-            smoothness: self
-                .smoothness
-                .as_deref()
-                .map_or(Ok(Smoothness::Default), |text| parsed("smoothness", text))?,
-            denoise: self.denoise,
-            hold_out: self.hold_out,
-            standard_errors: self.standard_errors,
-            tolerance: self.tolerance,
-            max_iterations: self.max_iterations,
-            preconditioner: parsed("preconditioner", &self.preconditioner)?,
-            strict: self.strict,
-            store: self.store.clone(),
-            scalar: self.dtype.as_deref().map(scalar).transpose()?,
-            memory: self.memory,
-            threads: None,
-            ..FitParams::lsq(self.max_degree)
-        })
+        let objective = self.objective.as_deref().map_or(Ok(Objective::Default), |text| parsed("objective", text))?;
+        let smoothness =
+            self.smoothness.as_deref().map_or(Ok(Smoothness::Default), |text| parsed("smoothness", text))?;
+        Ok(FitParams::lsq(self.max_degree)
+            .with_method(method)
+            .with_objective(objective)
+            .with_surface_distance(self.surface_distance)
+            .with_weights(weights)
+            .with_smoothness(smoothness)
+            .with_denoise(self.denoise)
+            .with_hold_out(self.hold_out)
+            .with_standard_errors(self.standard_errors)
+            .with_tolerance(self.tolerance)
+            .with_max_iterations(self.max_iterations)
+            .with_preconditioner(parsed("preconditioner", &self.preconditioner)?)
+            .with_strict(self.strict)
+            .with_store(self.store.clone())
+            .with_scalar(self.dtype.as_deref().map(scalar).transpose()?)
+            .with_memory(self.memory))
     }
 }
 

@@ -4,6 +4,7 @@ use std::fmt;
 use std::path::PathBuf;
 use std::str::FromStr;
 
+use derive_setters::Setters;
 use spharm_harmonics::MAX_DEGREE;
 use spharm_store::Scalar;
 use spharm_surface::Sphere;
@@ -186,16 +187,21 @@ impl FromStr for Preconditioner {
     }
 }
 
-/// Settings of a fit.
+/// Settings of a fit, from [`lsq`](Self::lsq) or [`irf`](Self::irf). Each setter returns the settings with another
+/// value of its field.
 ///
 /// ```
 /// use spharm::{FitParams, Objective, Smoothness};
 ///
-/// let objective = Objective::Vertices;
-/// let params = FitParams { objective, smoothness: Smoothness::Auto, hold_out: Some(0.1), ..FitParams::lsq(60) };
+/// let params = FitParams::lsq(60)
+///     .with_objective(Objective::Vertices)
+///     .with_smoothness(Smoothness::Auto)
+///     .with_hold_out(0.1);
 /// assert_eq!(params.max_degree, 60);
 /// ```
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Setters)]
+#[setters(prefix = "with_")]
+#[non_exhaustive]
 pub struct FitParams {
     /// Highest degree, L, inclusive; at most [`MAX_DEGREE`].
     pub max_degree: usize,
@@ -205,6 +211,7 @@ pub struct FitParams {
     pub objective: Objective,
     /// Allowed area distortion, from 0 to 1, of the map of a mesh without a sphere, see
     /// [`CaldParams::area`](crate::parametrize::CaldParams::area); by default 0.8, as far as it improves the fit.
+    #[setters(into)]
     pub area: Option<f64>,
     /// Smoothness penalty, for [`Method::Lsq`].
     pub smoothness: Smoothness,
@@ -214,6 +221,7 @@ pub struct FitParams {
     /// Weight of each vertex.
     pub weights: Weights,
     /// Fraction of the vertices, between 0 and 1, that is held out of the fit and assessed separately.
+    #[setters(into)]
     pub hold_out: Option<f64>,
     /// Whether to measure the distances from model to surface and from surface to model, if a surface is fitted.
     pub surface_distance: bool,
@@ -229,14 +237,18 @@ pub struct FitParams {
     /// Whether a fit that misses the tolerance is an error rather than a warning.
     pub strict: bool,
     /// Folder of the basis store, with the basis for methods over a store, or an optional factor for [`Method::Lsq`].
+    #[setters(into)]
     pub store: Option<PathBuf>,
     /// Scalar type of the basis; by default the type found in the store, f64 if it has both types.
+    #[setters(into)]
     pub scalar: Option<Scalar>,
     /// Whether to verify the entire basis against its hash before fitting.
     pub verify: bool,
     /// Memory budget in bytes, mapped files included; for the default see [`memory_budget`](Self::memory_budget).
+    #[setters(into)]
     pub memory: Option<usize>,
     /// Number of threads; by default the number of threads of the caller's rayon pool.
+    #[setters(into)]
     pub threads: Option<usize>,
 }
 

@@ -18,7 +18,7 @@ fn target(number: usize) -> Target {
 }
 
 fn params() -> FitParams {
-    FitParams { threads: Some(2), ..FitParams::lsq(6) }
+    FitParams::lsq(6).with_threads(2)
 }
 
 #[test]
@@ -57,7 +57,7 @@ fn results_are_in_order_and_those_of_each_alone() {
 fn targets_are_read_at_once_only_where_the_memory_has_room() {
     let sphere = Sphere::icosphere(6);
     let target = |_| Target::from_signal(Signal::new(vec![1.0; 40_962], 40_962, 1), &sphere).map_err(Error::from);
-    let params = |memory| FitParams { threads: Some(4), memory: Some(memory), ..FitParams::lsq(6) };
+    let params = |memory| FitParams::lsq(6).with_threads(4).with_memory(memory);
     let most_at_once = |memory| {
         let (reading, most) = (AtomicUsize::new(0), AtomicUsize::new(0));
         let read = |number: usize| {
@@ -136,13 +136,11 @@ fn a_fit_that_does_not_converge_is_named_alone() {
         2 => Target::from_signal(Signal::new(vec![0.0; 642 * 3], 642, 3), &sphere).map_err(Error::from),
         _ => Ok(target(number)),
     };
-    let params = FitParams {
-        strict: true,
-        max_iterations: 1,
-        objective: spharm::Objective::Vertices,
-        preconditioner: spharm::Preconditioner::None,
-        ..params()
-    };
+    let params = params()
+        .with_strict(true)
+        .with_max_iterations(1)
+        .with_objective(spharm::Objective::Vertices)
+        .with_preconditioner(spharm::Preconditioner::None);
     let done = |_, fit: Result<spharm::Fit, Error>| match fit {
         Ok(_) => Ok(true),
         Err(Error::NotConverged(_)) => Ok(false),
@@ -156,11 +154,11 @@ fn a_fit_that_does_not_converge_is_named_alone() {
 fn settings_that_do_not_go_together_are_refused_and_a_fit_is_cancelled() {
     let sphere = sphere();
     let refused = |params: FitParams| fit(&sphere, &target(0), &params).expect_err("refused").to_string();
-    assert!(refused(FitParams { hold_out: Some(1.5), ..params() }).contains("hold_out"));
-    assert!(refused(FitParams { method: spharm::Method::Nlsf, ..params() }).contains("store"));
-    let quadrature = FitParams { method: spharm::Method::Quadrature, hold_out: Some(0.1), ..params() };
+    assert!(refused(params().with_hold_out(1.5)).contains("hold_out"));
+    assert!(refused(params().with_method(spharm::Method::Nlsf)).contains("store"));
+    let quadrature = params().with_method(spharm::Method::Quadrature).with_hold_out(0.1);
     assert!(refused(quadrature).contains("quadrature"));
-    assert!(refused(FitParams { memory: Some(1 << 20), ..params() }).contains("memory budget"));
+    assert!(refused(params().with_memory(1 << 20)).contains("memory budget"));
     let error = fit_with(&sphere, &target(0), &params(), &AtomicBool::new(true)).expect_err("cancelled");
     assert!(error.is_interrupted(), "{error}");
 }

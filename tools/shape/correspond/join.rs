@@ -31,7 +31,7 @@ pub(super) fn run(cli: &Cli, group: &Path, surfaces: &[Surface], monitor: &Conso
     let template = files.template()?;
     let members = if template.refined { files.coefficients(REFERENCES)? } else { Vec::new() };
     let surfaces: Vec<&Surface> = cli.shard.unwrap_or_default().of(surfaces).collect();
-    let mut params = CorrespondParams { refinement: None, ..CorrespondParams::up_to(template.mean.max_degree()) };
+    let mut params = CorrespondParams::up_to(template.mean.max_degree()).with_refinement(None);
     (params.pose.scale, params.pose.mirror) = (cli.scale, cli.mirror);
     let paths: Vec<PathBuf> = surfaces.iter().map(|surface| surface.path.clone()).collect();
     plan(&paths, &params, Some(members.len()), cli.resources.both())?;

@@ -174,15 +174,12 @@ fn together(cli: &Cli, surfaces: &Arc<Vec<Surface>>, landmarks: &[PathBuf], moni
     let outputs = files.iter().map(|path| OutputFile::new(path, "--output-dir"));
     let inputs = surfaces.iter().map(|surface| surface.path.as_path());
     spharm_cli::output::check_files(inputs, outputs, cli.report.force)?;
-    let defaults = CorrespondParams::up_to(max_degree);
     let template = cli.template.as_deref().map(read).transpose()?;
-    let mut params = CorrespondParams {
-        template,
-        subdivisions: cli.subdivisions,
-        rounds: usize::from(cli.rounds),
-        memory: cli.resources.memory.memory.map(|size| size.0),
-        ..defaults
-    };
+    let mut params = CorrespondParams::up_to(max_degree)
+        .with_template(template)
+        .with_subdivisions(cli.subdivisions)
+        .with_rounds(usize::from(cli.rounds))
+        .with_memory(cli.resources.memory.memory.map(|size| size.0));
     if cli.no_refinement {
         params.refinement = None;
     }

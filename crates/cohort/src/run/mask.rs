@@ -20,7 +20,7 @@ pub(super) fn weighted(params: &FitParams, row: &Row) -> Result<FitParams, RunEr
         Some((path, _)) if !path.exists() => return Err(RunError::NoWeights { path: path.to_owned() }),
         Some((path, _)) => Weights::read(path)?,
     };
-    Ok(FitParams { weights, ..params.clone() })
+    Ok(params.clone().with_weights(weights))
 }
 
 /// Returns the weights, with those of the vertices at which a mask is 0 set to zero.
@@ -73,7 +73,7 @@ pub(super) fn parts(
                     return Err(nothing());
                 }
                 let name = params.weights.name().to_owned();
-                FitParams { weights: params.weights.masked(&keep, name, sphere)?, ..params.clone() }
+                params.clone().with_weights(params.weights.masked(&keep, name, sphere)?)
             }
         };
         let left_out = match &params.weights {

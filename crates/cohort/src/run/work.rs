@@ -185,7 +185,8 @@ impl<'a> Work<'a> {
     pub(super) fn masked(&self, params: FitParams, sphere: Option<&Sphere>) -> Result<FitParams, RunError> {
         match (&self.params.mask, sphere) {
             (Some(path), Some(sphere)) => {
-                Ok(FitParams { weights: mask::masked(&params.weights, path, sphere)?, ..params })
+                let weights = mask::masked(&params.weights, path, sphere)?;
+                Ok(params.with_weights(weights))
             }
             _ => Ok(params),
         }

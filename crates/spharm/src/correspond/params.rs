@@ -1,5 +1,6 @@
 //! Settings of a correspondence.
 
+use derive_setters::Setters;
 use spharm_register::RegisterParams;
 use spharm_shape::groupwise::GroupwiseParams;
 use spharm_surface::Mesh;
@@ -10,31 +11,41 @@ use super::resume::Resume;
 use super::signals::Signals;
 use crate::Error;
 
-/// Settings of [`correspond`](super::correspond()).
-#[derive(Debug, Clone)]
+/// Settings of [`correspond`](super::correspond()), from [`up_to`](Self::up_to); each setter returns the settings with
+/// another value of its field.
+#[derive(Debug, Clone, Setters)]
+#[setters(prefix = "with_")]
+#[non_exhaustive]
 pub struct CorrespondParams {
     /// Highest degree of the models, L.
     pub max_degree: usize,
     /// The first template; by default the most typical subject.
+    #[setters(into)]
     pub template: Option<Mesh>,
     /// Landmarks that guide the registration; none by default.
+    #[setters(into)]
     pub guide: Option<GuideLandmarks>,
     /// Signals on the surfaces that the refinement matches in addition to positions; none by default.
+    #[setters(into)]
     pub signals: Option<Signals>,
     /// Number of subdivisions of the icosphere whose directions are registered; by default 4 (2,562 directions) for
     /// degrees up to 15, 5 (10,242) up to 40, and 6 (40,962) above.
+    #[setters(into)]
     pub subdivisions: Option<u32>,
     /// Number of rounds of registration; 2 by default. In each round after the first, the group's mean is the template.
     pub rounds: usize,
     /// Settings of the refinement by the group; `None` skips the refinement.
+    #[setters(into)]
     pub refinement: Option<GroupwiseParams>,
     /// Settings for computing poses.
     pub pose: PoseParams,
     /// Settings for registering the template.
     pub register: RegisterParams,
     /// Folder in which registrations are stored, so that an interrupted run can be resumed; none by default.
+    #[setters(into)]
     pub resume: Option<Resume>,
     /// Memory budget of the fits in bytes.
+    #[setters(into)]
     pub memory: Option<usize>,
 }
 
