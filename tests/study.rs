@@ -76,7 +76,7 @@ fn stages(stdout: &str) -> BTreeMap<String, String> {
 fn a_study_is_made_once_and_after_a_change_only_what_depends_on_it() {
     let site = site();
     let first = stages(&succeed(&mut study(site.path(), &[])));
-    let names = "correspond describe fit measure modes picture.bump plain quality quality.plain report test.bump";
+    let names = "check correspond describe fit measure modes picture.bump plain quality quality.plain report test.bump";
     assert_eq!(first.keys().map(String::as_str).collect::<Vec<_>>().join(" "), names);
     assert!(first.values().all(|state| state == "done"), "{first:?}");
     let all = made(site.path());
@@ -97,7 +97,7 @@ fn a_study_is_made_once_and_after_a_change_only_what_depends_on_it() {
     let changed = stages(&succeed(&mut study(site.path(), &[])));
     let done: Vec<&str> =
         changed.iter().filter(|(_, state)| *state == "done").map(|(stage, _)| stage.as_str()).collect();
-    assert_eq!(done, ["fit", "modes", "report"]);
+    assert_eq!(done, ["check", "fit", "modes", "report"]);
 
     // One subject's surface changes, and another subject is removed from the table.
     let table = site.path().join("meshes/study.csv");
@@ -164,7 +164,7 @@ fn shards_fit_their_subjects_and_a_last_call_does_the_rest() {
     }
     assert_eq!(made(site.path()).keys().filter(|path| path.ends_with("a01.spharm.npz")).count(), 1);
     let commands = succeed(&mut study(site.path(), &["--dry-run"]));
-    assert_eq!(commands.lines().count(), 11, "{commands}");
+    assert_eq!(commands.lines().count(), 12, "{commands}");
     assert!(commands.lines().all(|line| line.starts_with("spharm ")), "{commands}");
     succeed(&mut study(site.path(), &[]));
     assert!(made(site.path()).contains_key(Path::new("report.html")));

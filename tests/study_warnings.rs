@@ -6,7 +6,7 @@ use std::process::Output;
 
 use spharm_surface::io::{WriteOptions, read_mesh, write_mesh};
 
-use crate::common::{finish, succeed, text, tool};
+use crate::common::{fail, finish, succeed, text, tool};
 
 const STUDY: &str = r#"
 output = "out"
@@ -44,6 +44,24 @@ fn run(site: &Path) -> Output {
     output
 }
 
+/// Spoils two subjects: a03 gets a wrong unit, and a02 the mesh of b01.
+fn spoil(site: &Path) {
+    let meshes = site.join("meshes");
+    scale(&meshes.join("a03.ply"), 10.0);
+    fs::copy(meshes.join("b01.ply"), meshes.join("a02.ply")).expect("a copy");
+}
+
+/// Returns id, state and flags of each subject in the table of the quality control.
+fn checked(site: &Path) -> Vec<(String, String, String)> {
+    let table = fs::read_to_string(site.join("out/quality.tsv")).expect("a table");
+    let row = |line: &str| {
+        let mut cells = line.split('\t').map(str::to_owned);
+        let mut next = || cells.next().expect("a cell");
+        (next(), next(), next())
+    };
+    table.lines().skip(1).map(row).collect()
+}
+
 /// Returns the warnings printed on the terminal after the table of stages, and the warnings of the page.
 fn warnings(site: &Path, output: &Output) -> (Vec<String>, Vec<String>) {
     let stderr = String::from_utf8_lossy(&output.stderr);
@@ -58,32 +76,105 @@ fn warnings(site: &Path, output: &Output) -> (Vec<String>, Vec<String>) {
 #[test]
 fn a_wrong_unit_and_a_file_under_two_ids_are_named_at_the_end_and_on_the_page() {
     let site = site("joint");
-    let clean = run(site.path());
-    let (_, page) = warnings(site.path(), &clean);
-    let named = page.iter().find(|warning| warning.contains("far from") || warning.contains("are equal,"));
-    assert_eq!(named, None, "a study without faults");
+    run(site.path());
+    for (id, state, why) in checked(site.path()) {
+        assert!(state == "ok" && why.is_empty(), "a study without faults: {id}: {why}");
+    }
+    assert!(fs::read_dir(site.path().join("out/thumbnails")).expect("pictures").count() == 10);
 
-    let meshes = site.path().join("meshes");
-    scale(&meshes.join("a03.ply"), 10.0);
-    fs::copy(meshes.join("b01.ply"), meshes.join("a02.ply")).expect("a copy");
+    spoil(site.path());
     let output = run(site.path());
-    let (terminal, page) = warnings(site.path(), &output);
-    let far = page.iter().find(|warning| warning.starts_with("a03: far from the other subjects: volume "));
-    let far = far.unwrap_or_else(|| panic!("{page:?}"));
-    for said in ["area ", "distance from the mean ", "robust z ", "check its surface, its units and its label"] {
-        assert!(far.contains(said), "{far}");
+    let (terminal, _) = warnings(site.path(), &output);
+    let found = checked(site.path());
+    let (id, state, why) = &found[0];
+    assert_eq!((id.as_str(), state.as_str()), ("a03", "flagged"), "the worst is the first: {found:?}");
+    for said in [
+        "volume ",
+        "area ",
+        "distance from the mean ",
+        "robust z ",
+        "as if lengths were 10 times",
+        "mode 1 is mostly due to",
+    ] {
+        assert!(why.contains(said), "{said}: {why}");
     }
-    assert!(page.iter().any(|warning| warning.starts_with("a02, b01: these inputs are equal")), "{page:?}");
-    assert_eq!(page.iter().filter(|warning| warning.contains("a02, b01")).count(), 1, "once: {page:?}");
-    assert!(!page.iter().any(|warning| warning.starts_with("b0")), "the others are near: {page:?}");
-    for warning in &page {
-        assert!(terminal.contains(warning), "{warning}: {terminal:?}");
+    let flagged: Vec<&str> =
+        found.iter().filter(|(_, state, _)| state == "flagged").map(|(id, ..)| id.as_str()).collect();
+    assert_eq!(flagged.len(), 3, "{found:?}");
+    for (id, other) in [("a02", "b01"), ("b01", "a02")] {
+        let (.., why) = found.iter().find(|(of, ..)| of == id).expect("it is listed");
+        assert_eq!(*why, format!("same input as {other}"));
     }
-    // Without changes, a second run gives the same page and the same warnings.
-    let before = fs::read(site.path().join("out/report.html")).expect("a page");
-    let (_, again) = warnings(site.path(), &run(site.path()));
-    assert_eq!(again, page);
-    assert!(before == fs::read(site.path().join("out/report.html")).expect("a page"));
+    // The same is on the terminal and on the page, in the same order.
+    let page = fs::read_to_string(site.path().join("out/report.html")).expect("a page");
+    for (id, _, why) in found.iter().take(3) {
+        assert!(terminal.contains(&format!("{id}: {why}")), "{id}: {why}: {terminal:?}");
+        assert!(page.contains(why.as_str()), "{id}: {why}");
+    }
+    assert!(page.contains("10 subjects: 3 flagged.") && page.matches("<figure class=\"flagged\"").count() == 3);
+    let control = page.find("id=\"quality-control\"").expect("a section");
+    assert!(control < page.find("id=\"items\"").expect("items"), "it is the first section");
+    // Without changes, a second run gives the same page.
+    run(site.path());
+    assert!(page == fs::read_to_string(site.path().join("out/report.html")).expect("a page"));
+}
+
+#[test]
+fn a_strict_study_stops_at_a_flag_and_excluded_subjects_are_left_out() {
+    let site = site("joint");
+    spoil(site.path());
+    let error = fail(tool("study").args(["study.toml", "--strict"]).current_dir(site.path()));
+    assert!(error.contains("quality.tsv: 3 subjects flagged") && error.contains("`exclude`"), "{error}");
+    assert!(!site.path().join("out/tests").exists() && !site.path().join("out/report.html").exists());
+    // Results of a run that went on are removed when a strict one stops.
+    run(site.path());
+    assert!(site.path().join("out/tests/bump/test.csv").exists() && site.path().join("out/report.html").exists());
+    fail(tool("study").args(["study.toml", "--strict"]).current_dir(site.path()));
+    assert!(!site.path().join("out/tests/bump/test.csv").exists() && !site.path().join("out/report.html").exists());
+
+    let accepted = ["b01", "b03"].map(|id| format!("{{ id = \"{id}\", reason = \"looked at\" }}")).join(", ");
+    let exclude = "exclude = [{ id = \"a03\", reason = \"in tenths of mm\" }, \"a02\"]";
+    let exclude = &format!("{exclude}\naccept = [{accepted}]\n[fit]");
+    let study = fs::read_to_string(site.path().join("study.toml")).expect("the study").replace("[fit]", exclude);
+    fs::write(site.path().join("study.toml"), study).expect("the study");
+    let said = succeed(tool("study").args(["study.toml", "--strict"]).current_dir(site.path()));
+    assert!(said.contains("page: "), "{said}");
+    let found = checked(site.path());
+    assert!(found.contains(&("a03".to_owned(), "excluded".to_owned(), "in tenths of mm".to_owned())), "{found:?}");
+    assert!(found.contains(&("a02".to_owned(), "excluded".to_owned(), String::new())), "{found:?}");
+    let page = fs::read_to_string(site.path().join("out/report.html")).expect("a page");
+    assert!(page.contains("2 excluded.") && page.contains("in tenths of mm"));
+    assert!(page.contains("1 accepted") && page.contains("accepted: looked at"));
+
+    // The results are those of a table without the two.
+    let results = fs::read(site.path().join("out/tests/bump/test.csv")).expect("a result");
+    let table = fs::read_to_string(site.path().join("meshes/study.csv")).expect("a table");
+    let table: Vec<&str> = table.lines().filter(|line| !line.starts_with("a02") && !line.starts_with("a03")).collect();
+    fs::write(site.path().join("meshes/study.csv"), table.join("\n") + "\n").expect("a table");
+    fs::write(site.path().join("study.toml"), STUDY.replace("METHOD", "joint")).expect("a file");
+    run(site.path());
+    assert!(results == fs::read(site.path().join("out/tests/bump/test.csv")).expect("a result"));
+}
+
+#[test]
+fn exclusions_that_cannot_be_are_refused() {
+    let site = site("joint");
+    let study = STUDY.replace("METHOD", "joint");
+    let all: Vec<String> = (1..=5).flat_map(|k| [format!("\"a{k:02}\""), format!("\"b{k:02}\"")]).collect();
+    for (exclude, expected) in [
+        ("[\"a3\"]".to_owned(), "no subject \"a3\"; did you mean \"a03\"?"),
+        ("[\"a03\", \"a03\"]".to_owned(), "\"a03\" is listed twice"),
+        ("\"a03\"".to_owned(), "found string"),
+        ("[{ id = \"a03\", reason = \"\" }]".to_owned(), "found a table without an id and a reason"),
+        ("[{ id = \"a03\", why = \"x\" }]".to_owned(), "`exclude` in [subjects]: expected a list, such as"),
+        (format!("[{}]", all[..8].join(", ")), "expected 3 subjects or more, found 2 besides 8 subjects excluded"),
+    ] {
+        let text = study.replace("[fit]", &format!("exclude = {exclude}\n[fit]"));
+        fs::write(site.path().join("study.toml"), text).expect("a file");
+        let error = fail(tool("study").arg("study.toml").current_dir(site.path()));
+        assert!(error.contains(expected), "{exclude}: {error}");
+        assert!(!site.path().join("out").exists());
+    }
 }
 
 #[test]
@@ -97,9 +188,10 @@ fn models_that_are_equal_are_named_where_their_files_are_not() {
     let table = fs::read_to_string(meshes.join("study.csv")).expect("a table");
     let table = table.replace("a04.ply", "a04.obj").replace("b02.ply", "b02.off");
     fs::write(meshes.join("study.csv"), table).expect("a table");
-    let (terminal, page) = warnings(site.path(), &run(site.path()));
-    let expected = "a01, a04, b02: these models are equal";
-    for (place, found) in [("page", page), ("terminal", terminal)] {
-        assert!(found.iter().any(|warning| warning.starts_with(expected)), "{place}: {found:?}");
+    run(site.path());
+    let found = checked(site.path());
+    for (id, expected) in [("a01", "a04, b02"), ("a04", "a01, b02"), ("b02", "a01, a04")] {
+        let (.., why) = found.iter().find(|(of, ..)| of == id).expect("it is listed");
+        assert!(why.contains(&format!("same model as {expected}")), "{id}: {why}");
     }
 }

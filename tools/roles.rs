@@ -13,7 +13,10 @@ fn role(verb: &str, name: &str) -> Option<Role> {
     Some(match (verb, name) {
         ("generate", "surface" | "sphere" | "study") => Role::Output,
         ("report", "status" | "warnings" | "quality" | "correspondence") => Role::Input,
-        ("shape quality", "frames") => Role::Input,
+        ("report", "check") | ("shape quality" | "shape check", "frames") => Role::Input,
+        ("shape check", "aligned" | "mean" | "scores" | "warnings" | "status") => Role::Input,
+        ("shape check", "thumbnails") => Role::Output,
+        ("report", "thumbnails") => Role::Other,
         ("shape test" | "shape correspond", "table") => Role::Input,
         ("shape carry", "group") | (_, "template") => Role::Input,
         ("man", "folder") => Role::Other,

@@ -50,6 +50,14 @@ pub(crate) struct Cli {
     /// Shows how well each member is covered. The distances of its landmarks are shown with the first --quality.
     #[arg(long, value_name = "FILE.json", help_heading = INPUT)]
     pub(super) correspondence: Option<PathBuf>,
+    /// Quality control of a group's subjects, as `spharm shape check --report` writes it
+    ///
+    /// Shown first: a table with the flagged values marked, the worst subject at the top.
+    #[arg(long, value_name = "FILE.json", help_heading = INPUT)]
+    pub(super) check: Option<PathBuf>,
+    /// Folder of the subjects' pictures, as `spharm shape check --thumbnails` writes it
+    #[arg(long, value_name = "DIR", requires = "check", help_heading = INPUT)]
+    pub(super) thumbnails: Option<PathBuf>,
     /// Status tables, CSV or TSV with a header
     #[arg(long, value_name = "FILE", num_args = 1.., help_heading = INPUT)]
     pub(super) status: Vec<PathBuf>,

@@ -93,7 +93,7 @@ pub(super) fn correspondence(path: &Path) -> Result<Correspondence> {
 }
 
 /// Reads a report, and checks that the verb `tool` wrote it.
-fn read(path: &Path, tool: &str, command: &str) -> Result<Value> {
+pub(super) fn read(path: &Path, tool: &str, command: &str) -> Result<Value> {
     let text = read_text(path, "report", MOST_OWN)?;
     let value: Value = serde_json::from_str(&text).with_context(|| format!("{}: not JSON", path.display()))?;
     if value["tool"] != tool {

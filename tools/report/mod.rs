@@ -1,6 +1,7 @@
 //! `report`: makes a page of models, modes and tests for the browser.
 
 mod args;
+mod checked;
 mod measured;
 mod read;
 
@@ -18,13 +19,13 @@ use spharm_report::{Contents, Params, ReportError, page};
 use spharm_surface::io::write_new;
 
 pub(crate) use self::args::Cli;
-pub(crate) use self::read::warnings;
+pub(crate) use self::read::{surface_file, surface_path, warnings};
 
 /// Runs the verb.
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     let given = [&cli.models, &cli.modes, &cli.test, &cli.status, &cli.quality];
-    if given.iter().all(|given| given.is_empty()) && cli.correspondence.is_none() {
-        let what = "nothing to show: give models, --modes, --test, --quality, --correspondence or --status";
+    if given.iter().all(|given| given.is_empty()) && cli.correspondence.is_none() && cli.check.is_none() {
+        let what = "nothing to show: give models, --modes, --test, --quality, --correspondence, --check or --status";
         return Err(Usage::missing(what).into());
     }
     check_outputs([OutputFile::with_ending(&cli.output, "--output", &[".html"])], cli.force)?;
@@ -43,6 +44,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     tables.extend(read::tables(&cli.status)?);
     let mut contents = Contents {
         warnings: cli.warnings.iter().map(|path| warnings(path)).collect::<Result<Vec<_>>>()?.concat(),
+        check: cli.check.as_deref().map(|path| checked::read(path, cli.thumbnails.as_deref())).transpose()?,
         models,
         modes: read::modes(&cli.modes)?,
         tests: read::tests(&cli.test)?,
@@ -66,7 +68,7 @@ fn check_inputs(cli: &Cli, budget: Budget) -> Result<()> {
     let maps: Vec<PathBuf> = cli.test.iter().flat_map(|folder| read::files(folder)).collect();
     let files = models.iter().chain(&surfaces).chain(&maps);
     let files = files.chain(&cli.modes).chain(&cli.status).chain(&cli.fit_report).chain(&cli.warnings);
-    let files = files.chain(&cli.quality).chain(&cli.correspondence);
+    let files = files.chain(&cli.quality).chain(&cli.correspondence).chain(&cli.check);
     budget.check_inputs("report", files.map(PathBuf::as_path))
 }
 

@@ -73,37 +73,44 @@ pub(super) fn models(cli: &Cli, console: &Console) -> Result<Vec<Shown>> {
 
 /// Returns the surface to which a model was fitted, if its file still exists unchanged.
 fn fitted_to(model: &Model, path: &Path, console: &Console) -> Option<(String, Mesh)> {
-    let record = model.provenance.input.as_ref()?;
-    let input = Path::new(&record.path);
-    let left_out = |why: &str| {
+    let input = &model.provenance.input.as_ref()?.path;
+    let read = surface_file(model, path).and_then(|file| match read_mesh(&file) {
+        Ok(mesh) => Ok((shown(&file), mesh)),
+        Err(error) => Err(error.to_string()),
+    });
+    let left_out = |why: String| {
+        let model = path.display();
         console.note(format!(
-            "{}: shown without the original surface, {}: {why}; give the surface with --surface",
-            path.display(),
-            input.display()
+            "{model}: shown without the original surface, {input}: {why}; give the surface with --surface"
         ));
-        None
     };
+    read.map_err(left_out).ok()
+}
+
+/// Returns the file of the surface to which a model was fitted, or the reason why there is none: it is missing, or has
+/// changed since.
+pub(crate) fn surface_file(model: &Model, path: &Path) -> Result<PathBuf, String> {
+    let file = surface_path(model, path)?;
+    let record = model.provenance.input.as_ref().filter(|record| Path::new(&record.path) == file);
+    match record.map(|record| (record, FileRecord::of(&file))) {
+        Some((record, Ok(found))) if !found.same_contents(record) => Err("the file has changed".to_owned()),
+        Some((_, Err(error))) => Err(error.to_string()),
+        _ => Ok(file),
+    }
+}
+
+/// Returns the file of the surface to which a model was fitted, which may have changed since, or the reason why there
+/// is none.
+pub(crate) fn surface_path(model: &Model, path: &Path) -> Result<PathBuf, String> {
+    let record = model.provenance.input.as_ref().ok_or("the model doesn't record its input")?;
+    let input = Path::new(&record.path);
     if record.label.is_some() || is_volume(input) {
         // The surface around a label of a volume is stored in a file beside the model.
         let beside = ModelFiles { model: path.to_owned() }.surface();
-        return match read_mesh(&beside) {
-            Ok(mesh) => Some((shown(&beside), mesh)),
-            Err(error) if beside.exists() => left_out(&error.to_string()),
-            Err(_) => left_out(&format!("the file is a volume, and there is no {} beside the model", shown(&beside))),
-        };
+        let missing = || format!("the file is a volume, and there is no {} beside the model", shown(&beside));
+        return if beside.exists() { Ok(beside) } else { Err(missing()) };
     }
-    if !input.is_file() {
-        return left_out("no such file");
-    }
-    match FileRecord::of(input) {
-        Ok(found) if found.same_contents(record) => {}
-        Ok(_) => return left_out("the file has changed"),
-        Err(error) => return left_out(&error.to_string()),
-    }
-    match read_mesh(input) {
-        Ok(mesh) => Some((record.path.clone(), mesh)),
-        Err(error) => left_out(&error.to_string()),
-    }
+    if input.is_file() { Ok(input.to_owned()) } else { Err("no such file".to_owned()) }
 }
 
 /// Reads the entries of a report of `spharm fit`.

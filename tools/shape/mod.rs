@@ -8,6 +8,7 @@ mod align;
 mod align_meshes;
 mod args;
 mod carry;
+mod check;
 mod compress;
 pub(crate) mod correspond;
 mod describe;
@@ -78,6 +79,7 @@ enum Command {
     Align(align::Cli),
     Mean(mean::Cli),
     Pca(pca::Cli),
+    Check(check::Cli),
     Quality(quality::Cli),
     Sample(sample::Cli),
     Morph(morph::Cli),
@@ -102,6 +104,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         Command::Align(cli) => align::run(cli, &monitor),
         Command::Mean(cli) => mean::run(cli, &monitor),
         Command::Pca(cli) => pca::run(cli, &monitor),
+        Command::Check(cli) => check::run(cli, &monitor),
         Command::Quality(cli) => quality::run(cli, &monitor),
         Command::Sample(cli) => sample::run(cli, &monitor),
         Command::Morph(cli) => morph::run(cli, &monitor),

@@ -64,12 +64,22 @@ impl Table {
         self.header.iter().map(String::as_str)
     }
 
-    /// Returns the cells of a column, none of which may be missing.
-    pub(super) fn cells(&self, name: &str) -> Result<Vec<&str>> {
+    /// Returns the path of the table.
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Returns the cells of a column, which may be empty.
+    pub(super) fn texts(&self, name: &str) -> Result<Vec<&str>> {
         let Some(column) = self.header.iter().position(|other| other == name) else {
             bail!("{}: no column {name:?}; the columns are {}", self.path.display(), self.header.join(", "));
         };
-        let cells: Vec<&str> = self.rows.iter().map(|row| row[column].as_str()).collect();
+        Ok(self.rows.iter().map(|row| row[column].as_str()).collect())
+    }
+
+    /// Returns the cells of a column, none of which may be missing.
+    pub(super) fn cells(&self, name: &str) -> Result<Vec<&str>> {
+        let cells = self.texts(name)?;
         if let Some(row) = cells.iter().position(|cell| cell.is_empty()) {
             bail!("{}: row {}: column {name:?} is empty; leave the subject out", self.path.display(), row + 1);
         }
@@ -96,6 +106,14 @@ impl Table {
         column_of(&cells).map_err(|row| {
             anyhow!("{}: row {}: column {name:?}: {}", self.path.display(), row + 1, no_number(cells[row]))
         })
+    }
+
+    /// Returns a column of numbers.
+    pub(super) fn numbers(&self, name: &str) -> Result<Vec<f64>> {
+        match self.column(name)? {
+            Column::Numbers(numbers) => Ok(numbers),
+            Column::Levels(_) => bail!("{}: column {name:?}: expected numbers, found text", self.path.display()),
+        }
     }
 
     /// Returns a column of paths, relative to the table.

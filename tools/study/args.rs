@@ -39,6 +39,11 @@ pub(crate) struct Cli {
     /// Print the commands without running them
     #[arg(long, help_heading = OUTPUT)]
     pub(super) dry_run: bool,
+    /// Stop before the tests if the quality control flags a subject that isn't accepted
+    ///
+    /// There is no page then, and tests, figures and page of an earlier run are removed.
+    #[arg(long, help_heading = METHOD)]
+    pub(super) strict: bool,
     /// Run all stages again
     #[arg(long, help_heading = OUTPUT)]
     pub(super) force: bool,

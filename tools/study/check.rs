@@ -2,6 +2,7 @@
 
 use anyhow::{Context, Result, anyhow, bail};
 use spharm::shape::stats::{Column, question};
+use spharm_cli::output::counted;
 
 use super::LEAST;
 use super::config::{Method, Test};
@@ -16,7 +17,11 @@ use crate::shape::table::{column_of, is_missing, no_number};
 pub(super) fn check(plan: &Plan) -> Result<()> {
     let rows = plan.manifest.rows.len();
     if rows < LEAST {
-        bail!("{}: expected {LEAST} subjects or more, found {rows}", plan.table.display());
+        let without = match plan.excluded.len() {
+            0 => String::new(),
+            count => format!(" besides {} excluded", counted(count, "subject")),
+        };
+        bail!("{}: expected {LEAST} subjects or more, found {rows}{without}", plan.table.display());
     }
     correspondence(plan)?;
     for test in &plan.study.test {

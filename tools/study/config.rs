@@ -8,6 +8,7 @@ use spharm::shape::stats::MAX_RELABELLINGS;
 use spharm_cli::inputs::read_text;
 use toml::{Table, Value};
 
+use super::exclusion::{Named, check_list};
 use crate::shape::correspond::surfaces::With;
 
 /// Contents of a study file; paths are as written in the file.
@@ -51,11 +52,23 @@ pub(super) struct Subjects {
     pub(super) surface: Option<String>,
     pub(super) sphere: Option<String>,
     pub(super) landmarks: Option<String>,
+    /// Subjects to leave out.
+    pub(super) exclude: Vec<Named>,
+    /// Subjects whose flags are accepted.
+    pub(super) accept: Vec<Named>,
 }
 
 impl Default for Subjects {
     fn default() -> Self {
-        Self { table: PathBuf::new(), id: "id".to_owned(), surface: None, sphere: None, landmarks: None }
+        Self {
+            table: PathBuf::new(),
+            id: "id".to_owned(),
+            surface: None,
+            sphere: None,
+            landmarks: None,
+            exclude: Vec::new(),
+            accept: Vec::new(),
+        }
     }
 }
 
@@ -182,7 +195,7 @@ pub(super) struct Test {
 /// Keys of each section: the section's name, the number of required keys, and all keys, the required ones first.
 const SECTIONS: [(&str, usize, &[&str]); 8] = [
     ("", 0, &["title", "output", "subjects", "fit", "align", "modes", "quality", "test", "page"]),
-    ("subjects", 1, &["table", "id", "surface", "sphere", "landmarks"]),
+    ("subjects", 1, &["table", "id", "surface", "sphere", "landmarks", "exclude", "accept"]),
     ("fit", 1, &["max_degree", "arguments"]),
     ("align", 0, &["method", "scale", "mirror", "guide", "signals"]),
     ("modes", 0, &["count"]),
@@ -304,6 +317,9 @@ fn check_keys(table: &Table) -> Result<()> {
                     Some((_, nearest)) => bail!("unknown key `{unknown}`{place}: did you mean `{nearest}`?"),
                     None => bail!("unknown key `{unknown}`{place}: expected one of {}", keys.join(", ")),
                 }
+            }
+            for key in ["exclude", "accept"] {
+                part.get(key).filter(|_| section == "subjects").map_or(Ok(()), |list| check_list(key, list))?;
             }
             if let Some(missing) = keys[..needed].iter().find(|key| !part.contains_key(**key)) {
                 bail!("expected a key `{missing}`{place}, found none");

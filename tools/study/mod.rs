@@ -14,6 +14,7 @@
 mod args;
 mod check;
 mod config;
+mod exclusion;
 mod plan;
 mod stage;
 mod stages;
@@ -39,6 +40,7 @@ use self::args::Command;
 use self::config::Method;
 use self::plan::Plan;
 use self::stage::Stage;
+use self::warnings::Flagged;
 
 /// Smallest number of subjects in a group.
 const LEAST: usize = 3;
@@ -74,13 +76,14 @@ pub(crate) fn run(
     utf8(study)?;
     let plan = Plan::read(study, common(cli))?;
     check::check(&plan)?;
-    let mut call = Call { cli, plan: &plan, spharm, console: cli.common.console(), rows: Vec::new() };
-    call.console.note(format!(
-        "{}: {} of {}",
-        plan.study.title,
-        counted(plan.manifest.rows.len(), "subject"),
-        plan.table.display()
-    ));
+    let mut call =
+        Call { cli, plan: &plan, spharm, console: cli.common.console(), rows: Vec::new(), flagged: Vec::new() };
+    let (count, table) = (plan.manifest.rows.len(), plan.table.display());
+    let subjects = match plan.excluded.len() {
+        0 => counted(count, "subject"),
+        excluded => format!("{count} of {}, {excluded} excluded,", counted(count + excluded, "subject")),
+    };
+    call.console.note(format!("{}: {subjects} of {table}", plan.study.title));
     let fit = plan.fit(cli.shard, cli.force);
     parse(&call.arguments(&fit)).with_context(|| format!("{}: `arguments` in [fit]", study.display()))?;
     if cli.dry_run {
@@ -126,6 +129,8 @@ struct Call<'a> {
     console: Console,
     /// Name, outcome and time of each stage.
     rows: Vec<[String; 3]>,
+    /// The subjects that the quality control flags, the worst first.
+    flagged: Vec<Flagged>,
 }
 
 impl Call<'_> {
@@ -169,12 +174,48 @@ impl Call<'_> {
         let stages = self.plan.stages(&subjects);
         tidy::stages(self.plan, &stages)?;
         let Some((page, stages)) = stages.split_last() else { return self.finish(&failed, &[]) };
-        stages.iter().try_for_each(|stage| self.stage(stage))?;
+        for stage in stages {
+            self.stage(stage)?;
+            if stage.name == stages::CHECK {
+                self.flagged = warnings::flagged(self.plan)?;
+                if self.cli.strict && !self.flagged.is_empty() {
+                    return self.stop(&failed, after(stages, stage).iter().chain([page]));
+                }
+            }
+        }
         let warnings = warnings::collect(self.plan, &subjects)?;
         self.plan.write_warnings(&warnings)?;
         self.stage(page)?;
         self.finish(&failed, &warnings)?;
         print_line(&format!("page: {}", self.plan.page().display()))
+    }
+
+    /// Ends a strict study at a flag, before the tests. Removes the outputs of the later stages, which are of an
+    /// earlier run.
+    fn stop<'s>(&self, failed: &[(String, String)], later: impl IntoIterator<Item = &'s Stage>) -> Result<()> {
+        later.into_iter().try_for_each(|stage| stage.clear(&self.plan.records()))?;
+        let ended = self.finish(failed, &[]);
+        let (flagged, table) = (counted(self.flagged.len(), "subject"), self.plan.checked());
+        let text = format!(
+            "{}: {flagged} flagged, so there are no tests and no page; mend their surfaces, list them in `exclude` or \
+             `accept` in [subjects], or run without --strict; pictures: {}",
+            table.display(),
+            self.plan.thumbnails().display()
+        );
+        match ended {
+            Ok(()) => bail!(text),
+            Err(error) => Err(error.context(text)),
+        }
+    }
+
+    /// Lists the flagged subjects on the terminal.
+    fn list_flagged(&self) {
+        for Flagged { id, flags } in self.flagged.iter().take(SHOWN) {
+            self.console.warn(format!("{id}: {}", flags.join("; ")));
+        }
+        if let Some(more) = self.flagged.len().checked_sub(SHOWN + 1) {
+            self.console.warn(format!("and {} more flagged", counted(more + 1, "subject")));
+        }
     }
 
     /// Fits the subjects and returns those that failed, with the reasons.
@@ -256,6 +297,15 @@ impl Call<'_> {
         let mut rows = vec![["stage", "", "time"].map(str::to_owned).to_vec()];
         rows.extend(self.rows.iter().map(|row| row.to_vec()));
         print(&format!("\n{}", table(&rows)))?;
+        if !self.flagged.is_empty() {
+            let (flagged, table) = (counted(self.flagged.len(), "subject"), self.plan.checked());
+            let excluded = match self.plan.excluded.len() {
+                0 => String::new(),
+                count => format!(", {count} excluded"),
+            };
+            print_line(&format!("quality control: {flagged} flagged{excluded}, see {}\n", table.display()))?;
+            self.list_flagged();
+        }
         warnings.iter().take(SHOWN).for_each(|warning| self.console.warn(warning));
         if let Some(more) = warnings.len().checked_sub(SHOWN + 1) {
             self.console.warn(format!("and {} more, at the head of the page", counted(more + 1, "warning")));
@@ -273,4 +323,10 @@ impl Call<'_> {
             ),
         }
     }
+}
+
+/// Returns the stages after one of them.
+fn after<'s>(stages: &'s [Stage], stage: &Stage) -> &'s [Stage] {
+    let at = stages.iter().position(|other| other.name == stage.name).map_or(stages.len(), |at| at + 1);
+    &stages[at..]
 }

@@ -7,7 +7,7 @@ use spharm_cohort::{Manifest, Merged, Row, State};
 use spharm_surface::io::write_new;
 
 use super::config::{Method, Study};
-use super::{subjects, surfaces};
+use super::{exclusion, subjects, surfaces};
 
 /// Folder within the output folder for the records from which a study is resumed.
 const RECORDS: &str = ".study";
@@ -24,7 +24,10 @@ pub(super) struct Plan {
     /// The folder of all outputs.
     pub(super) output: PathBuf,
     pub(super) table: PathBuf,
+    /// The subjects, without the excluded ones.
     pub(super) manifest: Manifest,
+    /// The excluded subjects, with the reasons.
+    pub(super) excluded: Vec<(Row, String)>,
     /// Method of bringing the subjects into correspondence.
     pub(super) method: Method,
     /// Landmark file of each subject, in table order, if the study has landmarks.
@@ -58,7 +61,11 @@ impl Plan {
         let table = folder.join(&study.subjects.table);
         let output = folder.join(&study.output);
         let made = output.join(RECORDS).join("manifest.tsv");
-        let (manifest, made_text) = subjects::manifest(&study.subjects, folder, &table, &made)?;
+        let (mut manifest, mut made_text) = subjects::manifest(&study.subjects, folder, &table, &made)?;
+        exclusion::check_accepted(&study.subjects.accept, &manifest)
+            .with_context(|| format!("{}: `accept` in [subjects]", path.display()))?;
+        let excluded = exclusion::exclude(&study.subjects.exclude, &mut manifest, &mut made_text, &made)
+            .with_context(|| format!("{}: `exclude` in [subjects]", path.display()))?;
         if let Some(row) = manifest.rows.iter().find(|row| row.output.is_some()) {
             bail!(
                 "{}: line {}: a study names its models by the ids; remove the column `output`",
@@ -85,7 +92,20 @@ impl Plan {
         let spheres = has_one_sphere(&study) || manifest.rows.iter().all(|row| row.sphere.is_some());
         let method = study.align.method.unwrap_or(if spheres { Method::Fixed } else { Method::Correspond });
         let (file, folder) = (path.to_owned(), folder.to_owned());
-        Ok(Self { file, folder, output, study, table, manifest, method, landmarks, signals, made_text, common })
+        Ok(Self {
+            file,
+            folder,
+            output,
+            study,
+            table,
+            manifest,
+            excluded,
+            method,
+            landmarks,
+            signals,
+            made_text,
+            common,
+        })
     }
 
     /// Returns whether all subjects are fitted over one sphere.
@@ -116,6 +136,21 @@ impl Plan {
     /// Returns the path of the report of the correspondence.
     pub(super) fn correspondence(&self) -> PathBuf {
         self.records().join("reports").join("correspond.json")
+    }
+
+    /// Returns the path of the table of the quality control.
+    pub(super) fn checked(&self) -> PathBuf {
+        self.output.join("quality.tsv")
+    }
+
+    /// Returns the path of the report of the quality control.
+    pub(super) fn check_report(&self) -> PathBuf {
+        self.records().join("reports").join("check.json")
+    }
+
+    /// Returns the folder of the subjects' pictures.
+    pub(super) fn thumbnails(&self) -> PathBuf {
+        self.output.join("thumbnails")
     }
 
     /// Returns the folder of the models after alignment or correspondence. Method "none" has no such folder; there the
@@ -174,7 +209,7 @@ impl Plan {
     /// Writes the outcome of each subject for the page. Times are left out, so that equal results give equal bytes.
     pub(super) fn write_status(&self, merged: &Merged) -> Result<()> {
         let mut writer = csv::WriterBuilder::new().delimiter(b'\t').from_writer(Vec::new());
-        writer.write_record(["id", "state", "msd", "error"].into_iter().chain(self.columns()))?;
+        writer.write_record(["id", "state", "error", "accepted"].into_iter().chain(self.columns()))?;
         for row in &self.manifest.rows {
             let entry = merged.entry(&row.id);
             let state = match entry.map(|entry| entry.state) {
@@ -182,10 +217,13 @@ impl Plan {
                 Some(State::Failed) => "failed",
                 _ => "missing",
             };
-            let msd = entry.and_then(|entry| entry.msd).map_or(String::new(), |msd| format!("{msd:.4e}"));
             let error = entry.map_or("", |entry| entry.error.as_str());
             let cells = row.extra.iter().map(String::as_str);
-            writer.write_record([&row.id, state, &msd, error].into_iter().chain(cells))?;
+            writer.write_record([&row.id, state, error, self.accepted(&row.id)].into_iter().chain(cells))?;
+        }
+        for (row, reason) in &self.excluded {
+            let cells = row.extra.iter().map(String::as_str);
+            writer.write_record([&row.id, "excluded", reason, ""].into_iter().chain(cells))?;
         }
         self.write("subjects.tsv", &String::from_utf8(writer.into_inner()?)?)
     }
@@ -193,6 +231,12 @@ impl Plan {
     /// Writes the warnings shown at the head of the page.
     pub(super) fn write_warnings(&self, warnings: &[String]) -> Result<()> {
         self.write("warnings/all.json", &(serde_json::to_string_pretty(warnings)? + "\n"))
+    }
+
+    /// Returns the reason why a subject's flags are accepted; empty if they aren't.
+    fn accepted(&self, id: &str) -> &str {
+        let named = self.study.subjects.accept.iter().find(|of| of.id == id);
+        named.map_or("", |of| if of.reason.is_empty() { "no reason given" } else { &of.reason })
     }
 
     fn columns(&self) -> impl Iterator<Item = &str> {

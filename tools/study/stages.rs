@@ -10,6 +10,9 @@ use super::stage::Stage;
 use super::surfaces::signal_column;
 use crate::shape::correspond::surfaces::With;
 
+/// Name of the stage of the quality control.
+pub(super) const CHECK: &str = "check";
+
 impl Plan {
     /// Returns the stage of the fits. It has no inputs and outputs, because `fit` itself determines which models are up
     /// to date.
@@ -47,6 +50,7 @@ impl Plan {
         let mut arguments = words(&["shape", "pca", &self.list("aligned.txt"), "--modes", &count]);
         arguments.extend(words(&["--scores", &text(&scores), "-o", &text(&modes)]));
         stages.push(self.stage("modes", arguments, &aligned, [modes, scores]));
+        stages.push(self.check(&models, &aligned));
         for test in &study.test {
             stages.extend(self.test(test, &aligned));
         }
@@ -108,6 +112,28 @@ impl Plan {
     fn moved(&self) -> impl Iterator<Item = String> {
         let flags = [(self.study.align.scale, "--scale"), (self.study.align.mirror, "--mirror")];
         flags.into_iter().filter(|(given, _)| *given).map(|(_, flag)| flag.to_owned())
+    }
+
+    /// Returns the stage of the quality control.
+    fn check(&self, models: &[PathBuf], aligned: &[PathBuf]) -> Stage {
+        let (mean, scores, status) = (self.mean(), self.output.join("scores.csv"), self.records().join("subjects.tsv"));
+        let (table, pictures, report) = (self.checked(), self.thumbnails(), self.check_report());
+        let mut arguments =
+            words(&["shape", "check", &self.list("models.txt"), "--aligned", &self.list("aligned.txt")]);
+        arguments.extend(words(&["--mean", &text(&mean), "--scores", &text(&scores), "--status", &text(&status)]));
+        let mut inputs: Vec<PathBuf> = models.iter().chain(aligned).cloned().chain([mean, scores, status]).collect();
+        let frames = match self.method {
+            Method::Correspond => Some(self.correspondence()),
+            Method::Joint | Method::Fixed => Some(self.output.join("transforms.json")),
+            Method::None => None,
+        };
+        if let Some(frames) = frames {
+            let warnings = self.alignment_warnings();
+            arguments.extend(words(&["--frames", &text(&frames), "--warnings", &text(&warnings)]));
+            inputs.extend([frames, warnings]);
+        }
+        arguments.extend(words(&["-o", &text(&table), "--thumbnails", &text(&pictures), "--report", &text(&report)]));
+        self.stage(CHECK, arguments, &inputs, [table, pictures, report])
     }
 
     /// Returns the stages that measure the quality of the correspondence and, if requested, of the plain alignment.
@@ -203,13 +229,16 @@ impl Plan {
         arguments.extend(self.study.page.subjects.then_some(list));
         let warnings = self.warnings();
         arguments.extend(words(&["--modes", &text(&modes), "--status", &text(&status)]));
-        arguments.extend(words(&["--warnings", &text(&warnings)]));
+        let (check, pictures) = (self.check_report(), self.thumbnails());
+        arguments.extend(words(&["--warnings", &text(&warnings), "--check", &text(&check)]));
+        arguments.extend(words(&["--thumbnails", &text(&pictures)]));
         if !folders.is_empty() {
             arguments.push("--test".to_owned());
             arguments.extend(folders.iter().map(|folder| text(folder)));
         }
         arguments.extend(words(&["--title", &self.study.title, "-o", &text(&self.page()), "--force"]));
-        let mut inputs = vec![modes, status, warnings];
+        let mut inputs = vec![modes, status, warnings, check];
+        inputs.extend(subjects.iter().map(|subject| pictures.join(format!("{}.png", subject.id))));
         if self.method == Method::Correspond {
             let measured = [Some(Method::Correspond), self.study.quality.plain.then_some(Method::Joint)];
             let measured = measured.into_iter().flatten().map(|method| self.quality_files(method)[0].clone());

@@ -40,11 +40,13 @@
 //! | [`rerun`] | decisions about existing outputs |
 //! | [`reader`] | meshes, and labels of volumes |
 //! | [`equal`] | inputs that occur twice |
+//! | [`mod@check`] | quality control of a group: subjects to look at |
 //! | [`evaluate`] | models evaluated on one sphere |
 //! | `table` | TSV and CSV with the numbers of lines |
 
 #![forbid(unsafe_code)]
 
+pub mod check;
 pub mod equal;
 mod error;
 pub mod evaluate;

@@ -67,4 +67,4 @@ pub mod provenance;
 
 pub use error::ModelError;
 pub use model::{CONVENTION, Fitted, Model};
-pub use provenance::{Distances, FileRecord, Provenance, Settings, Versions};
+pub use provenance::{Distances, FileRecord, Provenance, Settings, Versions, VoxelRecord};

@@ -47,6 +47,13 @@ pub struct Provenance {
     pub scale: Option<f64>,
     /// Distances between the model and the input's vertices.
     pub distances: Option<Distances>,
+    /// Root mean square distance between the model's surface and the input surface, measured in both directions, in the
+    /// input's unit; `None` if the fit didn't measure it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub surface_rms: Option<f64>,
+    /// Voxels of the label, if the input surface is a label's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub voxels: Option<VoxelRecord>,
     /// GIfTI's `AnatomicalStructurePrimary` of the input, such as `CortexLeft`.
     pub anatomical_structure_primary: Option<String>,
     /// Voxel size along x, y and z in mm, if the user gave it in place of the size in the volume's file.
@@ -70,6 +77,17 @@ pub struct Provenance {
     /// Unknown fields of the JSON, which are preserved unchanged.
     #[serde(flatten)]
     pub other: Map<String, Value>,
+}
+
+/// Voxels of the label whose surface was fitted.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct VoxelRecord {
+    /// Number of the label's voxels in the file.
+    pub count: usize,
+    /// Lengths of a voxel's edges, in mm.
+    pub size: [f64; 3],
+    /// Whether the label touches the border of the volume, and so may be cut off.
+    pub at_border: bool,
 }
 
 /// Software versions and platform on which a result may depend.

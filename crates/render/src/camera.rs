@@ -48,11 +48,16 @@ pub(crate) struct Camera {
 
 impl Camera {
     /// Returns a camera whose frame of `width` by `height` pixels contains all points, with a margin.
-    pub(crate) fn framing<'a>(view: View, points: impl Iterator<Item = &'a Vec3>, width: usize, height: usize) -> Self {
+    pub(crate) fn framing<'a>(
+        view: View,
+        points: impl IntoIterator<Item = &'a Vec3>,
+        width: usize,
+        height: usize,
+    ) -> Self {
         let towards = unit(view.from);
         let right = unit(cross(view.up, towards));
         let up = cross(towards, right);
-        let (low, high) = bounds(points.map(|&p| [dot(p, right), dot(p, up), dot(p, towards)]));
+        let (low, high) = bounds(points.into_iter().map(|&p| [dot(p, right), dot(p, up), dot(p, towards)]));
         let (width, height) = (width as f64, height as f64);
         let zoom = 0.92 * (width / (high[0] - low[0])).min(height / (high[1] - low[1]));
         let centre = scale(add(low, high), 0.5);

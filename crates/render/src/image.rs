@@ -3,6 +3,7 @@
 use std::io::{self, Write};
 use std::path::Path;
 
+use color_quant::NeuQuant;
 use spharm_surface::io::{Output, WriteOptions, check_output, write_new};
 
 use crate::RenderError;
@@ -59,6 +60,35 @@ pub fn write_png(path: impl AsRef<Path>, image: &Image, options: &WriteOptions) 
     let path = path.as_ref();
     check_output(path, Output::Ending(&[".png"]))?;
     Ok(write_new(path, options.overwrite, |out| encode_png(image, out))?)
+}
+
+/// Number of colours of a thumbnail.
+const THUMBNAIL_COLOURS: usize = 64;
+
+/// Writes a picture as PNG with 64 colours, which takes about a third of the bytes of [`write_png`]; atomically. The
+/// name must end in `.png`.
+///
+/// # Errors
+///
+/// The errors of [`check_output`] and [`write_new`].
+pub fn write_thumbnail(path: impl AsRef<Path>, image: &Image, options: &WriteOptions) -> Result<(), RenderError> {
+    let path = path.as_ref();
+    check_output(path, Output::Ending(&[".png"]))?;
+    let rgba: Vec<u8> = image.pixels.iter().flat_map(|[red, green, blue]| [*red, *green, *blue, 255]).collect();
+    let quantised = NeuQuant::new(1, THUMBNAIL_COLOURS, &rgba);
+    let indices: Vec<u8> = rgba.chunks_exact(4).map(|pixel| quantised.index_of(pixel) as u8).collect();
+    Ok(write_new(path, options.overwrite, |out| {
+        let size = |n: usize| u32::try_from(n).map_err(io::Error::other);
+        let mut encoder = png::Encoder::new(out, size(image.width)?, size(image.height)?);
+        encoder.set_color(png::ColorType::Indexed);
+        encoder.set_depth(png::BitDepth::Eight);
+        encoder.set_palette(quantised.color_map_rgb());
+        encoder.set_compression(png::Compression::High);
+        encoder.set_filter(png::Filter::NoFilter);
+        let mut writer = encoder.write_header().map_err(io::Error::other)?;
+        writer.write_image_data(&indices).map_err(io::Error::other)?;
+        writer.finish().map_err(io::Error::other)
+    })?)
 }
 
 /// Writes the bytes of a PNG file.

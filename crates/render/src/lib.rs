@@ -35,7 +35,7 @@ use camera::Camera;
 pub use camera::View;
 pub use curves::{Curve, CurvePanel, render_curves};
 pub use error::RenderError;
-pub use image::{Image, encode_png, write_png};
+pub use image::{Image, encode_png, write_png, write_thumbnail};
 use raster::Raster;
 pub use scale::{fit_into, is_probability, scale_label, significance, symmetric_range};
 use text::Label;
@@ -54,6 +54,8 @@ pub enum Paint<'a> {
         /// The bar's caption.
         label: &'a str,
     },
+    /// One colour per vertex (sRGB), without a colour bar.
+    Vertices(&'a [[u8; 3]]),
 }
 
 /// A mesh in a picture.
@@ -89,11 +91,13 @@ pub struct Settings {
     /// Whether all meshes are drawn at one scale around one centre, so that they can be compared; otherwise each fills
     /// its panel.
     pub common_scale: bool,
+    /// Lowest and highest corner of the box that each panel shows, in place of the extent of the meshes.
+    pub frame: Option<[[f64; 3]; 2]>,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { width: 480, height: 480, columns: 0, view: View::LEFT, common_scale: true }
+        Self { width: 480, height: 480, columns: 0, view: View::LEFT, common_scale: true, frame: None }
     }
 }
 
@@ -151,11 +155,17 @@ pub fn render(panels: &[Panel<'_>], settings: &Settings) -> Result<Image, Render
     for (i, panel) in panels.iter().enumerate() {
         let (x, y) = ((i % columns) * settings.width, (i / columns) * settings.height);
         let framed = if settings.common_scale { panels } else { std::slice::from_ref(panel) };
-        let points = framed.iter().flat_map(|p| &p.mesh.vertices);
-        let camera = Camera::framing(settings.view, points, settings.width, mesh_height);
+        let camera = match settings.frame {
+            Some(corners) => Camera::framing(settings.view, &box_corners(corners), settings.width, mesh_height),
+            None => {
+                let points = framed.iter().flat_map(|p| &p.mesh.vertices);
+                Camera::framing(settings.view, points, settings.width, mesh_height)
+            }
+        };
         let painted = match panel.paint {
             Paint::Plain(color) => vec![color; panel.mesh.vertices.len()],
             Paint::Scalar { values, range, .. } => colors(values, range.0, range.1),
+            Paint::Vertices(colors) => colors.to_vec(),
         };
         let mut raster = Raster::new(settings.width, mesh_height);
         raster.draw(panel.mesh, &painted, &camera);
@@ -173,6 +183,13 @@ pub fn render(panels: &[Panel<'_>], settings: &Settings) -> Result<Image, Render
     Ok(picture)
 }
 
+/// Returns the eight corners of a box.
+fn box_corners([low, high]: [[f64; 3]; 2]) -> [[f64; 3]; 8] {
+    std::array::from_fn(|corner| {
+        std::array::from_fn(|axis| if corner >> axis & 1 == 0 { low[axis] } else { high[axis] })
+    })
+}
+
 fn check(panels: &[Panel<'_>], settings: &Settings) -> Result<(), RenderError> {
     if panels.is_empty() {
         return Err(RenderError::NoPanels);
@@ -182,11 +199,14 @@ fn check(panels: &[Panel<'_>], settings: &Settings) -> Result<(), RenderError> {
         return Err(RenderError::Size { width: settings.width, height: settings.height });
     }
     for panel in panels {
-        let Paint::Scalar { values, range, .. } = panel.paint else {
-            continue;
+        let expected = panel.mesh.vertices.len();
+        let (found, range) = match panel.paint {
+            Paint::Plain(_) => continue,
+            Paint::Scalar { values, range, .. } => (values.len(), range),
+            Paint::Vertices(colors) => (colors.len(), (0.0, 1.0)),
         };
-        if values.len() != panel.mesh.vertices.len() {
-            return Err(RenderError::ValueCount { expected: panel.mesh.vertices.len(), found: values.len() });
+        if found != expected {
+            return Err(RenderError::ValueCount { expected, found });
         }
         if !(range.0.is_finite() && range.1.is_finite()) {
             return Err(RenderError::Range { low: range.0, high: range.1 });

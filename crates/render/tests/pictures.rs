@@ -1,6 +1,6 @@
 //! Tests of the pictures' contents.
 
-use spharm_render::{Image, Paint, Panel, RenderError, Settings, View, render, write_png};
+use spharm_render::{Image, Paint, Panel, RenderError, Settings, View, render, write_png, write_thumbnail};
 use spharm_surface::Mesh;
 use spharm_surface::generate::icosphere;
 use spharm_surface::io::WriteOptions;
@@ -30,6 +30,36 @@ fn a_ball_covers_a_disc() {
     // The ball is lit from the upper left.
     let brightness = |p: [u8; 3]| p.iter().map(|&c| u32::from(c)).sum::<u32>();
     assert!(brightness(at(&image, 32, 28)) > brightness(at(&image, 68, 75)) + 60);
+}
+
+#[test]
+fn a_thumbnail_has_few_colours_near_those_of_the_picture() {
+    let ball = icosphere(4);
+    let height: Vec<[u8; 3]> = ball.vertices.iter().map(|v| [(127.0 + 120.0 * v[2]) as u8, 150, 90]).collect();
+    let panel = Panel { mesh: &ball, caption: "", paint: Paint::Vertices(&height) };
+    let image = render(&[panel], &small()).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let [plain, thumbnail] = ["plain.png", "thumbnail.png"].map(|name| folder.path().join(name));
+    write_png(&plain, &image, &WriteOptions::default()).unwrap();
+    write_thumbnail(&thumbnail, &image, &WriteOptions::default()).unwrap();
+    assert!(write_thumbnail(&thumbnail, &image, &WriteOptions::default()).is_err(), "the file exists");
+    let bytes = |path: &std::path::Path| std::fs::metadata(path).unwrap().len();
+    assert!(2 * bytes(&thumbnail) < bytes(&plain), "{} of {}", bytes(&thumbnail), bytes(&plain));
+    let mut decoder = png::Decoder::new(std::io::BufReader::new(std::fs::File::open(&thumbnail).unwrap()));
+    decoder.set_transformations(png::Transformations::EXPAND);
+    let mut reader = decoder.read_info().unwrap();
+    let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+    reader.next_frame(&mut pixels).unwrap();
+    let (pixels, _) = pixels.as_chunks::<3>();
+    let colours: std::collections::HashSet<&[u8; 3]> = pixels.iter().collect();
+    assert!(colours.len() <= 64, "{}", colours.len());
+    let far = |(a, b): (&[u8; 3], &[u8; 3])| a.iter().zip(b).map(|(a, b)| a.abs_diff(*b)).max().unwrap();
+    let mean = pixels.iter().zip(&image.pixels).map(|pair| f64::from(far(pair))).sum::<f64>() / pixels.len() as f64;
+    assert!(mean < 4.0, "{mean}");
+    // A frame twice as large as the ball shows the ball at half the size.
+    let frame = Some([[-2.0; 3], [2.0; 3]]);
+    let half = render(&[Panel::new(&ball, "")], &Settings { frame, ..small() }).unwrap();
+    assert!((covered(&half) / covered(&image) - 0.25).abs() < 0.02, "{}", covered(&half));
 }
 
 #[test]

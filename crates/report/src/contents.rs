@@ -6,6 +6,7 @@ use spharm_shape::Curve;
 use spharm_shape::pca::file::ShapeModel;
 use spharm_surface::Mesh;
 
+use crate::check::Check;
 use crate::table::Table;
 
 /// The contents of a page, in display order.
@@ -15,6 +16,8 @@ pub struct Contents {
     pub title: String,
     /// Warnings, shown first.
     pub warnings: Vec<String>,
+    /// Quality control of the subjects, shown after the warnings.
+    pub check: Option<Check>,
     /// Models of surfaces.
     pub models: Vec<Shown>,
     /// Modes of groups, with their names.

@@ -21,6 +21,7 @@
 //! | `blocks` | arrays as text |
 //! | `curves`, `chart`, `axis` | the charts of a model, as SVG |
 //! | `quality` | curves and a table that compare alignments |
+//! | [`check`] | quality control of the subjects |
 //! | [`table`], `provenance` | tables |
 //! | `still` | pictures that replace views |
 //! | `text` | escaping |
@@ -52,6 +53,7 @@ mod assets;
 mod axis;
 mod blocks;
 mod chart;
+pub mod check;
 pub mod contents;
 mod curves;
 mod error;
@@ -67,6 +69,7 @@ mod still;
 pub mod table;
 mod text;
 
+pub use check::{Check, CheckedCell, CheckedSubject};
 pub use contents::{Contents, Maps, Params, Quality, Shown};
 pub use error::ReportError;
 pub use page::page;

@@ -36,7 +36,13 @@ impl Contents {
             add(group.modes.modes.len() / 16);
         }
         self.tests.iter().for_each(|test| add(test.mesh.vertices.len() * (1 + test.maps.len() / 8)));
-        BYTES_PER_VERTEX.saturating_mul(all).saturating_add(TREE.saturating_mul(largest)).saturating_add(FIXED)
+        let pictures =
+            self.check.iter().flat_map(|check| &check.subjects).filter_map(|subject| subject.picture.as_ref());
+        // While the section is made, a picture is held up to three times as text of 4/3 of its size, in strings that
+        // may have twice the capacity.
+        let pictures = 8 * pictures.map(|png| png.len() as u64).sum::<u64>();
+        let meshes = BYTES_PER_VERTEX.saturating_mul(all).saturating_add(TREE.saturating_mul(largest));
+        meshes.saturating_add(pictures).saturating_add(FIXED)
     }
 }
 

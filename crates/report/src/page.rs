@@ -13,6 +13,7 @@ use spharm_surface::metrics::viridis;
 use crate::ReportError;
 use crate::assets::{STYLE, VIEW, WASM, script};
 use crate::blocks::Blocks;
+use crate::check;
 use crate::contents::{Contents, Params, Shown};
 use crate::curves::{convergence, detail, spectrum};
 use crate::maps_item::{self, MapsItem};
@@ -60,8 +61,8 @@ enum Item {
 /// [`ReportError`]: no contents; a model of a signal; maps that don't match their mesh; an interruption by the monitor,
 /// as an error of the surface.
 pub fn page(contents: &Contents, params: Params, monitor: &dyn Monitor) -> Result<String, ReportError> {
-    let Contents { title, warnings, models, modes, tests, quality: measured, tables, version } = contents;
-    if [models.len(), modes.len(), tests.len(), measured.len(), tables.len()] == [0; 5] {
+    let Contents { title, warnings, check, models, modes, tests, quality: measured, tables, version } = contents;
+    if [models.len(), modes.len(), tests.len(), measured.len(), tables.len()] == [0; 5] && check.is_none() {
         return Err(ReportError::Empty);
     }
     let (mut blocks, mut items, mut sections) = (Blocks::default(), Vec::new(), String::new());
@@ -111,6 +112,7 @@ pub fn page(contents: &Contents, params: Params, monitor: &dyn Monitor) -> Resul
     );
     let view = if items.is_empty() { "" } else { VIEW };
     let (heading, warnings) = (escape(title), warning_list(warnings));
+    let check = check.as_ref().map(check::section).transpose()?.unwrap_or_default();
     let summary = if alone && tables.is_empty() && measured.is_empty() { String::new() } else { summary(contents) };
     let version = escape(version);
     let (wasm, data) = (STANDARD.encode(WASM), blocks.html());
@@ -119,7 +121,7 @@ pub fn page(contents: &Contents, params: Params, monitor: &dyn Monitor) -> Resul
          <meta http-equiv=\"Content-Security-Policy\" content=\"{policy}\">\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
          <meta name=\"color-scheme\" content=\"light dark\">\n<title>{heading}</title>\n<style>{STYLE}</style>\n</head>\n\
-         <body>\n<header><h1><bdi>{heading}</bdi></h1><p>{summary}</p></header>\n<main>\n{warnings}{view}\n\
+         <body>\n<header><h1><bdi>{heading}</bdi></h1><p>{summary}</p></header>\n<main>\n{warnings}{check}{view}\n\
          <div id=\"items\">\n{sections}</div>\n{rows}</main>\n\
          <footer>spharm {version}. Drawn with three.js (MIT licence).</footer>\n\
          <script type=\"application/json\" id=\"info\">{info}</script>\n\

@@ -121,7 +121,7 @@ pub use heat::HeatKernel;
 pub use levels::{degree_within, tails};
 pub use mean::{CommonDegree, DegreesDiffer, mean, to_common_degree};
 pub use measures::{MeasureParams, MeasureWarning, Measures, measure};
-pub use outliers::{Outlier, equal_members, outliers, robust_z};
+pub use outliers::{Influence, Outlier, equal_members, influential, outliers, robust_z};
 pub use pca::Modes;
 pub use places::places_differ;
 pub use poses::PosesDiffer;

@@ -1,4 +1,4 @@
-//! Finds values of a group that lie far from the others, and duplicate members.
+//! Finds values of a group that lie far from the others, members that make a mode, and duplicate members.
 //!
 //! The robust z of a value is its distance from the median in units of the group's spread s, which a few values hardly
 //! influence:
@@ -15,9 +15,10 @@
 use std::collections::HashMap;
 
 use spharm_harmonics::Coefficients;
+use statrs::distribution::{ContinuousCDF, StudentsT};
 
 /// The robust z above which a value is an outlier.
-pub const FAR: f64 = 5.0;
+pub const FAR: f64 = 3.5;
 /// Minimum number of values for which outliers are reported.
 pub const LEAST: usize = 5;
 
@@ -61,6 +62,44 @@ pub fn outliers(values: &[f64]) -> Vec<Outlier> {
     found
 }
 
+/// A member that makes most of the variance of a mode.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Influence {
+    /// Index of the member, from 0.
+    pub index: usize,
+    /// Fraction by which the variance of the mode falls if the member is left out, above 0.5 and at most 1.
+    pub share: f64,
+}
+
+/// Probability below which the largest of several normally distributed scores is too far from the others.
+const IMPROBABLE: f64 = 1e-3;
+
+/// Returns the member that makes the mode with these scores, one per member: without this member, the variance of the
+/// scores falls by more than half, and the member's score fails Grubbs' test for outliers at the level 0.001.
+///
+/// F. Grubbs, "Procedures for Detecting Outlying Observations in Samples", Technometrics 11 (1969).
+#[must_use]
+pub fn influential(scores: &[f64]) -> Option<Influence> {
+    if scores.len() < LEAST {
+        return None;
+    }
+    let n = scores.len() as f64;
+    let mean = scores.iter().sum::<f64>() / n;
+    let squares: f64 = scores.iter().map(|score| (score - mean).powi(2)).sum();
+    let (index, far) =
+        scores.iter().map(|score| (score - mean).powi(2)).enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
+    if squares <= 0.0 {
+        return None;
+    }
+    // Without the member, the mean moves too: the sum of squares falls by far n / (n - 1).
+    let left = (1.0 - far * n / (n - 1.0) / squares).max(0.0);
+    let share = 1.0 - left * (n - 1.0) / (n - 2.0);
+    // The deviation in units of the standard deviation of the others has a t distribution of n - 2 degrees of freedom.
+    let t = if left > 0.0 { ((1.0 - left) / left * (n - 2.0)).sqrt() } else { f64::INFINITY };
+    let tail = StudentsT::new(0.0, 1.0, n - 2.0).map_or(0.0, |distribution| distribution.sf(t));
+    (share > 0.5 && 2.0 * n * tail < IMPROBABLE).then_some(Influence { index, share })
+}
+
 /// Returns the members of a group that are bitwise equal, a list of indices for each set of equal members, in the
 /// group's order.
 #[must_use]
@@ -98,7 +137,8 @@ fn equal(a: &Coefficients, b: &Coefficients) -> bool {
 const KEY: usize = 12;
 
 /// Returns the median; 0 for no values.
-fn median(values: &[f64]) -> f64 {
+#[must_use]
+pub fn median(values: &[f64]) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
     match sorted.len() {
@@ -115,9 +155,11 @@ mod tests {
     #[test]
     fn a_wrong_voxel_size_is_far_from_the_others() {
         let volumes = [2002.0, 1175.0, 2806.0, 238_319.0, 1930.0, 2210.0, 2100.0, 1890.0, 2045.0];
-        let [only] = outliers(&volumes)[..] else { panic!("{:?}", outliers(&volumes)) };
-        assert_eq!((only.index, only.value, only.median), (3, 238_319.0, 2045.0));
-        assert!(only.z > 900.0 && only.z < 1100.0, "{only:?}");
+        let [far, small] = outliers(&volumes)[..] else { panic!("{:?}", outliers(&volumes)) };
+        assert_eq!((far.index, far.value, far.median), (3, 238_319.0, 2045.0));
+        assert!(far.z > 900.0 && far.z < 1100.0, "{far:?}");
+        // The next is just above the threshold: (1175 - 2045) / (1.4826 * 155).
+        assert!(small.index == 1 && (small.z + 3.7859).abs() < 1e-4, "{small:?}");
         assert!(outliers(&volumes[..4]).is_empty(), "four values tell nothing");
     }
 
@@ -134,6 +176,26 @@ mod tests {
         let [only] = outliers(&[1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 9.0])[..] else { panic!("one") };
         assert_eq!(only.index, 7);
         assert!(robust_z(&[]).is_empty());
+    }
+
+    #[test]
+    fn a_member_that_makes_a_mode_is_found() {
+        let scores = [3.0, -2.0, 1.0, 0.5, -1.5, 240.0, 2.2, -0.7, -2.5, 0.1];
+        let found = influential(&scores).unwrap();
+        let others: Vec<f64> = scores.iter().copied().filter(|score| *score < 100.0).collect();
+        let variance = |scores: &[f64]| {
+            let mean = scores.iter().sum::<f64>() / scores.len() as f64;
+            scores.iter().map(|score| (score - mean).powi(2)).sum::<f64>() / (scores.len() - 1) as f64
+        };
+        assert_eq!(found.index, 5);
+        assert!((found.share - (1.0 - variance(&others) / variance(&scores))).abs() < 1e-12, "{found:?}");
+        // Without the outlier no member is left that makes the mode.
+        assert_eq!(influential(&others), None);
+        // Of five, one far score isn't improbable enough; equal scores have no variance.
+        assert_eq!(influential(&[0.0, 0.2, -0.1, 0.1, 1.0]), None);
+        assert_eq!(influential(&[1.0; 6]), None);
+        let all = influential(&[0.0, 0.0, 0.0, 0.0, 0.0, 1.0]).unwrap();
+        assert!(all.index == 5 && (all.share - 1.0).abs() < 1e-12, "{all:?}");
     }
 
     #[test]

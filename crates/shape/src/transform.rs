@@ -103,7 +103,7 @@ impl Transform {
         }
         finite(&model.coefficients)?;
         let provenance = &mut model.provenance;
-        (provenance.settings, provenance.distances) = (None, None);
+        (provenance.settings, provenance.distances, provenance.surface_rms) = (None, None, None);
         if moves {
             provenance.geometry = None;
             provenance.scale = provenance.scale.map(|scale| scale * self.similarity.scale);

@@ -2,7 +2,7 @@
 //!
 //! The program, volumes, studies and the Python package call these functions, so that their coefficients are the same.
 
-use spharm_model::{Model, Provenance};
+use spharm_model::{Model, Provenance, VoxelRecord};
 use spharm_monitor::{Monitor, Silent};
 use spharm_surface::repair::MeshRepair;
 use spharm_surface::{Mesh, Target};
@@ -56,6 +56,8 @@ pub struct MappedSurface {
     pub mesh_repair: Option<MeshRepair>,
     /// Handles that were cut.
     pub handles: Option<HandlesReport>,
+    /// The label's voxels, if the surface is a label's.
+    pub voxels: Option<VoxelRecord>,
     /// Staircase of the voxels, if a model of the fit's degree reproduces it.
     pub steps: Option<VoxelSteps>,
 }
@@ -84,6 +86,11 @@ impl MappedSurface {
             repair: surface.label().and_then(|label| label.repair),
             mesh_repair: surface.mesh_repair().copied(),
             handles: surface.handles().cloned(),
+            voxels: surface.label().map(|label| VoxelRecord {
+                count: label.voxels,
+                size: label.voxel_size,
+                at_border: label.at_border,
+            }),
             steps: surface.label().and_then(|label| label.steps(params.max_degree)),
         }
     }
@@ -98,7 +105,7 @@ impl MappedSurface {
         fit_target(sphere, Target::from_mesh(&self.parametrized.map.surface, sphere)?, params, monitor)
     }
 
-    /// Records repairs, cuts and the voxels' steps in a model's provenance.
+    /// Records repairs, cuts, the label's voxels and their steps in a model's provenance.
     pub fn record(&self, provenance: &mut Provenance) {
         let object = |value: Result<serde_json::Value, _>| value.ok()?.as_object().cloned();
         provenance.repair = self.repair.and_then(|repair| object(serde_json::to_value(repair)));
@@ -107,6 +114,7 @@ impl MappedSurface {
             provenance.repair = Some(counts.into_iter().collect());
         }
         provenance.handles = self.handles.as_ref().and_then(|handles| object(serde_json::to_value(handles)));
+        provenance.voxels = self.voxels;
         if let Some(steps) = self.steps {
             provenance.other.insert(VOXEL_STEPS.to_owned(), serde_json::to_value(steps).unwrap_or_default());
         }

@@ -3,7 +3,7 @@
 use serde_json::Value;
 use spharm_harmonics::Coefficients;
 use spharm_model::Model;
-pub use spharm_model::{CONVENTION, Distances, Fitted, Provenance, Settings, Versions};
+pub use spharm_model::{CONVENTION, Distances, Fitted, Provenance, Settings, Versions, VoxelRecord};
 use spharm_store::format::VERSION as STORE_FORMAT;
 use spharm_surface::{Kind, Sphere};
 
@@ -43,7 +43,7 @@ pub fn signed(mut model: Model, tool: &str) -> Model {
 pub fn transformed(source: &Model, coefficients: Coefficients, tool: &str, transform: Value) -> Model {
     let mut model = signed(Model { coefficients, ..source.clone() }, tool);
     let provenance = &mut model.provenance;
-    (provenance.settings, provenance.distances) = (None, None);
+    (provenance.settings, provenance.distances, provenance.surface_rms) = (None, None, None);
     match provenance.other.get_mut(TRANSFORM) {
         Some(Value::Array(steps)) => steps.push(transform),
         _ => drop(provenance.other.insert(TRANSFORM.to_owned(), Value::Array(vec![transform]))),
@@ -62,7 +62,7 @@ impl Fit {
 
 impl From<Fit> for Fitted {
     fn from(fit: Fit) -> Self {
-        let FitReport { settings, smoothness, optimality, scale, passes, warnings, .. } = &fit.report;
+        let FitReport { settings, smoothness, optimality, scale, passes, surface_distance, warnings, .. } = &fit.report;
         let iterated = settings.method == Method::Lsq;
         let missed = warnings.iter().any(|warning| matches!(warning, FitWarning::NotConverged { .. }));
         let mut provenance = Provenance {
@@ -90,6 +90,7 @@ impl From<Fit> for Fitted {
             }),
             scale: *scale,
             distances: passes.last().copied(),
+            surface_rms: surface_distance.map(|found| found.rms_raw),
             ..Provenance::default()
         };
         provenance.set_meta(&settings.meta);

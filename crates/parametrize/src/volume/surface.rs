@@ -34,6 +34,8 @@ pub struct VolumeSurface {
     pub voxels: usize,
     /// Lengths of a voxel's edges, in mm.
     pub voxel_size: [f64; 3],
+    /// Whether the label touches the border of the volume, and so may be cut off.
+    pub at_border: bool,
     /// The changes made by the repair; `None` if no repair was needed.
     pub repair: Option<Repair>,
 }
@@ -81,8 +83,8 @@ impl LabelVolume {
                 (QuadMesh::around(&repaired), Some(repair))
             }
         };
-        let voxel_size = self.affine.voxel_size();
-        Ok(VolumeSurface { quads: quads.to_world(&self.affine), label, voxels, voxel_size, repair })
+        let (voxel_size, at_border) = (self.affine.voxel_size(), self.touches_border(label));
+        Ok(VolumeSurface { quads: quads.to_world(&self.affine), label, voxels, voxel_size, at_border, repair })
     }
 }
 

@@ -220,7 +220,8 @@ fn metadata(model: &Model) -> Result<String, CodecError> {
         found: error.to_string(),
     };
     let tool = Some("shape compress".to_owned());
-    let provenance = Provenance { tool, settings: None, distances: None, ..model.provenance.clone() };
+    let provenance =
+        Provenance { tool, settings: None, distances: None, surface_rms: None, ..model.provenance.clone() };
     let value = serde_json::to_value(provenance).map_err(parameter)?;
     let mut object = Map::from_iter([("provenance".to_owned(), value)]);
     if let Some(key) = &model.scheme_key {

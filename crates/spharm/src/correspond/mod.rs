@@ -53,7 +53,7 @@ pub use files::{GroupFiles, MemberOrigin};
 pub use guide::{GuideLandmarks, GuideReport};
 pub use member::{Joining, NewMember};
 pub use params::CorrespondParams;
-pub use report::{CorrespondReport, CorrespondWarning, MemberReport};
+pub use report::{CorrespondReport, CorrespondWarning, IDENTICAL_TO, MemberReport};
 pub use resume::Resume;
 pub use signals::Signals;
 

@@ -100,6 +100,9 @@ pub enum CorrespondWarning {
     },
 }
 
+/// First words of the message about a member that has the same surface as another; the other's name follows.
+pub const IDENTICAL_TO: &str = "the surface is identical to ";
+
 impl CorrespondWarning {
     /// Returns the member, counted from 0.
     #[must_use]
@@ -125,7 +128,7 @@ impl CorrespondWarning {
                  as such",
                 100.0 * share
             ),
-            Self::Same { as_member, .. } => format!("the surface is identical to {}", name(*as_member)),
+            Self::Same { as_member, .. } => format!("{IDENTICAL_TO}{}", name(*as_member)),
         }
     }
 }

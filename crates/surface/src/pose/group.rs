@@ -58,6 +58,9 @@ pub struct GroupPoses {
     pub warnings: Vec<GroupPoseWarning>,
 }
 
+/// First words of the messages about poses that are in doubt.
+pub const IN_DOUBT: &str = "the pose is in doubt";
+
 /// A reason to doubt the pose of a member.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
@@ -106,7 +109,7 @@ impl GroupPoseWarning {
     pub fn of_member(&self) -> String {
         match self {
             Self::Doubtful { distance, second, .. } => format!(
-                "the pose is in doubt: the distance from the other surfaces is {distance:.4}, and {second:.4} in \
+                "{IN_DOUBT}: the distance from the other surfaces is {distance:.4}, and {second:.4} in \
                  another pose"
             ),
             Self::Far { distance, median, .. } => format!(

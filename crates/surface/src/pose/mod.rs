@@ -32,7 +32,7 @@ use std::sync::OnceLock;
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor};
 
-pub use self::group::{DOUBTFUL, GroupPoseWarning, GroupPoses, OF_ANOTHER_KIND, OTHERS, group_poses};
+pub use self::group::{DOUBTFUL, GroupPoseWarning, GroupPoses, IN_DOUBT, OF_ANOTHER_KIND, OTHERS, group_poses};
 use self::surface::Density;
 pub use self::surface::PoseSurface;
 use crate::geometry::{scale, sub};

@@ -1,0 +1,330 @@
+//! Quality control of a group: compares what is known of the subjects, and flags those to look at.
+//!
+//! Volume, area, sphericity, the residual of the fit, the distance from the mean and the scores along the modes are
+//! compared by their robust z ([`robust_z`]), with the threshold [`FAR`]. Other flags need no comparison of numbers:
+//! equal inputs and models, labels at the border of their volume, voxels of another size, repairs that changed much,
+//! and modes that a single subject makes ([`influential`]).
+//!
+//! A flag isn't a verdict: a measure that is normally distributed flags a subject by chance in 8 to 16 of 100 groups of
+//! 8 to 200 subjects, and about one subject of 2,000 in larger groups; more, if the distribution has long tails.
+
+mod flags;
+mod measure;
+
+use std::collections::HashMap;
+use std::rc::Rc;
+
+use spharm::fit_mesh::steps_of;
+use spharm::model::VoxelRecord;
+use spharm::parametrize::volume::VoxelSteps;
+use spharm::pose::IN_DOUBT;
+use spharm::shape::outliers::FAR;
+use spharm::shape::{MeasureParams, ShapeError, influential, measure, robust_z};
+use spharm::{FileRecord, Model, Monitor};
+
+use self::flags::VOXELS_CHANGED;
+pub use self::flags::{Counts, Flag, Others, edges, number};
+pub use self::measure::Measure;
+use crate::equal::EqualSets;
+
+/// Number of subjects below which no values are compared, see [`outliers`](spharm::shape::outliers::outliers).
+const LEAST: usize = spharm::shape::outliers::LEAST;
+/// Share of the variance below which a mode isn't examined.
+const LEAST_VARIANCE: f64 = 0.05;
+
+/// What is known of a subject.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Facts {
+    /// The subject's id.
+    pub id: String,
+    /// The measures, in the order of [`Measure::ALL`]; `None` if unknown.
+    pub measures: [Option<f64>; Measure::ALL.len()],
+    /// Scores along the modes of the group; empty if unknown.
+    pub scores: Vec<f64>,
+    /// Cube root of the volume of the input's bounding box.
+    pub size: Option<f64>,
+    /// The label's voxels, if the surface is a label's.
+    pub voxels: Option<VoxelRecord>,
+    /// The staircase of voxels that the model reproduces, if its degree is too high.
+    pub steps: Option<VoxelSteps>,
+    /// Changes made by a repair.
+    pub repair: Counts,
+    /// Number of handles that were cut.
+    pub handles: u64,
+    /// The input's file.
+    pub input: Option<FileRecord>,
+    /// BLAKE3 hash of the model's coefficients.
+    pub coefficients: String,
+    /// Subjects whose surfaces are equal to this one's, in any pose.
+    pub identical_to: Vec<String>,
+    /// Warnings about the subject from other commands. A warning that the pose is in doubt isn't a flag: shapes with
+    /// two nearly equal poses cause it even if the pose is right, and a wrong pose is found by its distance from the
+    /// mean.
+    pub notes: Vec<String>,
+}
+
+impl Facts {
+    /// Returns what a model says of its subject: everything but the distance from the mean, the scores and the notes.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`measure`].
+    pub fn of(id: &str, model: &Model, monitor: &dyn Monitor) -> Result<Self, ShapeError> {
+        let found = measure(&model.coefficients, &MeasureParams::default(), monitor)?;
+        let record = &model.provenance;
+        let mut hasher = blake3::Hasher::new();
+        for value in model.coefficients.values() {
+            hasher.update(&value.to_le_bytes());
+        }
+        let handles = record.handles.as_ref().and_then(|handles| handles.get("genus_before")?.as_u64());
+        Ok(Self {
+            id: id.to_owned(),
+            measures: [Some(found.volume), Some(found.area), Some(found.sphericity), record.surface_rms, None],
+            size: record.scale,
+            voxels: record.voxels,
+            repair: record.repair.as_ref().map(Counts::of).unwrap_or_default(),
+            handles: handles.unwrap_or(0),
+            input: record.input.clone(),
+            coefficients: hasher.finalize().to_hex().to_string(),
+            steps: steps_of(record),
+            ..Self::default()
+        })
+    }
+
+    /// Returns a measure; `None` if unknown.
+    #[must_use]
+    pub fn measure(&self, measure: Measure) -> Option<f64> {
+        self.measures[measure as usize]
+    }
+}
+
+/// The result for a subject.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Checked {
+    /// Robust z of the measures, in the order of [`Measure::ALL`]; `None` if the group has too few values.
+    pub z: [Option<f64>; Measure::ALL.len()],
+    /// The mode, counted from 1, along which the subject is farthest from the others, and its robust z there.
+    pub mode: Option<(usize, f64)>,
+    /// The flags, the most important first.
+    pub flags: Vec<Flag>,
+    /// Warnings of other commands that are no flags.
+    pub remarks: Vec<String>,
+}
+
+impl Checked {
+    /// Returns a number that grows with the distance of the subject from the others, 0 without a flag.
+    #[must_use]
+    pub fn severity(&self) -> f64 {
+        self.flags.iter().map(Flag::severity).fold(0.0, f64::max)
+    }
+}
+
+/// Compares the subjects of a group. Returns a result for each, in the order of `facts`.
+#[must_use]
+pub fn check(facts: &[Facts]) -> Vec<Checked> {
+    let mut checked = vec![Checked::default(); facts.len()];
+    compare_measures(facts, &mut checked);
+    compare_scores(facts, &mut checked);
+    compare_inputs(facts, &mut checked);
+    let usual = usual_voxels(facts);
+    for (of, result) in facts.iter().zip(&mut checked) {
+        let flags = &mut result.flags;
+        if let Some(voxels) = &of.voxels {
+            flags.extend(voxels.at_border.then_some(Flag::AtBorder));
+            let other = usual.filter(|usual| !same_size(voxels.size, *usual));
+            flags.extend(other.map(|usual| Flag::VoxelSize { found: voxels.size, usual }));
+            let share = of.repair.voxels as f64 / voxels.count.max(1) as f64;
+            flags.extend((share > VOXELS_CHANGED).then(|| Flag::Repaired { what: of.repair.to_string(), share }));
+        }
+        let (remarks, notes): (Vec<String>, _) = of.notes.iter().cloned().partition(|note| note.starts_with(IN_DOUBT));
+        flags.extend(notes.into_iter().map(Flag::Note));
+        result.remarks = remarks;
+        flags.sort_by(|a, b| b.severity().total_cmp(&a.severity()));
+    }
+    checked
+}
+
+fn compare_measures(facts: &[Facts], checked: &mut [Checked]) {
+    for measure in Measure::ALL {
+        let known = facts.iter().enumerate().filter_map(|(index, of)| Some((index, of.measure(measure)?)));
+        let (subjects, values): (Vec<usize>, Vec<f64>) = known.unzip();
+        if values.len() < LEAST {
+            continue;
+        }
+        let median = spharm::shape::outliers::median(&values);
+        for ((z, value), subject) in robust_z(&values).into_iter().zip(values).zip(subjects) {
+            checked[subject].z[measure as usize] = Some(z);
+            if measure.is_far(z) {
+                checked[subject].flags.push(Flag::Far { measure, value, median, z });
+            }
+        }
+    }
+}
+
+fn compare_scores(facts: &[Facts], checked: &mut [Checked]) {
+    let count = facts.iter().map(|of| of.scores.len()).min().unwrap_or(0);
+    if facts.len() < LEAST {
+        return;
+    }
+    let modes: Vec<Vec<f64>> = (0..count).map(|mode| facts.iter().map(|of| of.scores[mode]).collect()).collect();
+    let variance = |scores: &Vec<f64>| scores.iter().map(|score| score * score).sum::<f64>();
+    let all: f64 = modes.iter().map(variance).sum();
+    for (mode, scores) in modes.iter().enumerate().filter(|(_, scores)| variance(scores) > LEAST_VARIANCE * all) {
+        for (z, result) in robust_z(scores).into_iter().zip(checked.iter_mut()) {
+            if result.mode.is_none_or(|(_, most)| z.abs() > most.abs()) {
+                result.mode = Some((mode + 1, z));
+            }
+        }
+        if let Some(found) = influential(scores) {
+            checked[found.index].flags.push(Flag::MakesMode { mode: mode + 1, share: found.share });
+        }
+    }
+    for result in checked {
+        if let Some((mode, z)) = result.mode.filter(|(_, z)| z.abs() > FAR) {
+            result.flags.push(Flag::FarScore { mode, z });
+        }
+    }
+}
+
+fn compare_inputs(facts: &[Facts], checked: &mut [Checked]) {
+    let mut inputs = EqualSets::default();
+    let mut models = EqualSets::default();
+    let mut surfaces: HashMap<&str, Vec<&str>> = HashMap::new();
+    for of in facts {
+        if let Some(record) = &of.input {
+            inputs.add((record.blake3.clone(), record.label), of.id.clone());
+        }
+        models.add(of.coefficients.clone(), of.id.clone());
+    }
+    for of in facts {
+        // Surfaces that are equal in different poses: both are named, as either may be the wrong one.
+        for other in &of.identical_to {
+            surfaces.entry(of.id.as_str()).or_default().push(other);
+            surfaces.entry(other.as_str()).or_default().push(&of.id);
+        }
+    }
+    let (inputs, models) = (by_name(inputs.sets()), by_name(models.sets()));
+    for (of, result) in facts.iter().zip(checked) {
+        let id = of.id.as_str();
+        let others = |sets: &HashMap<&str, Rc<Vec<&str>>>| Some(Others::new(id, sets.get(id)?));
+        // Equal inputs give equal models, which are equal surfaces: one flag says all.
+        let flag = others(&inputs).map(Flag::SameInput).or_else(|| others(&models).map(Flag::SameModel));
+        let of_surfaces = || Some(Flag::SameSurface(Others::new(id, surfaces.get(id)?)));
+        result.flags.extend(flag.or_else(of_surfaces));
+    }
+}
+
+/// Returns the set to which each name belongs.
+fn by_name(sets: Vec<Vec<&str>>) -> HashMap<&str, Rc<Vec<&str>>> {
+    let mut found = HashMap::new();
+    for set in sets.into_iter().map(Rc::new) {
+        found.extend(set.iter().map(|name| (*name, Rc::clone(&set))));
+    }
+    found
+}
+
+/// Returns the size of voxels that more than half of the subjects have; `None` if there is none.
+fn usual_voxels(facts: &[Facts]) -> Option<[f64; 3]> {
+    let sizes: Vec<[f64; 3]> = facts.iter().filter_map(|of| Some(of.voxels?.size)).collect();
+    // A size that more than half have is the median along each axis.
+    let median = std::array::from_fn(|axis| {
+        spharm::shape::outliers::median(&sizes.iter().map(|size| size[axis]).collect::<Vec<_>>())
+    });
+    let count = sizes.iter().filter(|size| same_size(**size, median)).count();
+    (sizes.len() >= LEAST && 2 * count > sizes.len()).then_some(median)
+}
+
+/// Returns warnings about a group that can't be compared, or not completely.
+#[must_use]
+pub fn incomplete(facts: &[Facts]) -> Vec<String> {
+    if facts.len() < LEAST {
+        let count = facts.len();
+        return vec![format!(
+            "{count} subjects are too few for robust z, which needs {LEAST}: volume, area, sphericity, rms, distance and \
+             scores weren't compared"
+        )];
+    }
+    let unknown =
+        Measure::ALL.map(|measure| (measure, facts.iter().filter(|of| of.measure(measure).is_none()).count()));
+    let some = unknown.into_iter().filter(|(_, count)| *count > 0 && *count < facts.len());
+    some.map(|(measure, count)| format!("{}: unknown for {count} of {} subjects", measure.name(), facts.len()))
+        .collect()
+}
+
+/// Returns whether voxels have the same size, up to the rounding of headers.
+fn same_size(a: [f64; 3], b: [f64; 3]) -> bool {
+    a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 1e-3 * b.abs())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Returns the facts of `count` subjects that differ a little.
+    fn group(count: usize) -> Vec<Facts> {
+        let of = |k: usize| {
+            let x = ((k * 7919) % 101) as f64 / 101.0 - 0.5;
+            let y = ((k * 104_729) % 89) as f64 / 89.0 - 0.5;
+            Facts {
+                id: format!("s{k:02}"),
+                measures: [2000.0 + 900.0 * x, 1000.0 + 200.0 * y, 0.8 + 0.1 * x, 0.2 + 0.02 * y, 1.0 + 0.2 * x]
+                    .map(Some),
+                scores: vec![3.0 * x, 2.0 * y],
+                voxels: Some(VoxelRecord { count: 2000, size: [1.0, 1.0, 1.5], at_border: false }),
+                coefficients: k.to_string(),
+                ..Facts::default()
+            }
+        };
+        (0..count).map(of).collect()
+    }
+
+    fn said(checked: &Checked) -> String {
+        checked.flags.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
+    }
+
+    #[test]
+    fn subjects_that_differ_a_little_have_no_flags() {
+        let checked = check(&group(40));
+        assert!(checked.iter().all(|result| result.flags.is_empty() && result.severity() == 0.0), "{checked:?}");
+        assert!(checked.iter().all(|result| result.z.iter().all(Option::is_some) && result.mode.is_some()));
+        // Four subjects tell nothing.
+        assert!(check(&group(4)).iter().all(|result| *result == Checked::default()));
+        assert!(check(&[]).is_empty());
+    }
+
+    #[test]
+    fn each_kind_of_flag_names_its_reason() {
+        let mut facts = group(30);
+        facts[3].measures[0] = Some(2e6);
+        facts[3].scores[0] = 500.0;
+        facts[4].voxels = Some(VoxelRecord { count: 2000, size: [1.0, 1.0, 1.5], at_border: true });
+        facts[5].voxels = Some(VoxelRecord { count: 2000, size: [1.0, 1.0, 1.0], at_border: false });
+        facts[6].coefficients = facts[7].coefficients.clone();
+        facts[8].repair = Counts { voxels: 300, texts: vec!["1 piece dropped".to_owned()] };
+        facts[9].notes = vec!["it may be of the other side".to_owned()];
+        facts[12].notes = vec![format!("{IN_DOUBT}: the distance is 1, and 1.01 in another pose")];
+        // A residual far below the others' is good.
+        facts[10].measures[Measure::Rms as usize] = Some(0.001);
+        facts[11].measures[Measure::Rms as usize] = Some(1.0);
+        let checked = check(&facts);
+        let expected = [
+            (3, "volume 2.000e6 (median "),
+            (3, "as if lengths were 10 times"),
+            (3, "mode 1 is mostly due to this subject"),
+            (4, "border of the volume"),
+            (5, "voxels of 1 x 1 x 1"),
+            (6, "s07"),
+            (7, "same model as s06"),
+            (8, "1 piece dropped"),
+            (9, "other side"),
+            (11, "rms 1.000"),
+        ];
+        for (index, text) in expected {
+            assert!(said(&checked[index]).contains(text), "{index}: {}", said(&checked[index]));
+        }
+        let flagged = checked.iter().filter(|result| !result.flags.is_empty()).count();
+        assert_eq!((flagged, checked[12].remarks.len()), (8, 1), "{checked:?}");
+        let worst = (0..30).max_by(|a, b| checked[*a].severity().total_cmp(&checked[*b].severity()));
+        assert_eq!(worst, Some(3));
+    }
+}

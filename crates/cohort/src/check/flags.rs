@@ -1,0 +1,224 @@
+//! The reasons for which a subject is flagged, as users read them.
+
+use std::fmt;
+
+use serde_json::{Map, Value};
+use spharm::shape::outliers::FAR;
+
+use super::measure::Measure;
+use crate::equal::first_of;
+
+/// Share of a label's voxels above which a repair is flagged.
+pub(super) const VOXELS_CHANGED: f64 = 0.02;
+/// Number of subjects named as equal to another.
+const NAMED: usize = 6;
+
+/// Changes made by a repair.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Number of voxels dropped, filled or changed; 0 for the repair of a mesh.
+    pub voxels: u64,
+    /// The changes with their numbers, such as `pieces dropped 2`; empty if nothing was changed.
+    pub texts: Vec<String>,
+}
+
+impl Counts {
+    /// Returns the changes in a model's provenance, without counts of 0.
+    pub(super) fn of(repair: &Map<String, Value>) -> Self {
+        let count = |name: &str| repair.get(name).and_then(Value::as_u64).unwrap_or(0);
+        let numbers = repair.iter().filter_map(|(name, value)| Some((name, value.as_u64().filter(|n| *n > 0)?)));
+        Self {
+            voxels: count("voxels_dropped") + count("voxels_filled") + count("voxels_changed"),
+            texts: numbers.map(|(name, count)| format!("{} {count}", name.replace('_', " "))).collect(),
+        }
+    }
+}
+
+impl fmt::Display for Counts {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.texts.join(", "))
+    }
+}
+
+/// Other subjects, of which at most six are named.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Others(String);
+
+impl Others {
+    /// Names the subjects of a set except the one called `id`.
+    pub(super) fn new(id: &str, set: &[&str]) -> Self {
+        Self(first_of(set.iter().copied().filter(|name| *name != id), NAMED))
+    }
+}
+
+impl fmt::Display for Others {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+/// The reason for which a subject is flagged. [`Display`](fmt::Display) gives a phrase without the subject's id.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub enum Flag {
+    /// A measure is far from the others'.
+    Far {
+        /// The measure.
+        measure: Measure,
+        /// Its value.
+        value: f64,
+        /// Median of the group.
+        median: f64,
+        /// Robust z of the value.
+        z: f64,
+    },
+    /// The score along a mode is far from the others'.
+    FarScore {
+        /// The mode, counted from 1.
+        mode: usize,
+        /// Robust z of the score.
+        z: f64,
+    },
+    /// A mode is mostly due to the subject: without it, the variance along the mode falls by more than half.
+    MakesMode {
+        /// The mode, counted from 1.
+        mode: usize,
+        /// Fraction by which the variance falls.
+        share: f64,
+    },
+    /// Other subjects have the same input file and label.
+    SameInput(Others),
+    /// Other subjects have the same model, although their input files differ.
+    SameModel(Others),
+    /// Other subjects have the same surface, in other poses or files.
+    SameSurface(Others),
+    /// The label touches the border of its volume.
+    AtBorder,
+    /// The voxels are of another size than those of most subjects.
+    VoxelSize {
+        /// Size of the voxels in mm.
+        found: [f64; 3],
+        /// Size of the voxels of most subjects.
+        usual: [f64; 3],
+    },
+    /// A repair changed many voxels.
+    Repaired {
+        /// The changes.
+        what: String,
+        /// Number of changed voxels as a fraction of the label's.
+        share: f64,
+    },
+    /// A warning of another command about the subject.
+    Note(String),
+}
+
+impl Flag {
+    /// Returns a number by which flags are ordered: 1 at the threshold of a robust z, and 1 to 2 for flags without a
+    /// robust z.
+    #[must_use]
+    pub fn severity(&self) -> f64 {
+        match self {
+            Self::Far { z, .. } | Self::FarScore { z, .. } => z.abs() / FAR,
+            Self::MakesMode { share, .. } => 1.0 + share,
+            Self::SameInput(_) | Self::SameModel(_) | Self::SameSurface(_) => 1.5,
+            Self::AtBorder | Self::VoxelSize { .. } | Self::Repaired { .. } | Self::Note(_) => 1.0,
+        }
+    }
+}
+
+impl fmt::Display for Flag {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Far { measure, value, median, z } => {
+                write!(f, "{} {} (median {}, robust z {z:.1}", measure.name(), number(*value), number(*median))?;
+                match unit_factor(*measure, *value / *median) {
+                    Some(factor) => write!(f, ", as if lengths were {factor} those of the others)"),
+                    None => f.write_str(")"),
+                }
+            }
+            Self::FarScore { mode, z } => write!(f, "far from the others along mode {mode} (robust z {z:.1})"),
+            Self::MakesMode { mode, share } => {
+                write!(
+                    f,
+                    "mode {mode} is mostly due to this subject (without it, the variance along the mode falls by "
+                )?;
+                write!(f, "{:.1} %)", 100.0 * share)
+            }
+            Self::SameInput(others) => write!(f, "same input as {others}"),
+            Self::SameModel(others) => write!(f, "same model as {others}"),
+            Self::SameSurface(others) => write!(f, "same surface as {others}"),
+            Self::AtBorder => f.write_str("touches the border of the volume, may be cut off"),
+            Self::VoxelSize { found, usual } => {
+                write!(f, "voxels of {} mm, most subjects have {} mm", edges(*found), edges(*usual))
+            }
+            Self::Repaired { what, share } => write!(f, "repaired: {what} ({:.1} % of the voxels)", 100.0 * share),
+            Self::Note(text) => f.write_str(text),
+        }
+    }
+}
+
+/// Returns the factor of a wrong unit, if a volume or an area has the ratio to the median that it would cause.
+fn unit_factor(measure: Measure, ratio: f64) -> Option<&'static str> {
+    let dimension = match measure {
+        Measure::Volume => 3.0,
+        Measure::Area => 2.0,
+        _ => return None,
+    };
+    let of_lengths = ratio.powf(1.0 / dimension);
+    let factors = [
+        (1e-3, "1/1000 of"),
+        (1.0 / 25.4, "1/25.4 of"),
+        (0.1, "1/10 of"),
+        (10.0, "10 times"),
+        (25.4, "25.4 times"),
+        (1e3, "1000 times"),
+    ];
+    factors.into_iter().find(|(factor, _)| (0.75..1.33).contains(&(of_lengths / factor))).map(|(_, text)| text)
+}
+
+/// Formats the edges of a voxel, such as `1 x 1 x 1.5`.
+#[must_use]
+pub fn edges(size: [f64; 3]) -> String {
+    size.map(|edge| ((1e4 * edge).round() / 1e4).to_string()).join(" x ")
+}
+
+/// Formats a number with four significant digits, or with all digits before the decimal point if there are more.
+#[must_use]
+pub fn number(value: f64) -> String {
+    let magnitude = if value == 0.0 { 0.0 } else { value.abs().log10().floor() };
+    if (-3.0..6.0).contains(&magnitude) {
+        format!("{value:.*}", (3.0 - magnitude).max(0.0) as usize)
+    } else {
+        format!("{value:.3e}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_have_four_digits() {
+        for (value, text) in
+            [(238_319.4, "238319"), (2045.27, "2045"), (0.0, "0.000"), (1.5, "1.500"), (0.012_346, "0.01235")]
+        {
+            assert_eq!(number(value), text);
+        }
+        assert_eq!((number(1.23e-9), number(2.5e9)), ("1.230e-9".to_owned(), "2.500e9".to_owned()));
+    }
+
+    #[test]
+    fn only_ratios_of_units_are_taken_for_wrong_units() {
+        assert_eq!(unit_factor(Measure::Volume, 1e9), Some("1000 times"));
+        assert_eq!(unit_factor(Measure::Area, 0.012), Some("1/10 of"));
+        assert_eq!(unit_factor(Measure::Volume, 3.0), None);
+        assert_eq!(unit_factor(Measure::Distance, 1000.0), None);
+    }
+
+    #[test]
+    fn counts_of_zero_are_left_out() {
+        let repair = serde_json::json!({"pieces_dropped": 2, "voxels_dropped": 31, "handles": 0, "way": "filled"});
+        let counts = Counts::of(repair.as_object().unwrap());
+        assert_eq!((counts.voxels, counts.to_string().as_str()), (31, "pieces dropped 2, voxels dropped 31"));
+    }
+}

@@ -1,0 +1,41 @@
+//! The numbers by which subjects are compared.
+
+use spharm::shape::outliers::FAR;
+
+/// A number by which subjects are compared.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Measure {
+    /// Volume enclosed by the model.
+    Volume,
+    /// Area of the model.
+    Area,
+    /// Sphericity of the model.
+    Sphericity,
+    /// Root mean square distance between the surfaces of model and input.
+    Rms,
+    /// Root mean square distance of the aligned model from the mean.
+    Distance,
+}
+
+impl Measure {
+    /// All measures, in the order of the arrays in this module.
+    pub const ALL: [Self; 5] = [Self::Volume, Self::Area, Self::Sphericity, Self::Rms, Self::Distance];
+
+    /// Returns the measure's name.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Volume => "volume",
+            Self::Area => "area",
+            Self::Sphericity => "sphericity",
+            Self::Rms => "rms",
+            Self::Distance => "distance from the mean",
+        }
+    }
+
+    /// Returns whether a value with this robust z is flagged. Small residuals and distances aren't suspicious.
+    #[must_use]
+    pub fn is_far(self, z: f64) -> bool {
+        z > FAR || (z < -FAR && !matches!(self, Self::Rms | Self::Distance))
+    }
+}

@@ -1,0 +1,198 @@
+//! The section on the quality of a group's subjects: a table with the flagged values marked, and a picture of each
+//! subject.
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+
+use crate::ReportError;
+use crate::text::{escape, name, number};
+
+/// Quality control of a group, from `spharm shape check`.
+#[derive(Debug, Clone, Default)]
+pub struct Check {
+    /// The columns' names.
+    pub columns: Vec<String>,
+    /// The subjects, the worst first.
+    pub subjects: Vec<CheckedSubject>,
+    /// Distance between surface and model at which the pictures are red, in the surfaces' unit.
+    pub red_at: Option<f64>,
+}
+
+/// A subject of a group.
+#[derive(Debug, Clone, Default)]
+pub struct CheckedSubject {
+    /// The subject's id.
+    pub id: String,
+    /// `ok`, `flagged`, `accepted`, `failed` or `excluded`.
+    pub state: String,
+    /// Why it is flagged, or why it has no model.
+    pub flags: Vec<String>,
+    /// A cell for each column.
+    pub cells: Vec<CheckedCell>,
+    /// PNG of the surface.
+    pub picture: Option<Vec<u8>>,
+    /// Scale of the picture relative to the others', if it is smaller.
+    pub scale: Option<f64>,
+}
+
+/// A value of a subject.
+#[derive(Debug, Clone, Default)]
+pub struct CheckedCell {
+    /// The value; empty if unknown.
+    pub text: String,
+    /// Robust z of the value, if it is compared with the others.
+    pub z: Option<f64>,
+    /// Whether the value is far from the others', and marked.
+    pub far: bool,
+}
+
+/// Robust z above which a value is marked, as in [`spharm_shape::outliers`].
+const FAR: f64 = spharm_shape::outliers::FAR;
+/// Robust z above which a value is marked more strongly.
+const VERY_FAR: f64 = 3.0 * FAR;
+
+/// Scale of a picture below which the caption says so.
+const SMALLER: f64 = 0.95;
+
+/// Returns the section as HTML.
+pub(crate) fn section(check: &Check) -> Result<String, ReportError> {
+    let expected = check.columns.len();
+    if let Some((row, subject)) = check.subjects.iter().enumerate().find(|(_, of)| of.cells.len() != expected) {
+        let found = subject.cells.len();
+        return Err(ReportError::Cells { name: "quality control".to_owned(), row: row + 1, expected, found });
+    }
+    let count = |state: &str| check.subjects.iter().filter(|subject| subject.state == state).count();
+    let states = ["flagged", "accepted", "failed", "excluded"].map(|state| (count(state), state));
+    let states: Vec<String> =
+        states.iter().filter(|(count, _)| *count > 0).map(|(count, state)| format!("{count} {state}")).collect();
+    let summary = match states.is_empty() {
+        true => "none flagged".to_owned(),
+        false => states.join(", "),
+    };
+    let total = match check.subjects.len() {
+        1 => "1 subject".to_owned(),
+        count => format!("{count} subjects"),
+    };
+    let heads: String = ["subject", "state", "why"]
+        .into_iter()
+        .chain(check.columns.iter().map(String::as_str))
+        .map(|column| format!("<th scope=\"col\">{}</th>", escape(column)))
+        .collect();
+    let rows: String = check.subjects.iter().enumerate().map(row).collect();
+    Ok(format!(
+        "<section class=\"table check\" id=\"quality-control\"><h2>Quality control</h2>\n\
+         <p>{total}: {summary}. Marked values are far from the others (robust z above {FAR} or below -{FAR}).</p>\n\
+         <div class=\"scroll\" tabindex=\"0\" role=\"region\" aria-label=\"Quality control\">\
+         <table class=\"sortable\"><thead><tr>{heads}</tr></thead><tbody>\n{rows}</tbody></table></div>\n{}</section>\n",
+        pictures(check)
+    ))
+}
+
+fn row((index, subject): (usize, &CheckedSubject)) -> String {
+    let CheckedSubject { id, state, flags, cells, picture, .. } = subject;
+    let id = match picture {
+        Some(_) => format!("<a href=\"#picture-{index}\">{}</a>", name(id)),
+        None => name(id),
+    };
+    let cell = |cell: &CheckedCell| {
+        let (mark, title) = match cell.z {
+            Some(z) => {
+                let mark = match cell.far {
+                    true if z.abs() > VERY_FAR => " very-far",
+                    true => " far",
+                    false => "",
+                };
+                (mark, format!(" title=\"robust z {z:.1}\""))
+            }
+            None => ("", String::new()),
+        };
+        let numeric = cell.text.is_empty() || cell.text.parse::<f64>().is_ok();
+        let class = if numeric { "number" } else { "" };
+        format!("<td class=\"{class}{mark}\"{title}>{}</td>", name(&cell.text))
+    };
+    let state = escape(state);
+    let cells: String = cells.iter().map(cell).collect();
+    let flags = name(&flags.join("; "));
+    format!(
+        "<tr class=\"{state}\"><th scope=\"row\">{id}</th><td>{state}</td><td class=\"why\">{flags}</td>{cells}</tr>\n"
+    )
+}
+
+/// Returns the grid of pictures.
+fn pictures(check: &Check) -> String {
+    let one = |(index, subject): (usize, &CheckedSubject)| {
+        let png = STANDARD.encode(subject.picture.as_ref()?);
+        let (mut id, state) = (name(&subject.id), escape(&subject.state));
+        if let Some(scale) = subject.scale.filter(|scale| *scale < SMALLER) {
+            id += &format!(" (at 1/{} of the scale)", number(1.0 / scale));
+        }
+        let alt = escape(&format!("{}: surface, {}", subject.id, subject.state));
+        Some(format!(
+            "<figure class=\"{state}\" id=\"picture-{index}\"><img alt=\"{alt}\" width=\"160\" height=\"120\" \
+             loading=\"lazy\" decoding=\"async\" src=\"data:image/png;base64,{png}\"><figcaption>{id}</figcaption>\
+             </figure>\n"
+        ))
+    };
+    let figures: String = check.subjects.iter().enumerate().filter_map(one).collect();
+    if figures.is_empty() {
+        return String::new();
+    }
+    let legend = check.red_at.map_or_else(String::new, |red_at| {
+        format!(
+            "<p class=\"scale\">Distance of the surface from its model: <span>0</span> <span class=\"ramp\"></span> \
+             <span>{}</span></p>\n",
+            number(red_at)
+        )
+    });
+    format!("<h3>All subjects in one pose</h3>\n{legend}<div class=\"pictures\">\n{figures}</div>\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn check() -> Check {
+        let cell =
+            |text: &str, z: Option<f64>| CheckedCell { text: text.to_owned(), z, far: z.is_some_and(|z| z > FAR) };
+        let subject = |id: &str, state: &str, flags: &[&str], cells: Vec<CheckedCell>, picture: Option<Vec<u8>>| {
+            let flags = flags.iter().map(|flag| (*flag).to_owned()).collect();
+            CheckedSubject { id: id.to_owned(), state: state.to_owned(), flags, cells, picture, scale: Some(0.1) }
+        };
+        Check {
+            columns: vec!["volume".to_owned(), "repair".to_owned()],
+            subjects: vec![
+                subject(
+                    "<giant>",
+                    "flagged",
+                    &["volume 2e6"],
+                    vec![cell("2000000", Some(80.0)), cell("", None)],
+                    Some(vec![1]),
+                ),
+                subject("b", "failed", &["no such file"], vec![cell("", None), cell("", None)], None),
+                subject("c", "ok", &[], vec![cell("2000", Some(-0.5)), cell("pieces dropped 1", None)], Some(vec![2])),
+            ],
+            red_at: Some(0.8),
+        }
+    }
+
+    #[test]
+    fn far_values_are_marked_and_names_are_text() {
+        let html = section(&check()).unwrap();
+        assert!(html.contains("3 subjects: 1 flagged, 1 failed."), "{html}");
+        assert!(html.contains("&lt;giant&gt;") && !html.contains("<giant>"), "{html}");
+        assert_eq!(html.matches("very-far").count(), 1, "{html}");
+        assert_eq!((html.matches("<figure").count(), html.matches("href=\"#picture-").count()), (2, 2));
+        assert!(html.contains("<span>0.8</span>") && html.contains("(at 1/10 of the scale)"));
+        let mut wrong = check();
+        wrong.subjects[1].cells.pop();
+        assert!(matches!(section(&wrong), Err(ReportError::Cells { row: 2, expected: 2, found: 1, .. })));
+    }
+
+    #[test]
+    fn a_group_without_flags_and_pictures_says_so() {
+        let subjects = vec![CheckedSubject { id: "a".to_owned(), state: "ok".to_owned(), ..CheckedSubject::default() }];
+        let html = section(&Check { subjects, ..Check::default() }).unwrap();
+        assert!(html.contains("1 subject: none flagged."), "{html}");
+        assert!(!html.contains("class=\"pictures\""));
+    }
+}

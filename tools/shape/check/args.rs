@@ -1,0 +1,69 @@
+//! The arguments of `shape check`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use spharm_cli::help::{self, INPUT, OUTPUT};
+
+use super::super::args::{Models, ReportArgs, Resources};
+
+/// Check the subjects of a group: outliers, duplicates, cut labels, and a picture of each
+///
+/// Compares volume, area, sphericity, the residual of the fit, the distance from the mean and the scores along the
+/// modes by robust z, and flags values above 3.5. Also flags subjects with equal inputs, models or surfaces, labels at
+/// the border of their volume, voxels of another size, large repairs, and subjects to which a mode is mostly due. A
+/// flag isn't a verdict: look at the subject's picture.
+#[derive(Debug, Args)]
+#[command(after_long_help = help::examples(
+    &[
+        "spharm shape check models -o quality.tsv",
+        "spharm shape check models --aligned aligned --mean mean.spharm.npz --scores scores.csv -o quality.tsv",
+        "spharm shape check models --aligned aligned --mean mean.spharm.npz --frames transforms.json -o quality.tsv \
+         --thumbnails thumbnails",
+    ],
+    &[
+        "Robust z is (value - median) / (1.4826 MAD), among five subjects or more. Small residuals and distances are not \
+         flagged.",
+    ],
+))]
+pub(crate) struct Cli {
+    #[command(flatten)]
+    pub(super) models: Models,
+    /// The same models in a common pose, with the same names
+    ///
+    /// As written by `spharm shape align --group` or `spharm shape correspond`.
+    #[arg(long, value_name = "MODEL.spharm.npz", num_args = 1.., requires = "mean", help_heading = INPUT)]
+    pub(super) aligned: Vec<PathBuf>,
+    /// Mean of the aligned models, from which distances are measured
+    #[arg(long, value_name = "MEAN.spharm.npz", requires = "aligned", help_heading = INPUT)]
+    pub(super) mean: Option<PathBuf>,
+    /// Scores along the group's modes, as `spharm shape pca --scores` writes them
+    #[arg(long, value_name = "FILE.csv", help_heading = INPUT)]
+    pub(super) scores: Option<PathBuf>,
+    /// Transforms from the surfaces' frames to the aligned models'
+    ///
+    /// As written by `spharm shape align --transforms` and `spharm shape correspond --report`, for the pictures.
+    #[arg(long, value_name = "FILE.json", requires = "aligned", help_heading = INPUT)]
+    pub(super) frames: Option<PathBuf>,
+    /// Warnings of other commands, as JSON lists of texts; a text `NAME: ...` becomes a flag of the subject NAME
+    #[arg(long, value_name = "FILE.json", num_args = 1.., help_heading = INPUT)]
+    pub(super) warnings: Vec<PathBuf>,
+    /// Table with the columns id, state and error, for the subjects without a model
+    ///
+    /// A column `accepted` has the reasons why flags were accepted: such a subject is listed, but no longer flagged.
+    #[arg(long, value_name = "FILE.tsv", help_heading = INPUT)]
+    pub(super) status: Option<PathBuf>,
+    /// Table of the subjects to write, the worst first
+    #[arg(short, long, value_name = "OUT.tsv", help_heading = OUTPUT)]
+    pub(super) output: PathBuf,
+    /// Folder for a picture of each surface, coloured by its distance from the model
+    #[arg(long, value_name = "DIR", help_heading = OUTPUT)]
+    pub(super) thumbnails: Option<PathBuf>,
+    /// Fail if a subject is flagged
+    #[arg(long, help_heading = OUTPUT)]
+    pub(super) strict: bool,
+    #[command(flatten)]
+    pub(super) report: ReportArgs,
+    #[command(flatten)]
+    pub(super) resources: Resources,
+}
