@@ -8,7 +8,7 @@ use serde_json::Value;
 use spharm::Model;
 use spharm::fit_mesh::steps_of;
 
-use crate::common::{finish, succeed, text, tool};
+use crate::common::{fail, finish, succeed, text, tool};
 use crate::volumes::write_volume;
 
 /// Writes a volume with one label, a ball of about this radius in voxels of 1 mm.
@@ -34,8 +34,17 @@ fn degrees_that_resolve_the_voxels_and_equal_volumes_are_warned_of() {
     let fit = |degree: &str, output: &str| {
         let mut fit = tool("fit");
         fit.args(["--surface", "a.nii", "b.nii", "--max-degree", degree, "-o", output]).current_dir(folder.path());
+        fit.args(["--label-surface", "voxels"]);
         fit
     };
+    // Models of smooth surfaces have no steps at any degree.
+    let mut smooth = tool("fit");
+    smooth.args(["--surface", "a.nii", "b.nii", "--max-degree", "16", "-o", "smooth"]).current_dir(folder.path());
+    assert_eq!(warnings(&mut smooth), Vec::<String>::new());
+    // A model of the other surface isn't taken for the one requested.
+    let mut other = fit("16", "smooth");
+    let error = fail(other.arg("--skip-existing"));
+    assert!(error.contains("label-surface smooth, not voxels"), "{error}");
     // A warning is given from degree pi 5 / 1.5 = 10.5 on, for a radius of 5 voxels.
     assert_eq!(warnings(&mut fit("10", "coarse")), Vec::<String>::new());
     let fine = warnings(&mut fit("12", "fine"));
@@ -49,6 +58,7 @@ fn degrees_that_resolve_the_voxels_and_equal_volumes_are_warned_of() {
 
     let mut volumes = tool("volumes");
     volumes.args(["a.nii", "b.nii", "c.nii", "--max-degree", "12", "-o", "cells"]).current_dir(folder.path());
+    volumes.args(["--label-surface", "voxels"]);
     let found = warnings(&mut volumes);
     assert!(found.iter().any(|warning| warning.starts_with("a.nii label 1, c.nii label 1: these inputs")), "{found:?}");
     assert!(found.iter().any(|warning| warning.contains("resolves the voxels of 2 labels")), "{found:?}");
@@ -64,8 +74,8 @@ fn a_study_of_labels_says_on_its_page_that_they_follow_the_voxels() {
     }
     let rows: String = ids.iter().map(|id| format!("{id},{id}.nii,1\n")).collect();
     fs::write(site.join("table.csv"), format!("id,surface,label\n{rows}")).unwrap();
-    let study =
-        "output = \"out\"\n[subjects]\ntable = \"table.csv\"\n[fit]\nmax_degree = 12\n[page]\nsubjects = true\n";
+    let study = "output = \"out\"\n[subjects]\ntable = \"table.csv\"\n[fit]\nmax_degree = 12\n\
+         arguments = [\"--label-surface\", \"voxels\"]\n[page]\nsubjects = true\n";
     fs::write(site.join("study.toml"), study).unwrap();
     let output = finish(tool("study").args(["study.toml", "--threads", "2"]).current_dir(site));
     assert!(output.status.success(), "{}", text(&output));

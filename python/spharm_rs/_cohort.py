@@ -117,6 +117,7 @@ def fit_cohort(
     fix: bool = False,
     cut_handles: bool = False,
     voxel_size: Iterable[float] | None = None,
+    label_surface: str = "smooth",
     objective: str | None = None,
     weights: str = "uniform",
     smoothness: float | str | None = None,
@@ -175,6 +176,8 @@ def fit_cohort(
         Repair meshes and labels of volumes; cut handles.
     voxel_size : three floats, optional
         Size of volumes' voxels along x, y and z, in mm, overriding that in their files.
+    label_surface : {"smooth", "voxels"}
+        Surface of a label, as for `parametrize_volume`.
     objective, weights, smoothness, denoise, stderr, hold_out, surface_distance, method, store, passes, granularity
         As for `fit`; weights are given by name, or by files in the table's column.
     start_degree, accelerate, tolerance, max_iterations, preconditioner, strict, dtype, memory, threads
@@ -241,6 +244,7 @@ def fit_cohort(
         fix=bool(fix),
         cut_handles=bool(cut_handles),
         voxel_size=sizes,
+        label_surface=str(label_surface),
         settings=settings,
     )
     return CohortFits(run, callback(progress))

@@ -195,6 +195,7 @@ class CohortRun:
         fix: bool,
         cut_handles: bool,
         voxel_size: Sequence[float] | None,
+        label_surface: str,
         settings: dict[str, Any],
     ) -> CohortRun: ...
     def __len__(self) -> int: ...
@@ -300,6 +301,7 @@ def parametrize_volume(
     volume: str | tuple[NDArray[np.int32], _Floats],
     *,
     label: int | None,
+    label_surface: str,
     fix: bool,
     cut_handles: bool,
     method: str,

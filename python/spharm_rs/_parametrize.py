@@ -135,6 +135,7 @@ def parametrize_volume(
     volume: Path | ArrayLike,
     *,
     label: int | None = None,
+    label_surface: str = "smooth",
     affine: ArrayLike | None = None,
     fix: bool = False,
     cut_handles: bool = False,
@@ -154,6 +155,8 @@ def parametrize_volume(
         A file (NIfTI, MGH/MGZ, NRRD, TIFF with its voxel size), or an array of labels.
     label : int, optional
         Required if the volume has several labels.
+    label_surface : {"smooth", "voxels"}
+        The surface of least bending within half a voxel of the voxels' faces, with the voxels' volume; or the faces.
     affine : array_like of float, (4, 4), optional
         For an array: the transform from voxel indices to positions; by default the identity.
     fix : bool
@@ -168,7 +171,7 @@ def parametrize_volume(
     Returns
     -------
     Parametrization
-        Its surface is the boundary of the voxels.
+        Its surface is that of the label.
 
     Examples
     --------
@@ -183,6 +186,7 @@ def parametrize_volume(
     found = _core.parametrize_volume(
         _volume(volume, affine),
         label=chosen,
+        label_surface=str(label_surface),
         fix=bool(fix),
         cut_handles=bool(cut_handles),
         **settings,

@@ -92,8 +92,15 @@ def test_labels_become_surfaces(tmp_path: Path) -> None:
     from_file = sp.parametrize_volume(tmp_path / "labels.nii.gz", label=7)
     assert np.array_equal(from_array.surface.vertices, from_file.surface.vertices)
     assert np.array_equal(from_array.sphere.vertices, from_file.sphere.vertices)
-    low, high = from_array.surface.vertices.min(0), from_array.surface.vertices.max(0)
-    assert np.allclose(low, [15, 1.5, 2.5]) and np.allclose(high, [21, 8.5, 5.5])
+    # The smooth surface has the voxels' volume; the voxels' faces end between voxels.
+    corners = from_array.surface.vertices[from_array.surface.faces]
+    volume = np.linalg.det(corners).sum() / 6
+    assert volume == pytest.approx(2 * 63, rel=5e-3)
+    faces = sp.parametrize_volume(labels, label=7, affine=affine, label_surface="voxels").surface.vertices
+    assert np.allclose(faces.min(0), [15, 1.5, 2.5]) and np.allclose(faces.max(0), [21, 8.5, 5.5])
+    assert np.abs(from_array.surface.vertices - faces).max() <= 1 + 1e-12, "half a voxel of 2 mm"
+    with pytest.raises(ValueError, match="label_surface: expected smooth or voxels; found round"):
+        sp.parametrize_volume(labels, label=7, label_surface="round")
     with pytest.raises(sp.MeshError, match="label"):
         sp.parametrize_volume(labels)
 

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::ValueEnum;
+use spharm::parametrize::volume::LabelSurface;
 use spharm::{Objective, Preconditioner, Smoothness, defaults};
 use spharm_cli::names::NameTemplate;
 use spharm_cli::size::Size;
@@ -90,6 +91,18 @@ pub(super) struct Input {
     /// edges; the repaired mesh is written next to the model, NAME.fixed.surf.gii.
     #[arg(long, conflicts_with = "sphere")]
     pub(super) fix: bool,
+    /// Surface of a label: without the voxels' steps, or the voxels' faces
+    ///
+    /// smooth is the surface of least bending within half a voxel of the voxels' faces, with the voxels' volume. The
+    /// area of a model of voxels grows with the degree.
+    #[arg(
+        long,
+        value_name = "smooth|voxels",
+        default_value = "smooth",
+        conflicts_with = "sphere",
+        hide_short_help = true
+    )]
+    pub(super) label_surface: LabelSurface,
     /// Size of a volume's voxels, if its file doesn't state it
     #[arg(long, value_name = "X,Y,Z", conflicts_with = "sphere", hide_short_help = true)]
     pub(super) voxel_size: Option<VoxelSize>,

@@ -72,7 +72,7 @@ fn options(cli: &Cli, params: FitParams) -> Options {
 
 fn preparation(input: &Input) -> Preparation {
     let voxel_size = input.voxel_size.map(|size| size.0);
-    Preparation { voxel_size, fix: input.fix, cut_handles: input.cut_handles }
+    Preparation { voxel_size, label_surface: input.label_surface, fix: input.fix, cut_handles: input.cut_handles }
 }
 
 /// Returns the rows of a manifest's shard. `--sphere` is the sphere of rows that have none of their own.

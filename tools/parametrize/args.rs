@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
+use spharm::parametrize::volume::LabelSurface;
 use spharm_cli::Common;
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
 use spharm_cli::memory::Memory;
@@ -41,6 +42,12 @@ pub(crate) struct Cli {
     /// holes of up to 32 edges; the repaired mesh is written to --surface-output.
     #[arg(long, help_heading = INPUT)]
     pub(super) fix: bool,
+    /// Surface of a label: without the voxels' steps, or the voxels' faces
+    ///
+    /// smooth is the surface of least bending within half a voxel of the voxels' faces, with the voxels' volume. The
+    /// area of a model of voxels grows with the degree.
+    #[arg(long, value_name = "smooth|voxels", default_value = "smooth", help_heading = INPUT, hide_short_help = true)]
+    pub(super) label_surface: LabelSurface,
     /// Size of a volume's voxels, if its file doesn't give it
     #[arg(long, value_name = "X,Y,Z", help_heading = INPUT, hide_short_help = true)]
     pub(super) voxel_size: Option<VoxelSize>,

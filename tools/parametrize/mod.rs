@@ -28,7 +28,12 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let console = cli.common.console();
     let monitor = ConsoleMonitor::new(console);
     let voxel_size = cli.voxel_size.map(|size| size.0);
-    let mut reader = SurfaceReader::new(Preparation { voxel_size, fix: cli.fix, cut_handles: cli.cut_handles });
+    let mut reader = SurfaceReader::new(Preparation {
+        voxel_size,
+        label_surface: cli.label_surface,
+        fix: cli.fix,
+        cut_handles: cli.cut_handles,
+    });
     let budget = cli.memory.budget(cli.threads.count());
     for input in expand_lists(&cli.surface)? {
         budget.check_inputs("parametrize", [input.as_path()])?;

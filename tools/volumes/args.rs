@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use spharm::parametrize::volume::LabelSurface;
 use spharm_cli::Common;
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT, RESOURCES};
 use spharm_cli::names::NameTemplate;
@@ -38,6 +39,12 @@ pub(crate) struct Cli {
     /// Needed for arrays, and for TIFF stacks without OME-XML or ImageJ's spacing.
     #[arg(long, value_name = "X,Y,Z", help_heading = INPUT)]
     pub(super) voxel_size: Option<VoxelSize>,
+    /// Surface of a label: without the voxels' steps, or the voxels' faces
+    ///
+    /// smooth is the surface of least bending within half a voxel of the voxels' faces, with the voxels' volume. The
+    /// area of a model of voxels grows with the degree.
+    #[arg(long, value_name = "smooth|voxels", default_value = "smooth", help_heading = INPUT)]
+    pub(super) label_surface: LabelSurface,
     /// Repair labels whose surface isn't of genus zero
     ///
     /// Keeps the largest piece, fills cavities and opens handles, instead of refusing the label.

@@ -50,7 +50,8 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     params.check()?;
     let mut params = RunParams::new(params);
     let voxel_size = cli.voxel_size.map(|size| size.0);
-    params.preparation = Preparation { voxel_size, fix: cli.fix, cut_handles: cli.cut_handles };
+    params.preparation =
+        Preparation { voxel_size, label_surface: cli.label_surface, fix: cli.fix, cut_handles: cli.cut_handles };
     params.if_exists = if_exists(cli.force, false, cli.skip_existing);
     let found = Mutex::default();
     let mut call = Call { cli, params, monitor: &monitor, found, names: HashSet::new(), inputs: Inputs::default() };

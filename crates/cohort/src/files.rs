@@ -115,10 +115,11 @@ impl ModelFiles {
     }
 
     /// Maps a surface to a sphere, and writes the sphere beside the model. The surface is also written if it was
-    /// extracted from a label, repaired, or cut at its handles.\n\nWith `reuse`, a mesh keeps an existing sphere that
-    /// was made from the same file with the same settings. A sphere made from another file is replaced only with
-    /// [`Replace::ALL`]. Before mapping, the memory needed for mapping and fitting is checked. `record` is the record
-    /// of the file from which `input` was read.
+    /// extracted from a label, repaired, or cut at its handles.
+    ///
+    /// With `reuse`, a mesh keeps an existing sphere that was made from the same file with the same settings. A sphere
+    /// made from another file is replaced only with [`Replace::ALL`]. Before mapping, the memory needed for mapping and
+    /// fitting is checked. `record` is the record of the file from which `input` was read.
     ///
     /// # Errors
     ///
@@ -213,7 +214,7 @@ impl ModelFiles {
         provenance.id = made_of.id.map(str::to_owned);
         provenance.input = made_of.input.cloned();
         provenance.region = made_of.region.cloned();
-        let Preparation { voxel_size, fix, cut_handles } = made_of.preparation;
+        let Preparation { voxel_size, fix, cut_handles, .. } = made_of.preparation;
         (provenance.voxel_size, provenance.fix, provenance.cut_handles) = (voxel_size, fix, cut_handles);
         if let Some(surface) = made_of.surface {
             surface.record(provenance);

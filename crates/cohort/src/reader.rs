@@ -40,8 +40,8 @@ impl SurfaceReader {
         if label.is_none() {
             return self.preparation.apply(Input::Mesh(read_mesh(path)?), monitor);
         }
-        let Preparation { fix, cut_handles, .. } = self.preparation;
-        let params = VolumeParams { label, fix, handles: cut_handles };
+        let Preparation { label_surface: surface, fix, cut_handles, .. } = self.preparation;
+        let params = VolumeParams { label, surface, fix, handles: cut_handles };
         let found = Input::Label(self.volume(path, monitor)?.surface(&params, monitor)?);
         self.preparation.apply(found, monitor)
     }

@@ -4,6 +4,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 use spharm::model::{Provenance, Settings};
+use spharm::parametrize::volume::LabelSurface;
 use spharm::store::{Scalar, SchemeKey};
 use spharm::{FileRecord, FitParams, Method, Model, Objective, Preparation, Smoothness, Sphere};
 
@@ -261,6 +262,11 @@ impl Request<'_> {
             };
             let (found, wanted) = (name(recorded.voxel_size), name(wanted.voxel_size));
             differences.push(Difference { setting: "voxel_size", found, wanted });
+        }
+        if self.input.label.is_some() {
+            let found = recorded.label_surface.clone().unwrap_or_else(|| LabelSurface::Voxels.name().to_owned());
+            let wanted = wanted.label_surface.name().to_owned();
+            differences.extend((found != wanted).then_some(Difference { setting: "label_surface", found, wanted }));
         }
         let (repaired, cut) = (recorded.repair.is_some(), recorded.handles.is_some());
         // If a label was fitted without a recorded repair or cut, it needs neither. For a mesh, this can't be

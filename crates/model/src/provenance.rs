@@ -59,6 +59,10 @@ pub struct Provenance {
     /// Voxel size along x, y and z in mm, if the user gave it in place of the size in the volume's file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub voxel_size: Option<[f64; 3]>,
+    /// The surface that stands for the label, if the input is a label: `smooth` or `voxels`. `None` in models of
+    /// earlier versions, which follow the voxels.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub label_surface: Option<String>,
     /// Whether repairing the label or mesh was requested, even if no repair was needed.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub fix: bool,

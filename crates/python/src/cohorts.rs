@@ -13,7 +13,7 @@ use spharm_cohort::run::{Cohort, Event, Observer, Outcome, RunError, RunParams, 
 use spharm_cohort::{CohortError, Entry, Manifest, Row, Shard, check_id};
 
 use crate::errors::{Failure, exception};
-use crate::fitting::{Settings, report_of};
+use crate::fitting::{Settings, parsed, report_of};
 use crate::run::{Started, lock};
 
 /// A finished row as returned to Python: index, id, state, path of the model, error, report as JSON, seconds.
@@ -92,7 +92,8 @@ impl CohortRun {
     /// Starts to fit the rows of a table, or the given rows.
     #[new]
     #[pyo3(signature = (
-        table, rows, *, output, sphere, mask, shard, status, exists, keep_going, fix, cut_handles, voxel_size, settings
+        table, rows, *, output, sphere, mask, shard, status, exists, keep_going, fix, cut_handles, voxel_size,
+        label_surface, settings
     ))]
     #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
     fn new(
@@ -109,6 +110,7 @@ impl CohortRun {
         fix: bool,
         cut_handles: bool,
         voxel_size: Option<[f64; 3]>,
+        label_surface: &str,
         settings: Settings<'_>,
     ) -> PyResult<Self> {
         let refused = |error: RunError| exception(py, failure(error));
@@ -141,7 +143,8 @@ impl CohortRun {
         let fit = settings.params()?.with_threads(settings.threads);
         fit.check().map_err(|error| exception(py, error.into()))?;
         let mut params = RunParams::new(fit);
-        params.preparation = Preparation { voxel_size, fix, cut_handles };
+        let label_surface = parsed("label_surface", label_surface)?;
+        params.preparation = Preparation { voxel_size, label_surface, fix, cut_handles };
         (params.mask, params.status, params.keep_going) = (mask, status, keep_going);
         params.if_exists = match exists {
             "refuse" => IfExists::Refuse,

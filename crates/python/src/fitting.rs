@@ -56,7 +56,7 @@ enum WeightsGiven<'py> {
     Values(PyReadonlyArray1<'py, f64>),
 }
 
-fn parsed<T: FromStr<Err = String>>(what: &str, text: &str) -> PyResult<T> {
+pub(crate) fn parsed<T: FromStr<Err = String>>(what: &str, text: &str) -> PyResult<T> {
     text.parse().map_err(|expected| PyValueError::new_err(format!("{what}: {expected}; found {text}")))
 }
 

@@ -23,6 +23,7 @@ use spharm::{Mesh, Monitor, Seam, Signal, Sphere};
 
 use crate::arrays::{Faces, FacesOut, Positions, PositionsOut, SeamOut, mesh, mesh_arrays, positions, seam_out};
 use crate::errors::Failure;
+use crate::fitting::parsed;
 use crate::memory::{check_distance, check_mapping, check_resampling};
 use crate::run::{run, run_owned};
 
@@ -230,13 +231,15 @@ impl Volume<'_> {
 
 #[pyfunction]
 #[pyo3(signature = (
-    volume, *, label, fix, cut_handles, method, degree, area, seed, memory = None, threads = None, progress = None
+    volume, *, label, label_surface, fix, cut_handles, method, degree, area, seed, memory = None, threads = None,
+    progress = None
 ))]
 #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
 fn parametrize_volume<'py>(
     py: Python<'py>,
     volume: Volume<'py>,
     label: Option<i64>,
+    label_surface: &str,
     fix: bool,
     cut_handles: bool,
     method: &str,
@@ -248,8 +251,10 @@ fn parametrize_volume<'py>(
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Mapped<'py>> {
     let (read, method) = (volume.reader()?, self::method(method, degree, area, seed)?);
+    let surface = parsed("label_surface", label_surface)?;
+    let params = VolumeParams { label, surface, fix, handles: cut_handles };
     let (found, handles, repairs) = run_owned(py, threads, progress.as_ref(), move |monitor| {
-        let surface = read(monitor)?.surface(&VolumeParams { label, fix, handles: cut_handles }, monitor)?;
+        let surface = read(monitor)?.surface(&params, monitor)?;
         let repair = surface.repair.as_ref();
         let lost = repair.filter(|_| cut_handles).and_then(Repair::no_handle_left);
         let repairs: Vec<String> = repair.map(ToString::to_string).into_iter().chain(lost).collect();

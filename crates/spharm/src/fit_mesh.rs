@@ -7,7 +7,7 @@ use spharm_monitor::{Monitor, Silent};
 use spharm_surface::repair::MeshRepair;
 use spharm_surface::{Mesh, Target};
 
-use crate::parametrize::volume::{Repair, VoxelSteps};
+use crate::parametrize::volume::{LabelSurface, Repair, VoxelSteps};
 use crate::parametrize::{HandlesReport, Input, Parametrized, Source, parametrize_with};
 use crate::{Error, Fit, FitParams, ManyReport, check_mapping, check_memory, fit_target};
 
@@ -16,6 +16,8 @@ use crate::{Error, Fit, FitParams, ManyReport, check_mapping, check_memory, fit_
 pub struct Preparation {
     /// Size of a volume's voxels along x, y and z, in mm, in place of the size in its file.
     pub voxel_size: Option<[f64; 3]>,
+    /// The surface that stands for a label.
+    pub label_surface: LabelSurface,
     /// Whether to repair labels and meshes.
     pub fix: bool,
     /// Whether to cut handles.
@@ -23,13 +25,13 @@ pub struct Preparation {
 }
 
 impl Preparation {
-    /// Returns the changes that apply to a surface: none with a sphere, and no voxel size for a surface that isn't a
-    /// label's.
+    /// Returns the changes that apply to a surface: none with a sphere, and no voxel size and no choice of the label's
+    /// surface for a surface that isn't a label's.
     #[must_use]
     pub fn of(self, on_sphere: bool, label: Option<i64>) -> Self {
         match (on_sphere, label) {
             (true, _) => Self::default(),
-            (false, None) => Self { voxel_size: None, ..self },
+            (false, None) => Self { voxel_size: None, label_surface: LabelSurface::default(), ..self },
             (false, Some(_)) => self,
         }
     }
@@ -58,6 +60,8 @@ pub struct MappedSurface {
     pub handles: Option<HandlesReport>,
     /// The label's voxels, if the surface is a label's.
     pub voxels: Option<VoxelRecord>,
+    /// Whether a label's surface is smooth or follows the voxels.
+    pub label_surface: Option<LabelSurface>,
     /// Staircase of the voxels, if a model of the fit's degree reproduces it.
     pub steps: Option<VoxelSteps>,
 }
@@ -86,6 +90,7 @@ impl MappedSurface {
             repair: surface.label().and_then(|label| label.repair),
             mesh_repair: surface.mesh_repair().copied(),
             handles: surface.handles().cloned(),
+            label_surface: surface.label().map(|label| label.surface),
             voxels: surface.label().map(|label| VoxelRecord {
                 count: label.voxels,
                 size: label.voxel_size,
@@ -115,6 +120,7 @@ impl MappedSurface {
         }
         provenance.handles = self.handles.as_ref().and_then(|handles| object(serde_json::to_value(handles)));
         provenance.voxels = self.voxels;
+        provenance.label_surface = self.label_surface.map(|surface| surface.name().to_owned());
         if let Some(steps) = self.steps {
             provenance.other.insert(VOXEL_STEPS.to_owned(), serde_json::to_value(steps).unwrap_or_default());
         }

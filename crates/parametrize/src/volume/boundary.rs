@@ -18,6 +18,9 @@ pub struct QuadMesh {
     pub vertices: Vec<[f64; 3]>,
     /// The four vertices of each quadrangle, counter-clockwise seen from outside.
     pub quads: Vec<[u32; 4]>,
+    /// Positions of the vertices on the smooth surface, which [`triangles`](Self::triangles) has, if there is one. The
+    /// map to the sphere depends on the quadrangles' own positions alone.
+    pub(crate) smooth: Option<Vec<[f64; 3]>>,
     /// The twin of each edge. Edge 4 q + k runs from corner k of quadrangle q to the next corner; its twin 4 q' + k' is
     /// the same edge as part of the neighbouring quadrangle q'.
     pub(crate) twins: Vec<u32>,
@@ -44,21 +47,22 @@ impl QuadMesh {
             std::array::from_fn(|k| at[k] + mask.origin[k] as f64 - 0.5)
         };
         let quads = of_corner.chunks_exact(4).map(|c| [c[0], c[1], c[2], c[3]]).collect();
-        Self { vertices: places.into_iter().map(place).collect(), quads, twins }
+        Self { vertices: places.into_iter().map(place).collect(), quads, smooth: None, twins }
     }
 
     /// Returns the surface with its vertices in mm. Its quadrangles are again counter-clockwise seen from outside.
     #[must_use]
     pub fn to_world(&self, affine: &Affine) -> Self {
-        let vertices = self.vertices.iter().map(|&v| affine.apply(v)).collect();
+        let placed = |positions: &Vec<[f64; 3]>| positions.iter().map(|&v| affine.apply(v)).collect::<Vec<_>>();
+        let (vertices, smooth) = (placed(&self.vertices), self.smooth.as_ref().map(placed));
         if affine.determinant() > 0.0 {
-            return Self { vertices, ..self.clone() };
+            return Self { vertices, smooth, ..self.clone() };
         }
         // A reflection reverses the order of corners. Edge k, from corner k to k + 1, becomes edge 2 - k (mod 4).
         let quads = self.quads.iter().map(|&[a, b, c, d]| [d, c, b, a]).collect();
         let turned = |edge: u32| edge / 4 * 4 + (6 - edge % 4) % 4;
         let twins = (0..self.twins.len() as u32).map(|edge| turned(self.twins[turned(edge) as usize])).collect();
-        Self { vertices, quads, twins }
+        Self { vertices, quads, smooth, twins }
     }
 
     /// Returns the Euler characteristic: vertices - edges + quadrangles.
@@ -119,14 +123,15 @@ impl QuadMesh {
         })
     }
 
-    /// Returns a mesh of triangles. Each quadrangle is cut from corner 0 to 2, or from corner 1 to 3 if `from_second`
-    /// is true for its index.
+    /// Returns a mesh of triangles, smooth if the surface is. Each quadrangle is cut from corner 0 to 2, or from corner
+    /// 1 to 3 if `from_second` is true for its index.
     #[must_use]
     pub fn triangles(&self, from_second: impl Fn(usize) -> bool) -> Mesh {
         let cut = |(q, &[a, b, c, d]): (usize, &[u32; 4])| {
             if from_second(q) { [[a, b, d], [b, c, d]] } else { [[a, b, c], [a, c, d]] }
         };
-        Mesh::new(self.vertices.clone(), self.quads.iter().enumerate().flat_map(cut).collect())
+        let vertices = self.smooth.as_ref().unwrap_or(&self.vertices).clone();
+        Mesh::new(vertices, self.quads.iter().enumerate().flat_map(cut).collect())
     }
 }
 

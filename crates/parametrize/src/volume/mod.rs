@@ -71,4 +71,4 @@ pub use open::is_volume;
 pub use pieces::{Pieces, pieces};
 pub use repair::{HandleRepair, Repair, repair};
 pub use steps::{VoxelSteps, steps_of_labels};
-pub use surface::{VolumeParams, VolumeSurface};
+pub use surface::{LabelSurface, VolumeParams, VolumeSurface};

@@ -10,6 +10,7 @@
 //! Small bodies still lose up to 8 % of their volume. It is restored: all vertices move along their normals, within the
 //! boxes, until the volume equals that of the voxels.
 
+use spharm_monitor::{Interrupted, Monitor};
 use spharm_surface::geometry::{Vec3, add, cross, dot, scale, sub, unit};
 use spharm_surface::topology::signed_volume;
 
@@ -26,17 +27,38 @@ const MOVES: usize = 8;
 /// Half the width of the box in which a vertex may move, in voxels.
 const HALF: f64 = 0.5;
 
+/// Largest relative difference of a smooth surface's volume from that of the voxels.
+const VOLUME: f64 = 0.01;
+
 impl QuadMesh {
+    /// Returns this surface with smooth positions: those of [`relaxed`](Self::relaxed). A label of so few voxels that
+    /// the smooth surface can't have their volume keeps the voxels' faces.
+    ///
+    /// # Errors
+    ///
+    /// [`Interrupted`], by the monitor.
+    pub(crate) fn smoothed(self, monitor: &dyn Monitor) -> Result<Self, Interrupted> {
+        let relaxed = self.relaxed(monitor)?;
+        let keeps = (volume(&relaxed) / volume(&self) - 1.0).abs() < VOLUME;
+        Ok(Self { smooth: keeps.then_some(relaxed.vertices), ..self })
+    }
+
     /// Returns the surface of least bending that has the volume of this one, and whose vertices are within half a voxel
     /// of their positions in this one along each axis. This surface must be in voxel coordinates, as returned by
     /// [`around`](Self::around).
-    #[must_use]
-    pub fn relaxed(&self) -> Self {
+    ///
+    /// # Errors
+    ///
+    /// [`Interrupted`], by the monitor.
+    pub fn relaxed(&self, monitor: &dyn Monitor) -> Result<Self, Interrupted> {
         let rings = Rings::of(self);
         let mut found = self.vertices.clone();
         let mut ahead = found.clone();
         let mut momentum = 1.0_f64;
-        for _ in 0..STEPS {
+        for step in 0..STEPS {
+            if step % 10 == 0 {
+                monitor.check()?;
+            }
             let bending = rings.transposed(&rings.off_mean(&ahead));
             let next: Vec<[f64; 3]> = ahead
                 .iter()
@@ -52,12 +74,11 @@ impl QuadMesh {
                 next.iter().zip(&found).map(|(n, x)| std::array::from_fn(|k| n[k] + share * (n[k] - x[k]))).collect();
             (found, momentum) = (next, following);
         }
-        self.with_own_volume(Self { vertices: found, ..self.clone() })
+        Ok(self.with_own_volume(Self { vertices: found, ..self.clone() }))
     }
 
     /// Moves a relaxed surface along its normals until its volume is that of this surface.
     fn with_own_volume(&self, mut relaxed: Self) -> Self {
-        let volume = |mesh: &Self| signed_volume(&mesh.triangles(|_| false));
         let whole = volume(self);
         for _ in 0..MOVES {
             let missing = whole - volume(&relaxed);
@@ -86,6 +107,11 @@ impl QuadMesh {
         normals.iter_mut().for_each(|normal| *normal = unit(*normal));
         (normals, area)
     }
+}
+
+/// Returns the volume within a surface, as the mean over both ways to cut its quadrangles.
+fn volume(mesh: &QuadMesh) -> f64 {
+    0.5 * (signed_volume(&mesh.triangles(|_| false)) + signed_volume(&mesh.triangles(|_| true)))
 }
 
 /// For each vertex, the vertices connected to it by an edge.
@@ -147,7 +173,7 @@ mod tests {
         let centred = |at: [usize; 3]| at.map(|x| x as f64 - 12.0);
         let inside = |at: [usize; 3]| dot(centred(at), centred(at)) < radius * radius;
         let steps = QuadMesh::around(&Mask::new([25; 3], inside));
-        let smooth = steps.relaxed();
+        let smooth = steps.relaxed(&spharm_monitor::Silent).unwrap();
         let off = |mesh: &QuadMesh| {
             let square = |v: &[f64; 3]| (dot(v.map(|x| x - 12.0), v.map(|x| x - 12.0)).sqrt() - radius).powi(2);
             (mesh.vertices.iter().map(square).sum::<f64>() / mesh.vertices.len() as f64).sqrt()
@@ -158,7 +184,6 @@ mod tests {
         let area = spharm_surface::topology::area(&smooth.triangles(|_| false));
         let expected = 4.0 * std::f64::consts::PI * radius * radius;
         assert!((area / expected - 1.0).abs() < 0.02, "{area} {expected}");
-        let voxels = signed_volume(&steps.triangles(|_| false));
-        assert!((signed_volume(&smooth.triangles(|_| false)) / voxels - 1.0).abs() < 1e-3);
+        assert!((volume(&smooth) / volume(&steps) - 1.0).abs() < 1e-3);
     }
 }

@@ -29,9 +29,13 @@ pub struct VoxelSteps {
 }
 
 impl VolumeSurface {
-    /// Returns a warning if a model of the given degree resolves the voxels; otherwise `None`.
+    /// Returns a warning if the surface has the voxels' steps and a model of the given degree resolves the voxels;
+    /// otherwise `None`.
     #[must_use]
     pub fn steps(&self, max_degree: usize) -> Option<VoxelSteps> {
+        if self.quads.smooth.is_some() {
+            return None;
+        }
         let volume = self.voxels as f64 * self.voxel_size.iter().product::<f64>();
         let radius = (0.75 * volume / std::f64::consts::PI).cbrt();
         let voxel = self.voxel_size.into_iter().fold(0.0, f64::max);
@@ -76,7 +80,7 @@ pub fn steps_of_labels(found: &[(String, VoxelSteps)]) -> Option<String> {
 mod tests {
     use spharm_monitor::Silent;
 
-    use super::super::{Affine, LabelVolume, VolumeParams};
+    use super::super::{Affine, LabelSurface, LabelVolume, VolumeParams};
     use super::*;
 
     fn ellipsoid(axes: [f64; 3], voxel: [f64; 3]) -> VolumeSurface {
@@ -94,7 +98,8 @@ mod tests {
             }
         }
         let volume = LabelVolume::new(size, values, Affine::of_voxel_size(voxel));
-        volume.surface(&VolumeParams::default(), &Silent).unwrap()
+        let params = VolumeParams { surface: LabelSurface::Voxels, ..VolumeParams::default() };
+        volume.surface(&params, &Silent).unwrap()
     }
 
     #[test]

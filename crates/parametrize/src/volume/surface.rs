@@ -1,6 +1,8 @@
 //! Computes a label's surface, which is checked and, on request, repaired.
 
-use spharm_monitor::{Interrupted, Monitor};
+use std::str::FromStr;
+
+use spharm_monitor::{Interrupted, Monitor, Silent};
 use spharm_surface::Mesh;
 
 use super::boundary::QuadMesh;
@@ -10,11 +12,46 @@ use super::pieces::{cavities, pieces};
 use super::repair::{Repair, repair};
 use crate::error::ParametrizeError;
 
+/// The surface that stands for a label.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum LabelSurface {
+    /// The surface of least bending within half a voxel of the voxels' faces, with the voxels' volume
+    /// ([`QuadMesh::relaxed`]). Labels of so few voxels that this is impossible have the voxels' faces.
+    #[default]
+    Smooth,
+    /// The faces of the voxels, with their steps.
+    Voxels,
+}
+
+impl LabelSurface {
+    /// Returns the name, as in arguments and reports.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Smooth => "smooth",
+            Self::Voxels => "voxels",
+        }
+    }
+}
+
+impl FromStr for LabelSurface {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match [Self::Smooth, Self::Voxels].into_iter().find(|surface| surface.name() == text) {
+            Some(surface) => Ok(surface),
+            None => Err("expected smooth or voxels".to_owned()),
+        }
+    }
+}
+
 /// Settings of [`LabelVolume::surface`].
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct VolumeParams {
     /// The label; `None` (default) for the volume's only label.
     pub label: Option<i64>,
+    /// The surface that stands for the label. Default smooth.
+    pub surface: LabelSurface,
     /// Whether to repair a label that isn't a ball, instead of rejecting it. Default false.
     pub fix: bool,
     /// Whether the surface may have handles, which [`without_handles`](crate::Input::without_handles) can cut. Default
@@ -26,7 +63,8 @@ pub struct VolumeParams {
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct VolumeSurface {
-    /// Closed surface, wound outwards, with vertices in mm; of genus 0 unless handles were allowed.
+    /// Closed surface, wound outwards, with vertices in mm; of genus 0 unless handles were allowed. The quadrangles are
+    /// the voxels' faces; as [`triangles`](QuadMesh::triangles), the surface is smooth if requested.
     pub quads: QuadMesh,
     /// The label.
     pub label: i64,
@@ -36,6 +74,8 @@ pub struct VolumeSurface {
     pub voxel_size: [f64; 3],
     /// Whether the label touches the border of the volume, and so may be cut off.
     pub at_border: bool,
+    /// The requested surface.
+    pub surface: LabelSurface,
     /// The changes made by the repair; `None` if no repair was needed.
     pub repair: Option<Repair>,
 }
@@ -50,7 +90,7 @@ impl LabelVolume {
     /// [`NoLabel`](ParametrizeError::NoLabel).
     pub fn smooth_surface(&self, label: Option<i64>) -> Result<Mesh, ParametrizeError> {
         let steps = QuadMesh::around(&self.mask(self.choose(label)?)?);
-        Ok(steps.relaxed().to_world(&self.affine).triangles(|_| false))
+        Ok(steps.relaxed(&Silent)?.to_world(&self.affine).triangles(|_| false))
     }
 
     /// Returns the closed surface around a label.
@@ -83,8 +123,11 @@ impl LabelVolume {
                 (QuadMesh::around(&repaired), Some(repair))
             }
         };
-        let (voxel_size, at_border) = (self.affine.voxel_size(), self.touches_border(label));
-        Ok(VolumeSurface { quads: quads.to_world(&self.affine), label, voxels, voxel_size, at_border, repair })
+        let surface = params.surface;
+        let quads = if surface == LabelSurface::Smooth { quads.smoothed(monitor)? } else { quads };
+        let (quads, voxel_size, at_border) =
+            (quads.to_world(&self.affine), self.affine.voxel_size(), self.touches_border(label));
+        Ok(VolumeSurface { quads, label, voxels, voxel_size, at_border, surface, repair })
     }
 }
 

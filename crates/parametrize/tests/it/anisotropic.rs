@@ -4,7 +4,7 @@
 use ndarray::Array2;
 use spharm_harmonics::Directions;
 use spharm_monitor::Silent;
-use spharm_parametrize::volume::{Affine, LabelVolume, VolumeParams, VolumeSurface};
+use spharm_parametrize::volume::{Affine, LabelSurface, LabelVolume, VolumeParams, VolumeSurface};
 use spharm_parametrize::{EqualAreaParams, Parametrization, area_deviation, equal_area};
 use spharm_solver::MatrixFreeOperator;
 use spharm_solver::lsq::NormalEquations;
@@ -28,7 +28,8 @@ fn ellipsoid(axis: usize, voxel: [f64; 3]) -> VolumeSurface {
     let row = |k: usize| std::array::from_fn(|j| if j == k { voxel[k] } else { 0.0 });
     let values = (0..size.iter().product()).map(|i| i32::from(inside(i))).collect();
     let volume = LabelVolume::new(size, values, Affine([row(0), row(1), row(2)]));
-    volume.surface(&VolumeParams::default(), &Silent).unwrap()
+    let params = VolumeParams { surface: LabelSurface::Voxels, ..VolumeParams::default() };
+    volume.surface(&params, &Silent).unwrap()
 }
 
 fn map(found: &VolumeSurface) -> Parametrization {

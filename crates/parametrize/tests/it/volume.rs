@@ -1,9 +1,9 @@
 //! Tests the way from label volumes to surfaces and equal-area spheres.
 
 use spharm_monitor::Silent;
-use spharm_parametrize::volume::{Affine, HandleRepair, LabelVolume, Mask, VolumeParams, VolumeSurface};
+use spharm_parametrize::volume::{Affine, HandleRepair, LabelSurface, LabelVolume, Mask, VolumeParams, VolumeSurface};
 use spharm_parametrize::{EqualAreaParams, ParametrizeError, area_deviation, equal_area};
-use spharm_surface::topology::{Topology, is_outward, signed_volume};
+use spharm_surface::topology::{Topology, area, is_outward, signed_volume};
 
 const N: usize = 24;
 
@@ -25,8 +25,9 @@ fn torus([x, y, z]: [f64; 3]) -> bool {
     (x.hypot(y) - 7.0).hypot(z) < 2.6
 }
 
+/// Returns the surface of the voxels' faces.
 fn take(volume: &LabelVolume) -> Result<VolumeSurface, ParametrizeError> {
-    volume.surface(&VolumeParams::default(), &Silent)
+    volume.surface(&VolumeParams { surface: LabelSurface::Voxels, ..VolumeParams::default() }, &Silent)
 }
 
 fn fixed(volume: &LabelVolume) -> VolumeSurface {
@@ -94,6 +95,28 @@ fn the_surface_encloses_the_voxels_in_mm() {
     let middle: [f64; 3] = std::array::from_fn(|k| corner.quads.vertices.iter().map(|v| v[k]).sum::<f64>() / 8.0);
     assert!((0..3).all(|k| (middle[k] - affine.0[k][3]).abs() < 1e-12), "{middle:?}");
     assert_eq!((corner.label, corner.voxels), (7, 1));
+}
+
+/// The smooth surface has the same vertices and the same map as the voxels' faces, the voxels' volume, and nearly the
+/// area of the body. Labels of few voxels keep the faces.
+#[test]
+fn smooth_surfaces_have_the_map_and_the_volume_of_the_voxels() {
+    let body = volume(|[x, y, z]| ball([x / 2.0, y, z], 4.5));
+    let steps = take(&body).unwrap();
+    let smooth = body.surface(&VolumeParams::default(), &Silent).unwrap();
+    assert_eq!(steps.quads.vertices, smooth.quads.vertices);
+    let maps = [&steps, &smooth].map(|found| equal_area(&found.quads, &EqualAreaParams::default(), &Silent).unwrap());
+    assert_eq!(maps[0].sphere.vertices, maps[1].sphere.vertices);
+    let moved = maps[0].surface.vertices.iter().zip(&maps[1].surface.vertices);
+    let farthest = moved.flat_map(|(a, b)| (0..3).map(|k| (a[k] - b[k]).abs())).fold(0.0, f64::max);
+    assert!(farthest > 0.1 && farthest <= 0.5 + 1e-12, "{farthest}");
+    let [of_steps, of_smooth] = maps.map(|map| (area(&map.surface), signed_volume(&map.surface)));
+    assert!((of_smooth.1 / smooth.voxels as f64 - 1.0).abs() < 5e-3, "{of_smooth:?}");
+    // Area of the prolate spheroid with half axes 9, 4.5 and 4.5.
+    assert!((of_smooth.0 / 435.0 - 1.0).abs() < 0.02 && of_steps.0 > 1.3 * of_smooth.0, "{of_smooth:?} {of_steps:?}");
+    let single = volume(|at| at == [0.5; 3]).surface(&VolumeParams::default(), &Silent).unwrap();
+    assert!((signed_volume(&single.quads.triangles(|_| false)) - 1.0).abs() < 1e-12);
+    check_map(&single);
 }
 
 #[test]
