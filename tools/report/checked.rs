@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::Result;
 use serde_json::Value;
 use spharm::shape::outliers::FAR;
-use spharm_cohort::check::number;
+use spharm_cohort::check::{Measure, number};
 use spharm_cohort::check_id;
 use spharm_report::{Check, CheckedCell, CheckedSubject};
 
@@ -26,8 +26,6 @@ const COLUMNS: [(&str, &str, &str, f64); 12] = [
     ("handles cut", "handles", "", 1.0),
     ("remarks", "remarks", "", 1.0),
 ];
-/// Columns of which only large values are suspicious.
-const ONE_SIDED: [&str; 2] = ["rms", "distance"];
 /// Maximum size of a picture in bytes, far above that of any thumbnail.
 const LARGEST_PICTURE: u64 = 1 << 20;
 
@@ -53,7 +51,8 @@ pub(super) fn read(path: &Path, pictures: Option<&Path>) -> Result<Check> {
                 value => value.as_f64().map_or_else(String::new, |value| number(factor * value)),
             };
             let z = of[*z].as_f64();
-            CheckedCell { text, z, far: z.is_some_and(|z| z > FAR || (z < -FAR && !ONE_SIDED.contains(key))) }
+            let is_far = |z: f64| Measure::with_key(key).map_or(z.abs() > FAR, |measure| measure.is_far(z));
+            CheckedCell { text, z, far: z.is_some_and(is_far) }
         };
         let (cells, scale) = (columns.iter().map(cell).collect(), of["picture_scale"].as_f64());
         Ok(CheckedSubject { id, state: text("state"), flags, cells, picture, scale })

@@ -57,7 +57,7 @@ pub(super) fn check_list(key: &str, list: &Value) -> Result<()> {
 }
 
 /// Checks that the subjects of a list are in the study, each once.
-fn check_ids(listed: &[Named], manifest: &Manifest) -> Result<()> {
+pub(super) fn check_ids(listed: &[Named], manifest: &Manifest) -> Result<()> {
     let ids: HashSet<&str> = manifest.rows.iter().map(|row| row.id.as_str()).collect();
     let mut seen = HashSet::new();
     for Named { id, .. } in listed {
@@ -72,11 +72,6 @@ fn check_ids(listed: &[Named], manifest: &Manifest) -> Result<()> {
         }
     }
     Ok(())
-}
-
-/// Checks that the subjects whose flags are accepted are in the study, each once.
-pub(super) fn check_accepted(accepted: &[Named], manifest: &Manifest) -> Result<()> {
-    check_ids(accepted, manifest)
 }
 
 /// Removes the excluded subjects from a manifest, and from the text of the manifest that is to be written to the path
@@ -101,11 +96,13 @@ pub(super) fn exclude(
         Some(text) => without(text, &left_out)?,
         None => manifest.rest(made, is_kept)?,
     });
-    let (kept, excluded) = std::mem::take(&mut manifest.rows).into_iter().partition(is_kept);
+    let (kept, excluded): (_, Vec<Row>) = std::mem::take(&mut manifest.rows).into_iter().partition(is_kept);
     (manifest.rows, manifest.path) = (kept, made.to_owned());
-    let reason = |row: &Row| exclusions.iter().find(|of| of.id == row.id).map_or(String::new(), |of| of.reason.clone());
-    let excluded: Vec<Row> = excluded;
-    Ok(excluded.into_iter().map(|row| (row.clone(), reason(&row))).collect())
+    let with_reason = |row: Row| {
+        let reason = exclusions.iter().find(|of| of.id == row.id).map_or(String::new(), |of| of.reason.clone());
+        (row, reason)
+    };
+    Ok(excluded.into_iter().map(with_reason).collect())
 }
 
 /// Returns the text of a manifest, whose first column is the id, without the excluded subjects.

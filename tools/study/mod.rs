@@ -174,16 +174,17 @@ impl Call<'_> {
         let stages = self.plan.stages(&subjects);
         tidy::stages(self.plan, &stages)?;
         let Some((page, stages)) = stages.split_last() else { return self.finish(&failed, &[]) };
-        for stage in stages {
+        let mut warnings = Vec::new();
+        for (index, stage) in stages.iter().enumerate() {
             self.stage(stage)?;
             if stage.name == stages::CHECK {
-                self.flagged = warnings::flagged(self.plan)?;
+                (self.flagged, warnings) = warnings::of_check(self.plan)?;
                 if self.cli.strict && !self.flagged.is_empty() {
-                    return self.stop(&failed, after(stages, stage).iter().chain([page]));
+                    return self.stop(&failed, stages[index + 1..].iter().chain([page]));
                 }
             }
         }
-        let warnings = warnings::collect(self.plan, &subjects)?;
+        warnings.extend(warnings::of_group(self.plan, &subjects)?);
         self.plan.write_warnings(&warnings)?;
         self.stage(page)?;
         self.finish(&failed, &warnings)?;
@@ -323,10 +324,4 @@ impl Call<'_> {
             ),
         }
     }
-}
-
-/// Returns the stages after one of them.
-fn after<'s>(stages: &'s [Stage], stage: &Stage) -> &'s [Stage] {
-    let at = stages.iter().position(|other| other.name == stage.name).map_or(stages.len(), |at| at + 1);
-    &stages[at..]
 }

@@ -62,7 +62,7 @@ impl Plan {
         let output = folder.join(&study.output);
         let made = output.join(RECORDS).join("manifest.tsv");
         let (mut manifest, mut made_text) = subjects::manifest(&study.subjects, folder, &table, &made)?;
-        exclusion::check_accepted(&study.subjects.accept, &manifest)
+        exclusion::check_ids(&study.subjects.accept, &manifest)
             .with_context(|| format!("{}: `accept` in [subjects]", path.display()))?;
         let excluded = exclusion::exclude(&study.subjects.exclude, &mut manifest, &mut made_text, &made)
             .with_context(|| format!("{}: `exclude` in [subjects]", path.display()))?;

@@ -8,6 +8,7 @@ use anyhow::{Context, Result};
 use serde_json::Value;
 use spharm_cli::inputs::{MOST_OWN, read_text};
 use spharm_cli::output::counted;
+use spharm_cohort::check::subject_of;
 
 use super::plan::{Plan, Subject};
 use crate::report;
@@ -18,32 +19,34 @@ pub(super) struct Flagged {
     pub(super) flags: Vec<String>,
 }
 
-/// Reads the flagged subjects from the report of the quality control, the worst first.
-pub(super) fn flagged(plan: &Plan) -> Result<Vec<Flagged>> {
+/// Reads the flagged subjects, the worst first, and the warnings about the whole group from the report of the quality
+/// control.
+pub(super) fn of_check(plan: &Plan) -> Result<(Vec<Flagged>, Vec<String>)> {
     let report = read(&plan.check_report(), "report")?;
     let subjects = report["subjects"].as_array().into_iter().flatten();
     let of = |subject: &Value| Flagged {
         id: subject["id"].as_str().unwrap_or_default().to_owned(),
         flags: texts(&subject["flags"]),
     };
-    Ok(subjects.filter(|subject| subject["state"] == "flagged").map(of).collect())
-}
-
-/// Returns the warnings that concern the whole group, from the results of the stages before the page. Warnings about
-/// single subjects are among their flags.
-pub(super) fn collect(plan: &Plan, subjects: &[Subject<'_>]) -> Result<Vec<String>> {
-    let report = read(&plan.check_report(), "report")?;
+    let flagged: Vec<Flagged> = subjects.filter(|subject| subject["state"] == "flagged").map(of).collect();
     let mut warnings = texts(&report["warnings"]);
-    if let Some(flagged) = report["flagged"].as_u64().filter(|count| *count > 0) {
+    if !flagged.is_empty() {
         warnings.push(format!(
             "{} flagged in the quality control, and part of the mean, the modes and the tests all the same",
-            counted(flagged as usize, "subject")
+            counted(flagged.len(), "subject")
         ));
     }
+    Ok((flagged, warnings))
+}
+
+/// Returns the warnings of the alignment and the tests about the whole group. Warnings about single subjects are among
+/// their flags.
+pub(super) fn of_group(plan: &Plan, subjects: &[Subject<'_>]) -> Result<Vec<String>> {
+    let mut warnings = Vec::new();
     if plan.alignment_warnings().is_file() {
         let ids: HashSet<&str> = subjects.iter().map(|subject| subject.id).collect();
-        let of_subject = |text: &String| text.match_indices(": ").any(|(at, _)| ids.contains(&text[..at]));
-        warnings.extend(report::warnings(&plan.alignment_warnings())?.into_iter().filter(|text| !of_subject(text)));
+        let of_group = |text: &String| subject_of(text, |id| ids.contains(id)).is_none();
+        warnings.extend(report::warnings(&plan.alignment_warnings())?.into_iter().filter(of_group));
     }
     for test in &plan.study.test {
         let about = plan.output.join("tests").join(&test.name).join("test.json");

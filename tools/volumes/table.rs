@@ -5,7 +5,7 @@ use std::collections::HashSet;
 use spharm::model::Provenance;
 use spharm::parametrize::volume::VoxelSteps;
 use spharm::shape::{Descriptors, Measures};
-use spharm_cohort::guarded;
+use spharm_cohort::cell;
 
 /// A row of the table: a label, or a volume that couldn't be read.
 #[derive(Clone)]
@@ -104,11 +104,6 @@ pub(super) fn with_earlier(earlier: &str, table: &str) -> String {
     table.to_owned() + &earlier.lines().filter(|line| !own.contains(&key(line))).filter_map(kept).collect::<String>()
 }
 
-/// Returns a cell's text on one line, escaped so that no spreadsheet interprets the text as a formula.
-fn text(cell: &str) -> String {
-    guarded(&plain(cell)).into_owned()
-}
-
 fn cells(row: &Row, max_degree: usize) -> Vec<String> {
     let or_none = |text: Option<String>| text.unwrap_or_else(|| NONE.to_owned());
     let number = |value: f64| format!("{value:?}");
@@ -121,7 +116,7 @@ fn cells(row: &Row, max_degree: usize) -> Vec<String> {
     let powers =
         (0..max_degree).map(|at| or_none(model.and_then(|m| m.descriptors.power.get(at).copied()).map(number)));
     let cells = [
-        text(&row.file),
+        cell(&row.file),
         or_none(row.label.map(|label| label.to_string())),
         state.to_owned(),
         or_none(row.border.map(|cut| if cut { "yes" } else { "no" }.to_owned())),
@@ -132,8 +127,8 @@ fn cells(row: &Row, max_degree: usize) -> Vec<String> {
         of(|model| model.measures.sphericity),
         or_none(model.and_then(|model| model.residual).map(number)),
         of(|model| model.descriptors.size()),
-        or_none(model.map(|model| text(&model.file))),
-        or_none(error.map(|error| text(error))),
+        or_none(model.map(|model| cell(&model.file))),
+        or_none(error.map(|error| cell(error))),
     ];
     cells.into_iter().chain(powers).collect()
 }
@@ -158,11 +153,6 @@ pub(super) fn repair(provenance: &Provenance) -> String {
         (cut, format!("{} cut", handles(cut))),
     ];
     parts.into_iter().filter(|(count, _)| *count > 0).map(|(_, text)| text).collect::<Vec<_>>().join(", ")
-}
-
-/// Replaces control characters, which could end the cell, with spaces.
-fn plain(text: &str) -> String {
-    text.replace(|c: char| c.is_control(), " ")
 }
 
 #[cfg(test)]

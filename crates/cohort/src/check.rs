@@ -12,13 +12,12 @@ mod flags;
 mod measure;
 
 use std::collections::HashMap;
-use std::rc::Rc;
 
 use spharm::fit_mesh::steps_of;
 use spharm::model::VoxelRecord;
 use spharm::parametrize::volume::VoxelSteps;
 use spharm::pose::IN_DOUBT;
-use spharm::shape::outliers::FAR;
+use spharm::shape::outliers::{FAR, LEAST, median};
 use spharm::shape::{MeasureParams, ShapeError, influential, measure, robust_z};
 use spharm::{FileRecord, Model, Monitor};
 
@@ -27,8 +26,6 @@ pub use self::flags::{Counts, Flag, Others, edges, number};
 pub use self::measure::Measure;
 use crate::equal::EqualSets;
 
-/// Number of subjects below which no values are compared, see [`outliers`](spharm::shape::outliers::outliers).
-const LEAST: usize = spharm::shape::outliers::LEAST;
 /// Share of the variance below which a mode isn't examined.
 const LEAST_VARIANCE: f64 = 0.05;
 
@@ -151,7 +148,7 @@ fn compare_measures(facts: &[Facts], checked: &mut [Checked]) {
         if values.len() < LEAST {
             continue;
         }
-        let median = spharm::shape::outliers::median(&values);
+        let median = median(&values);
         for ((z, value), subject) in robust_z(&values).into_iter().zip(values).zip(subjects) {
             checked[subject].z[measure as usize] = Some(z);
             if measure.is_far(z) {
@@ -203,35 +200,36 @@ fn compare_inputs(facts: &[Facts], checked: &mut [Checked]) {
             surfaces.entry(other.as_str()).or_default().push(&of.id);
         }
     }
-    let (inputs, models) = (by_name(inputs.sets()), by_name(models.sets()));
+    let (inputs, models) = (inputs.sets(), models.sets());
+    let (of_inputs, of_models) = (set_of_name(&inputs), set_of_name(&models));
     for (of, result) in facts.iter().zip(checked) {
         let id = of.id.as_str();
-        let others = |sets: &HashMap<&str, Rc<Vec<&str>>>| Some(Others::new(id, sets.get(id)?));
+        let others = |set: &Vec<&str>| Others::new(id, set);
         // Equal inputs give equal models, which are equal surfaces: one flag says all.
-        let flag = others(&inputs).map(Flag::SameInput).or_else(|| others(&models).map(Flag::SameModel));
-        let of_surfaces = || Some(Flag::SameSurface(Others::new(id, surfaces.get(id)?)));
-        result.flags.extend(flag.or_else(of_surfaces));
+        let same_input = of_inputs.get(id).map(|set| Flag::SameInput(others(set)));
+        let same_model = || of_models.get(id).map(|set| Flag::SameModel(others(set)));
+        let same_surface = || surfaces.get(id).map(|set| Flag::SameSurface(others(set)));
+        result.flags.extend(same_input.or_else(same_model).or_else(same_surface));
     }
 }
 
 /// Returns the set to which each name belongs.
-fn by_name(sets: Vec<Vec<&str>>) -> HashMap<&str, Rc<Vec<&str>>> {
-    let mut found = HashMap::new();
-    for set in sets.into_iter().map(Rc::new) {
-        found.extend(set.iter().map(|name| (*name, Rc::clone(&set))));
-    }
-    found
+fn set_of_name<'s, 'n>(sets: &'s [Vec<&'n str>]) -> HashMap<&'n str, &'s Vec<&'n str>> {
+    sets.iter().flat_map(|set| set.iter().map(move |name| (*name, set))).collect()
 }
 
 /// Returns the size of voxels that more than half of the subjects have; `None` if there is none.
 fn usual_voxels(facts: &[Facts]) -> Option<[f64; 3]> {
     let sizes: Vec<[f64; 3]> = facts.iter().filter_map(|of| Some(of.voxels?.size)).collect();
     // A size that more than half have is the median along each axis.
-    let median = std::array::from_fn(|axis| {
-        spharm::shape::outliers::median(&sizes.iter().map(|size| size[axis]).collect::<Vec<_>>())
-    });
+    let median = std::array::from_fn(|axis| median(&sizes.iter().map(|size| size[axis]).collect::<Vec<_>>()));
     let count = sizes.iter().filter(|size| same_size(**size, median)).count();
     (sizes.len() >= LEAST && 2 * count > sizes.len()).then_some(median)
+}
+
+/// Splits a warning `ID: text` into the id of its subject and the text; `None` if it begins with no known id.
+pub fn subject_of(warning: &str, is_id: impl Fn(&str) -> bool) -> Option<(&str, &str)> {
+    warning.match_indices(": ").map(|(at, end)| (&warning[..at], &warning[at + end.len()..])).find(|(id, _)| is_id(id))
 }
 
 /// Returns warnings about a group that can't be compared, or not completely.

@@ -63,7 +63,7 @@ mod status;
 mod table;
 
 pub use error::CohortError;
-pub use formulas::{guarded, unguarded};
+pub use formulas::{cell, guarded, unguarded};
 pub use manifest::{Manifest, Row, check_id};
 pub use merge::Merged;
 pub use shard::Shard;

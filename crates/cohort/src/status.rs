@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use crate::error::CohortError;
-use crate::formulas::{guarded, unguarded};
+use crate::formulas::{cell, unguarded};
 use crate::table::writer;
 
 /// Names of the columns, in order.
@@ -112,9 +112,8 @@ impl Entry {
         let number =
             |value: Option<f64>| value.filter(|value| value.is_finite()).map_or(String::new(), |v| format!("{v:e}"));
         let seconds = self.seconds.map_or(String::new(), |seconds| format!("{seconds:.3}"));
-        let plain = |text: &str| guarded(&text.replace(char::is_control, " ")).into_owned();
         let state = self.state.name().to_owned();
-        let (id, error, output) = (plain(&self.id), plain(&self.error), plain(&self.output));
+        let (id, error, output) = (cell(&self.id), cell(&self.error), cell(&self.output));
         line([id, state, number(self.msd), number(self.xsd), seconds, error, output])
     }
 }

@@ -78,16 +78,12 @@ pub fn write_thumbnail(path: impl AsRef<Path>, image: &Image, options: &WriteOpt
     let quantised = NeuQuant::new(1, THUMBNAIL_COLOURS, &rgba);
     let indices: Vec<u8> = rgba.chunks_exact(4).map(|pixel| quantised.index_of(pixel) as u8).collect();
     Ok(write_new(path, options.overwrite, |out| {
-        let size = |n: usize| u32::try_from(n).map_err(io::Error::other);
-        let mut encoder = png::Encoder::new(out, size(image.width)?, size(image.height)?);
+        let mut encoder = encoder(image, out)?;
         encoder.set_color(png::ColorType::Indexed);
-        encoder.set_depth(png::BitDepth::Eight);
         encoder.set_palette(quantised.color_map_rgb());
         encoder.set_compression(png::Compression::High);
         encoder.set_filter(png::Filter::NoFilter);
-        let mut writer = encoder.write_header().map_err(io::Error::other)?;
-        writer.write_image_data(&indices).map_err(io::Error::other)?;
-        writer.finish().map_err(io::Error::other)
+        write_pixels(encoder, &indices)
     })?)
 }
 
@@ -97,12 +93,22 @@ pub fn write_thumbnail(path: impl AsRef<Path>, image: &Image, options: &WriteOpt
 ///
 /// The errors of `out`, and an error for a picture of more than 2^32 - 1 pixels on a side.
 pub fn encode_png(image: &Image, out: &mut dyn Write) -> io::Result<()> {
+    let mut encoder = encoder(image, out)?;
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
+    write_pixels(encoder, image.pixels.as_flattened())
+}
+
+/// Returns an encoder for a picture's size, with eight bits per value.
+fn encoder<'a>(image: &Image, out: &'a mut dyn Write) -> io::Result<png::Encoder<'a, &'a mut dyn Write>> {
     let size = |n: usize| u32::try_from(n).map_err(io::Error::other);
     let mut encoder = png::Encoder::new(out, size(image.width)?, size(image.height)?);
-    encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
-    encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
+    Ok(encoder)
+}
+
+fn write_pixels(encoder: png::Encoder<'_, &mut dyn Write>, values: &[u8]) -> io::Result<()> {
     let mut writer = encoder.write_header().map_err(io::Error::other)?;
-    writer.write_image_data(image.pixels.as_flattened()).map_err(io::Error::other)?;
+    writer.write_image_data(values).map_err(io::Error::other)?;
     writer.finish().map_err(io::Error::other)
 }

@@ -3,6 +3,7 @@
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
+use spharm_shape::outliers::FAR;
 
 use crate::ReportError;
 use crate::text::{escape, name, number};
@@ -46,8 +47,6 @@ pub struct CheckedCell {
     pub far: bool,
 }
 
-/// Robust z above which a value is marked, as in [`spharm_shape::outliers`].
-const FAR: f64 = spharm_shape::outliers::FAR;
 /// Robust z above which a value is marked more strongly.
 const VERY_FAR: f64 = 3.0 * FAR;
 

@@ -25,13 +25,13 @@ pub struct Preparation {
 }
 
 impl Preparation {
-    /// Returns the changes that apply to a surface: none with a sphere, and no voxel size and no choice of the label's
-    /// surface for a surface that isn't a label's.
+    /// Returns the changes that apply to a surface: none with a sphere, and no voxel size for a surface that isn't a
+    /// label's.
     #[must_use]
     pub fn of(self, on_sphere: bool, label: Option<i64>) -> Self {
         match (on_sphere, label) {
             (true, _) => Self::default(),
-            (false, None) => Self { voxel_size: None, label_surface: LabelSurface::default(), ..self },
+            (false, None) => Self { voxel_size: None, ..self },
             (false, Some(_)) => self,
         }
     }

@@ -12,7 +12,7 @@ use spharm::shape::{ShapeError, Similarity, rmsd};
 use spharm::{Model, Monitor, Stage};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::paths::model_name;
-use spharm_cohort::check::{Facts, Measure};
+use spharm_cohort::check::{Facts, Measure, subject_of};
 use spharm_monitor::OnlyCancel;
 use spharm_surface::io::bytes_to_read;
 
@@ -154,10 +154,8 @@ impl Inputs {
 fn by_subject(texts: Vec<String>, places: &HashMap<&str, usize>, count: usize) -> Vec<Vec<String>> {
     let mut found = vec![Vec::new(); count];
     for text in texts {
-        let ends = text.match_indices(": ").map(|(at, _)| at);
-        let named = ends.into_iter().find_map(|at| Some((places.get(&text[..at])?, at)));
-        if let Some((place, at)) = named {
-            found[*place].push(text[at + 2..].to_owned());
+        if let Some((name, text)) = subject_of(&text, |name| places.contains_key(name)) {
+            found[places[name]].push(text.to_owned());
         }
     }
     found

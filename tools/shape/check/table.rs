@@ -1,8 +1,8 @@
 //! The table of the subjects: text for `quality.tsv`, and JSON for the page.
 
 use serde_json::{Value, json};
+use spharm_cohort::cell;
 use spharm_cohort::check::{Checked, Facts, Measure, edges};
-use spharm_cohort::guarded;
 
 use super::super::outputs::number;
 use super::gather::{State, WithoutModel};
@@ -145,23 +145,18 @@ pub(super) fn sort(lines: &mut [Line<'_>]) {
 pub(super) fn tsv(lines: &[Line<'_>]) -> String {
     let mut text = ["id", "state", "flags"].into_iter().chain(COLUMNS).collect::<Vec<_>>().join("\t") + "\n";
     for line in lines {
-        let cell = |value: Value| match value {
+        let text_of = |value: Value| match value {
             Value::Null => String::new(),
             Value::Bool(yes) => if yes { "yes" } else { "no" }.to_owned(),
-            Value::String(text) => plain(&text),
+            Value::String(text) => cell(&text),
             Value::Number(found) => match found.as_f64() {
                 Some(value) if found.is_f64() => number(value),
                 _ => found.to_string(),
             },
             other => other.to_string(),
         };
-        let own = [plain(line.id), line.state.to_string(), plain(&line.why())];
-        text += &(own.into_iter().chain(line.values().map(cell)).collect::<Vec<_>>().join("\t") + "\n");
+        let own = [cell(line.id), line.state.to_string(), cell(&line.why())];
+        text += &(own.into_iter().chain(line.values().map(text_of)).collect::<Vec<_>>().join("\t") + "\n");
     }
     text
-}
-
-/// Returns a cell's text on one line, escaped so that no spreadsheet interprets the text as a formula.
-fn plain(text: &str) -> String {
-    guarded(&text.replace(['\t', '\n', '\r'], " ")).into_owned()
 }

@@ -33,6 +33,13 @@ impl Measure {
         }
     }
 
+    /// Returns the measure with this key in reports of `shape check`; `None` if there is none.
+    #[must_use]
+    pub fn with_key(key: &str) -> Option<Self> {
+        let keys = ["volume", "area", "sphericity", "rms", "distance"];
+        keys.into_iter().zip(Self::ALL).find(|(known, _)| *known == key).map(|(_, measure)| measure)
+    }
+
     /// Returns whether a value with this robust z is flagged. Small residuals and distances aren't suspicious.
     #[must_use]
     pub fn is_far(self, z: f64) -> bool {
