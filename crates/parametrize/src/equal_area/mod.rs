@@ -9,7 +9,9 @@
 //!   and angles (section 3.2 of the paper).
 //!
 //! This goes beyond the paper if voxels aren't cubes: each quadrangle's share of the sphere is then its share of the
-//! surface in mm^2, and the ratio of its side lengths is taken into account (`targets`).
+//! surface in mm^2, and the ratio of its side lengths is taken into account (`targets`). On a smooth surface of a label
+//! these are the shares and sides of the smooth quadrangles. Where a label is one voxel thin, some of them are so narrow
+//! that no such map is one to one; then the voxels' faces determine the shares.
 //!
 //! In the result each quadrangle is cut along one diagonal into two triangles, which are positively oriented on the
 //! sphere. Surface and sphere have the same triangles.
@@ -46,7 +48,6 @@ pub fn equal_area(
     params: &EqualAreaParams,
     monitor: &dyn Monitor,
 ) -> Result<Parametrization, ParametrizeError> {
-    const REMEDY: &str = "smooth the label, or map its surface by another method";
     let started = Instant::now();
     if quads.components() != 1 || quads.euler_characteristic() != 2 || quads.pinched_edges() > 0 {
         let (count, chi) = (quads.components(), quads.euler_characteristic());
@@ -54,13 +55,32 @@ pub fn equal_area(
         return Err(ParametrizeError::BadSurface { problems, handles: 0, remedy: "repair the label" });
     }
     monitor.check()?;
-    let targets = Targets::of(quads);
     let start = initial::positions(quads)?;
-    let found = optimise::optimise(&quads.quads, &targets, start, params, monitor)?;
+    if let Some(smooth) = &quads.smooth {
+        let targets = Targets::of(quads, smooth);
+        match mapped(quads, &targets, start.clone(), params, started, monitor) {
+            Err(ParametrizeError::NotBijective { .. }) => {}
+            found => return found,
+        }
+    }
+    mapped(quads, &Targets::of(quads, &quads.vertices), start, params, started, monitor)
+}
+
+/// Returns the map of given targets, from a start.
+fn mapped(
+    quads: &QuadMesh,
+    targets: &Targets,
+    start: Vec<Vec3>,
+    params: &EqualAreaParams,
+    started: Instant,
+    monitor: &dyn Monitor,
+) -> Result<Parametrization, ParametrizeError> {
+    const REMEDY: &str = "smooth the label, or map its surface by another method";
+    let found = optimise::optimise(&quads.quads, targets, start, params, monitor)?;
     let from_second: Vec<bool> = quads.quads.iter().map(|quad| cut_from_second(&found.positions, quad)).collect();
     let surface = quads.triangles(|q| from_second[q]);
     let sphere = Mesh::new(found.positions, surface.faces.clone());
-    let deviation = deviation(quads, &targets, &sphere.vertices);
+    let deviation = deviation(quads, targets, &sphere.vertices);
     let mut map = Parametrization::checked("equal-area", surface, sphere, started, REMEDY)?;
     map.report.iterations = found.steps;
     map.report.converged = found.converged;
@@ -69,15 +89,17 @@ pub fn equal_area(
     Ok(map)
 }
 
-/// Returns the largest relative deviation of a quadrangle's area on the sphere from its target. The target is the
-/// quadrangle's share of the surface's area.
+/// Returns the largest relative deviation of a quadrangle's area on the sphere from its share of the surface's area. For
+/// a smooth surface this is the share of the smooth quadrangles or of the voxels' faces, whichever deviates less, as the
+/// map has either.
 ///
 /// # Panics
 ///
 /// When `sphere` has fewer points than the surface has vertices.
 #[must_use]
 pub fn area_deviation(quads: &QuadMesh, sphere: &[[f64; 3]]) -> f64 {
-    deviation(quads, &Targets::of(quads), sphere)
+    let of = |positions: &Vec<[f64; 3]>| deviation(quads, &Targets::of(quads, positions), sphere);
+    quads.smooth.as_ref().map_or(f64::INFINITY, of).min(of(&quads.vertices))
 }
 
 fn deviation(quads: &QuadMesh, targets: &Targets, sphere: &[[f64; 3]]) -> f64 {

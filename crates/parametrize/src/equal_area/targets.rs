@@ -29,9 +29,10 @@ pub(super) struct Targets {
 }
 
 impl Targets {
-    pub(super) fn of(quads: &QuadMesh) -> Self {
+    /// Returns the targets of quadrangles whose vertices have the given positions.
+    pub(super) fn of(quads: &QuadMesh, positions: &[Vec3]) -> Self {
         let count = quads.quads.len();
-        let corners = |quad: &[u32; 4]| quad.map(|v| quads.vertices[v as usize]);
+        let corners = |quad: &[u32; 4]| quad.map(|v| positions[v as usize]);
         let sides: Vec<[f64; 4]> = quads.quads.iter().map(|quad| sides(corners(quad))).collect();
         let areas: Vec<f64> = quads.quads.iter().map(|quad| area(corners(quad))).collect();
         let mean = 4.0 * PI / count as f64;

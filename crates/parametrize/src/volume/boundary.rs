@@ -18,8 +18,7 @@ pub struct QuadMesh {
     pub vertices: Vec<[f64; 3]>,
     /// The four vertices of each quadrangle, counter-clockwise seen from outside.
     pub quads: Vec<[u32; 4]>,
-    /// Positions of the vertices on the smooth surface, which [`triangles`](Self::triangles) has, if there is one. The
-    /// map to the sphere depends on the quadrangles' own positions alone.
+    /// Positions of the vertices on the smooth surface, which [`triangles`](Self::triangles) has, if there is one.
     pub(crate) smooth: Option<Vec<[f64; 3]>>,
     /// The twin of each edge. Edge 4 q + k runs from corner k of quadrangle q to the next corner; its twin 4 q' + k' is
     /// the same edge as part of the neighbouring quadrangle q'.
