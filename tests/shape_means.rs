@@ -13,7 +13,7 @@ use crate::common::{error_line, fail, finish, succeed, text, tool};
 
 /// Creates models of balls of radius `radius(subject, year)` in `year1` and `year2`, and the table `t.csv` of the
 /// subjects.
-fn site(radius: impl Fn(usize, usize) -> f64) -> tempfile::TempDir {
+pub(crate) fn site(radius: impl Fn(usize, usize) -> f64) -> tempfile::TempDir {
     let site = tempfile::tempdir().expect("a folder");
     for year in [1, 2] {
         let folder = site.path().join(format!("year{year}"));
@@ -42,13 +42,13 @@ fn site(radius: impl Fn(usize, usize) -> f64) -> tempfile::TempDir {
     site
 }
 
-fn test(site: &Path, arguments: &[&str]) -> std::process::Command {
+pub(crate) fn test(site: &Path, arguments: &[&str]) -> std::process::Command {
     let mut command = tool("shape");
     command.arg("test").args(arguments).args(["--icosphere", "1"]).current_dir(site);
     command
 }
 
-fn report(site: &Path, arguments: &[&str], name: &str) -> Value {
+pub(crate) fn report(site: &Path, arguments: &[&str], name: &str) -> Value {
     succeed(test(site, arguments).args(["-q", "-o", name, "--report"]).arg(format!("{name}.json")));
     serde_json::from_str(&fs::read_to_string(site.join(format!("{name}.json"))).expect("a report")).expect("JSON")
 }

@@ -42,6 +42,7 @@ mod rerun_settings;
 mod reruns;
 mod resumed;
 mod shape;
+mod shape_inference;
 mod shape_means;
 mod shape_study;
 mod store;

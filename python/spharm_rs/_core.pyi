@@ -454,6 +454,7 @@ def shape_test(
     values: _Floats,
     components: int,
     asked: dict[str, Any],
+    inference: dict[str, Any],
     *,
     welch: bool,
     permutations: int,

@@ -12,6 +12,7 @@ from . import _arrays, _core
 from ._arrays import Floats
 from ._model import Model, sphere_arrays, warn
 from ._progress import Progress, callback
+from ._shape_inference import Cluster, column, inference_of, levels_of, tested_surface
 from ._shape_poses import cores
 from ._surface import icosphere, named_icosphere
 
@@ -113,31 +114,11 @@ def _measured(
 Cells = Union[Floats, "list[str]"]
 
 
-def _levels(what: str, cells: Any) -> tuple[list[str], list[str]]:
-    """Returns the level of each subject, and the distinct levels in order."""
-    if cells.dtype.kind in "biu":
-        order = np.unique(cells)
-        return [str(cell) for cell in cells.tolist()], [str(level) for level in order.tolist()]
-    if cells.dtype.kind == "f" and np.isfinite(cells).all():
-        return [str(cell) for cell in cells.tolist()], [str(level) for level in np.unique(cells).tolist()]
-    found = cells.tolist()
-    if cells.dtype.kind in "UO" and all(isinstance(cell, str) for cell in found):
-        return found, sorted(set(found))
-    raise ValueError(f"{what}: expected a level for each subject, all names or all numbers; found {found!r}")
-
-
-def _column(what: str, values: Any, count: int) -> Any:
-    cells = np.asarray(values)
-    if cells.shape != (count,):
-        raise ValueError(f"{what}: expected shape ({count},), one for each subject; found {cells.shape}")
-    return cells
-
-
 def _numbers_or_levels(what: str, values: Any, count: int) -> Cells:
-    cells = _column(what, values, count)
+    cells = column(what, values, count)
     if cells.dtype.kind in "iuf":
         return _arrays.real(what, cells, f"({count},)")
-    return _levels(what, cells)[0]
+    return levels_of(what, cells)[0]
 
 
 def _covariates(given: Any, count: int) -> list[tuple[str, Cells]]:
@@ -176,10 +157,10 @@ def _asked(
         asked["contrast"] = np.atleast_2d(weights)
         return asked
     if groups is not None:
-        asked["effect"], order = _levels("groups", _column("groups", groups, count))
+        asked["effect"], order = levels_of("groups", column("groups", groups, count))
         asked["levels"] = order if levels is None else [str(level) for level in levels]
     elif not mean:
-        numbers = _arrays.real("effect", _column("effect", effect, count), f"({count},)")
+        numbers = _arrays.real("effect", column("effect", effect, count), f"({count},)")
         asked.update(name="effect", effect=numbers)
     asked["covariates"] = _covariates(covariates, count)
     return asked
@@ -228,6 +209,14 @@ class TestResult:
         Whether all possible relabellings were used.
     smallest_p : float or None
         The smallest p value that these relabellings can give.
+    tfce, p_tfce : ndarray of float, (V,), or None
+        Threshold-free cluster enhancement, with the sign of the statistic, and its family-wise p values.
+    clusters : list of Cluster, or None
+        Clusters by decreasing area.
+    cluster_of : ndarray of int, (V,), or None
+        Number of each vertex's cluster, from 1 for the first of ``clusters``; 0 for none.
+    cluster_threshold : float or None
+        Statistic from which vertices form clusters.
     warnings : tuple of str
     mean : Model or None
         Mean of the models, if models were given.
@@ -253,6 +242,11 @@ class TestResult:
     relabellings: int
     exact: bool
     smallest_p: float | None
+    tfce: Floats | None
+    p_tfce: Floats | None
+    clusters: list[Cluster] | None
+    cluster_of: np.ndarray[Any, np.dtype[np.int64]] | None
+    cluster_threshold: float | None
     warnings: tuple[str, ...]
     mean: Model | None
 
@@ -280,6 +274,13 @@ def test(
     sphere: Any = 5,
     degree: int | None = None,
     welch: bool = False,
+    blocks: Any = None,
+    whole_blocks: bool = False,
+    variance_groups: Any = None,
+    errors: str | None = None,
+    tfce: bool = False,
+    cluster: float | None = None,
+    surface: Any = None,
     permutations: int = 10_000,
     seed: int = 0,
     confidence: float = 0.95,
@@ -290,10 +291,10 @@ def test(
     """Tests groups, a slope, a mean, or a contrast at every vertex, with family-wise and false-discovery control.
 
     At each vertex a linear model is tested: by t, by F for more than two groups, by Hotelling's T-squared for
-    positions. Rows have to be independent subjects. Family-wise p values come from the largest statistic of relabelled
-    studies; all relabellings are used if there are at most 20,000. Relabellings exchange subjects. For means, where
-    exchanges change nothing, and for Welch's test, they flip the signs of residuals. If neither changes the statistic,
-    `p_fwe` is None, with a warning.
+    positions. Rows have to be independent subjects, unless ``blocks`` say otherwise. Family-wise p values come from the
+    largest statistic of relabelled studies; all relabellings are used if there are at most 20,000. Relabellings exchange
+    subjects. For means, where exchanges change nothing, and for unequal variances, they flip the signs of residuals. If
+    neither changes the statistic, `p_fwe` is None, with a warning.
 
     Parameters
     ----------
@@ -324,6 +325,26 @@ def test(
         Highest degree of models; by default the lowest degree among them.
     welch : bool
         Use Welch's test, for two groups of unequal variance without covariates.
+    blocks : array_like, (n,), optional
+        Exchangeability block of each row, a name or a number: rows of the same block depend on each other, such as visits
+        of a subject. Relabellings stay within blocks. With an effect within blocks, and the blocks as a covariate of
+        names, this is the paired test.
+    whole_blocks : bool
+        Exchange whole blocks of the same size, with the order of their rows, and flip the signs of whole blocks, instead.
+    variance_groups : array_like, (n,), optional
+        Group of each row, a name or a number, whose variances may differ: the statistic is Aspin and Welch's v, or G for
+        several contrasts (Winkler et al. 2014). For values of one component.
+    errors : {"exchangeable", "symmetric", "both"}, optional
+        Assumption about the errors, on which the relabellings rest: exchange rows, flip signs, or both. By default
+        exchangeable; symmetric for means, for ``welch`` and for ``variance_groups``.
+    tfce : bool
+        Compute threshold-free cluster enhancement, of extent to the power of 1 and height to the power of 2.
+    cluster : float, optional
+        Uncorrected p value below which vertices form clusters; 0.001 is usual. Their family-wise p values are those of
+        their areas.
+    surface : Surface or what `spharm_rs.as_surface` takes, optional
+        The surface at whose vertices values were measured, for ``tfce`` and ``cluster``. By default the mean of the
+        models; for a signal, the sphere.
     permutations : int
         Number of random relabellings, at most 100,000,000; 0 for none.
     seed : int
@@ -352,6 +373,14 @@ def test(
     >>> change = sp.shape.test(later, minus=values, mean=True, covariates={"age": np.arange(30, 80, 5.0)})
     >>> change.resampling, bool((change.p_fwe < 0.01).all())
     ('sign flips', True)
+
+    Two visits of ten subjects, as rows that are exchanged within each subject:
+
+    >>> visits, subject = np.concatenate([values, later]), np.tile(np.arange(10), 2)
+    >>> time, names = np.repeat([0.0, 1.0], 10), subject.astype(str)
+    >>> paired = sp.shape.test(visits, effect=time, covariates={"subject": names}, blocks=names)
+    >>> paired.relabellings, bool((paired.p_fwe < 0.01).all())
+    (1024, True)
     """
     average: Model | None = None
     noted: tuple[str, ...] = ()
@@ -370,10 +399,17 @@ def test(
                 raise ValueError(f"minus: expected shape {values.shape}, found {others.shape}")
             values = values - others
     components = values.shape[2] if values.ndim == 3 else 1
+    inference = inference_of(
+        len(values), values.shape[1], errors, blocks, whole_blocks, variance_groups, tfce, cluster,
+        tested_surface(surface, sphere, average, signal) if tfce or cluster is not None else None,
+    )  # fmt: skip
+    if (tfce or cluster is not None) and not permutations:
+        raise ValueError("tfce, cluster: expected permutations of 1 or more, found 0")
     found = _core.shape_test(
         values.reshape(len(values), values.shape[1] * components),
         components,
         _asked(len(values), groups, effect, bool(mean), design, contrast, covariates, levels),
+        inference,
         welch=bool(welch),
         permutations=_arrays.whole("permutations", permutations),
         seed=_arrays.whole("seed", seed),
@@ -399,6 +435,11 @@ def test(
         relabellings=found.pop("relabellings", 0),
         exact=found.pop("exact", False),
         smallest_p=found.pop("smallest_p", None),
+        tfce=found.pop("tfce", None),
+        p_tfce=found.pop("p_tfce", None),
+        clusters=None if "clusters" not in found else [Cluster(*cluster) for cluster in found.pop("clusters")],
+        cluster_of=found.pop("cluster_of", None),
+        cluster_threshold=found.pop("cluster_threshold", None),
         warnings=noted + warnings,
         mean=average,
         **found,

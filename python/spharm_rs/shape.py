@@ -33,6 +33,7 @@ from ._model import Model, sphere_arrays, warn
 from ._model import core as _model
 from ._progress import Progress, callback
 from ._shape_correspond import Carried, Group, Member, correspond
+from ._shape_inference import Cluster
 from ._shape_modes import Modes, Quality, pca
 from ._shape_morph import Morph, morph
 from ._shape_poses import Alignment, Procrustes, Transform, align, mean, procrustes, rotate
@@ -45,6 +46,7 @@ from .errors import SpharmWarning
 __all__ = [
     "Alignment",
     "Carried",
+    "Cluster",
     "Curve",
     "Field",
     "Geometry",

@@ -19,18 +19,22 @@ use spharm_surface::io::{read_mesh, read_signal};
 use super::args::Cli;
 
 /// Maps in the order in which the page lists their names; `spharm shape test` writes some of them.
-const MAPS: [&str; 12] = [
+const MAPS: [&str; 16] = [
     "effect",
     "effect-x",
     "effect-y",
     "effect-z",
     "statistic",
     "p-fwe",
+    "p-tfce",
+    "p-cluster",
     "q",
     "p",
     "p-permutation",
     "size",
     "margin",
+    "tfce",
+    "cluster",
     "value",
 ];
 /// File in a test's folder that describes the test.

@@ -5,8 +5,9 @@ use spharm::shape::stats::{Column, question};
 use spharm_cli::output::counted;
 
 use super::LEAST;
-use super::config::{Method, Test};
+use super::config::Method;
 use super::plan::Plan;
+use super::test::Test;
 use crate::shape::table::{column_of, is_missing, no_number};
 
 /// Refuses a study that would fail after its fits, or give misleading results.

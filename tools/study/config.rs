@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use serde::Deserialize;
-use spharm::shape::stats::MAX_RELABELLINGS;
 use spharm_cli::inputs::read_text;
 use toml::{Table, Value};
 
 use super::exclusion::{Named, check_list};
+use super::test::{KEYS, Test};
 use crate::shape::correspond::surfaces::With;
 
 /// Contents of a study file; paths are as written in the file.
@@ -178,20 +178,6 @@ pub(super) struct Page {
     pub(super) subjects: bool,
 }
 
-#[derive(Debug, Clone, PartialEq, Default, Deserialize)]
-#[serde(default)]
-pub(super) struct Test {
-    pub(super) name: String,
-    pub(super) effect: String,
-    pub(super) levels: Vec<String>,
-    pub(super) covariates: Vec<String>,
-    /// Columns whose numbers are levels of a factor.
-    pub(super) categorical: Vec<String>,
-    pub(super) signal: Option<String>,
-    pub(super) welch: bool,
-    pub(super) permutations: Option<usize>,
-}
-
 /// Keys of each section: the section's name, the number of required keys, and all keys, the required ones first.
 const SECTIONS: [(&str, usize, &[&str]); 8] = [
     ("", 0, &["title", "output", "subjects", "fit", "align", "modes", "quality", "test", "page"]),
@@ -201,7 +187,7 @@ const SECTIONS: [(&str, usize, &[&str]); 8] = [
     ("modes", 0, &["count"]),
     ("quality", 0, &["plain"]),
     ("page", 0, &["subjects"]),
-    ("test", 2, &["name", "effect", "levels", "covariates", "categorical", "signal", "welch", "permutations"]),
+    ("test", 2, &KEYS),
 ];
 
 /// Largest size of a study file, in bytes.
@@ -245,17 +231,7 @@ impl Study {
             if self.test[..index].iter().any(|other| other.name == test.name) {
                 bail!("test {:?}: the name is used twice", test.name);
             }
-            if let Some(name) =
-                test.categorical.iter().find(|name| **name != test.effect && !test.covariates.contains(name))
-            {
-                bail!("test {:?}: categorical: {name:?} is neither the effect nor one of the covariates", test.name);
-            }
-            if let Some(count) = test.permutations.filter(|count| *count > MAX_RELABELLINGS) {
-                bail!("test {:?}: permutations: expected at most {MAX_RELABELLINGS}, found {count}", test.name);
-            }
-            if let Some(signal) = test.signal.as_deref().filter(|signal| !["normal", "position"].contains(signal)) {
-                bail!("test {:?}: signal: expected \"normal\" or \"position\", found {signal:?}", test.name);
-            }
+            test.check().with_context(|| format!("test {:?}", test.name))?;
         }
         Ok(())
     }
@@ -373,6 +349,10 @@ mod tests {
             ("max_degree = 15", "max_degree = ", "line "),
             ("max_degree = 15", "max_degree = 0", "at least 1"),
             ("name = \"group\"", "name = \"../group\"", "letters, digits"),
+            ("# tfce = true", "errors = \"normal\"\n#", "expected exchangeable, symmetric or both, found \"normal\""),
+            ("# tfce = true", "cluster = 2.0\n#", "above 0 and below 1, found 2"),
+            ("# tfce = true", "whole_blocks = true\n#", "whole_blocks: expected blocks"),
+            ("# tfce = true", "tfce = true\npermutations = 0\n#", "need relabellings"),
         ] {
             assert!(TEMPLATE.contains(from), "{from}");
             let error = format!("{:#}", Study::parse(&TEMPLATE.replace(from, to)).unwrap_err());

@@ -20,6 +20,7 @@ mod stage;
 mod stages;
 mod subjects;
 mod surfaces;
+mod test;
 mod tidy;
 mod warnings;
 

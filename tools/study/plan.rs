@@ -74,7 +74,7 @@ impl Plan {
             );
         }
         for test in &study.test {
-            for column in std::iter::once(&test.effect).chain(&test.covariates) {
+            for column in test.columns() {
                 if !manifest.columns.contains(column) {
                     bail!(
                         "{}: test {:?}: {} has no column {column:?}; it has {}",

@@ -4,10 +4,11 @@ use std::path::{Path, PathBuf};
 
 use spharm_cohort::Shard;
 
-use super::config::{Method, Test};
+use super::config::Method;
 use super::plan::{PLAIN, Plan, Subject, text};
 use super::stage::Stage;
 use super::surfaces::signal_column;
+use super::test::Test;
 use crate::shape::correspond::surfaces::With;
 
 /// Name of the stage of the quality control.
@@ -189,16 +190,15 @@ impl Plan {
         let (table_text, folder_text) = (text(&table), text(&folder));
         let (levels, covariates) = (test.levels.join(","), test.covariates.join(","));
         let categorical = test.categorical.join(",");
-        let permutations = test.permutations.map(|count| count.to_string());
+        let inference = test.inference();
         let mut arguments = vec!["shape", "test", "--table", &table_text, "--effect", &test.effect, "-o", &folder_text];
         for (flag, value) in [("--levels", &levels), ("--covariates", &covariates), ("--categorical", &categorical)] {
             if !value.is_empty() {
                 arguments.extend([flag, value.as_str()]);
             }
         }
-        arguments.extend(test.welch.then_some("--welch"));
         arguments.extend(test.signal.iter().flat_map(|signal| ["--signal", signal.as_str()]));
-        arguments.extend(permutations.iter().flat_map(|count| ["--permutations", count.as_str()]));
+        arguments.extend(inference.iter().map(String::as_str));
         let mut inputs: Vec<PathBuf> = std::iter::once(table.clone()).chain(aligned.iter().cloned()).collect();
         let group = text(&self.group_file());
         if self.method == Method::Correspond {
@@ -206,8 +206,7 @@ impl Plan {
             inputs.push(self.group_file());
         }
         let tested = self.stage(&name, words(&arguments), &inputs, [folder.clone()]);
-        let map = if test.permutations == Some(0) { "q" } else { "p-fwe" };
-        let (mean, map) = (folder.join("mean.surf.gii"), folder.join(format!("{map}.shape.gii")));
+        let (mean, map) = (folder.join("mean.surf.gii"), folder.join(format!("{}.shape.gii", test.map())));
         let picture = self.output.join("figures").join(format!("{}.png", test.name));
         let drawn = self.stage(
             &format!("picture.{}", test.name),

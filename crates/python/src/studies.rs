@@ -7,8 +7,8 @@ use pyo3::types::PyDict;
 use spharm::Kind;
 use spharm::model::made;
 use spharm::shape::stats::{
-    Column, Contrast, Design, FamilyWise, PermutationParams, Question, Statistic, TestParams, mean_question, question,
-    test,
+    Blocks, Clusters, Column, Contrast, Design, Exchange, FamilyWise, PermutationParams, Question, SpatialParams,
+    Statistic, SurfaceGraph, TestParams, Tfce, mean_question, numbered, question, test,
 };
 use spharm::shape::{Measurement, ShapeError, measure_group};
 
@@ -104,15 +104,54 @@ impl Asked<'_> {
     }
 }
 
+/// Settings of relabellings, and of statistics of regions on a surface of vertices (V, 3) and triangles.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct Inference<'py> {
+    errors: Option<String>,
+    blocks: Option<Vec<String>>,
+    whole_blocks: bool,
+    variance_groups: Option<Vec<String>>,
+    tfce: bool,
+    cluster: Option<f64>,
+    surface: Option<(Positions<'py>, PyReadonlyArray2<'py, i64>)>,
+}
+
+impl Inference<'_> {
+    fn params(&self) -> Result<TestParams, Failure> {
+        let exchange = if self.whole_blocks { Exchange::Whole } else { Exchange::Within };
+        let spatial = match &self.surface {
+            Some((vertices, faces)) => {
+                let vertices: Vec<[f64; 3]> =
+                    vertices.as_array().rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect();
+                let index = |index: i64| u32::try_from(index).unwrap_or(u32::MAX);
+                let faces: Vec<[u32; 3]> =
+                    faces.as_array().rows().into_iter().map(|row| [row[0], row[1], row[2]].map(index)).collect();
+                let surface = SurfaceGraph::new(&vertices, &faces)?;
+                Some(SpatialParams { surface, tfce: self.tfce, cluster: self.cluster })
+            }
+            None => None,
+        };
+        Ok(TestParams {
+            errors: self.errors.as_ref().and_then(|errors| errors.parse().ok()),
+            blocks: self.blocks.as_ref().map(|names| Blocks::new(names, exchange)),
+            variance_groups: self.variance_groups.as_ref().map(numbered),
+            spatial,
+            ..TestParams::default()
+        })
+    }
+}
+
 /// Tests values, (n, V d), at V vertices with d components each.
 #[pyfunction]
-#[pyo3(signature = (values, components, asked, *, welch, permutations, seed, confidence, level, threads = None, progress = None))]
+#[pyo3(signature = (values, components, asked, inference, *, welch, permutations, seed, confidence, level, threads = None, progress = None))]
 #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
 pub(crate) fn shape_test<'py>(
     py: Python<'py>,
     values: PyReadonlyArray2<'py, f64>,
     components: usize,
     asked: Asked<'py>,
+    inference: Inference<'py>,
     welch: bool,
     permutations: usize,
     seed: u64,
@@ -122,7 +161,13 @@ pub(crate) fn shape_test<'py>(
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let relabel = PermutationParams { count: permutations, seed, ..PermutationParams::default() };
-    let params = TestParams { permutations: (permutations > 0).then_some(relabel), welch, confidence, level };
+    let params = TestParams {
+        permutations: (permutations > 0).then_some(relabel),
+        welch,
+        confidence,
+        level,
+        ..inference.params().map_err(|failure| crate::errors::exception(py, failure))?
+    };
     let values = values.as_array();
     let question = asked.question(values.nrows()).map_err(|failure| crate::errors::exception(py, failure))?;
     let (design, contrast) = (&question.design, &question.contrast);
@@ -146,7 +191,18 @@ pub(crate) fn shape_test<'py>(
     result.set_item("statistic", array(found.statistic))?;
     result.set_item("p", array(found.p))?;
     result.set_item("q", array(found.q))?;
-    if let Some(FamilyWise { p, pointwise, resampling, relabellings, exact, floor }) = found.family_wise {
+    if let Some(FamilyWise { p, pointwise, resampling, relabellings, exact, floor, tfce, clusters }) = found.family_wise
+    {
+        if let Some(Tfce { statistic, p }) = tfce {
+            result.set_item("tfce", array(statistic))?;
+            result.set_item("p_tfce", array(p))?;
+        }
+        if let Some(Clusters { threshold, of, clusters }) = clusters {
+            let list: Vec<_> = clusters.iter().map(|c| (c.vertices, c.area, c.peak, c.statistic, c.p)).collect();
+            result.set_item("cluster_of", of.into_iter().map(i64::from).collect::<Vec<_>>().into_pyarray(py))?;
+            result.set_item("clusters", list)?;
+            result.set_item("cluster_threshold", threshold)?;
+        }
         result.set_item("p_fwe", array(p))?;
         result.set_item("p_permutation", array(pointwise))?;
         result.set_item("resampling", resampling.name())?;

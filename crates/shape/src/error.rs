@@ -36,6 +36,35 @@ pub enum ShapeError {
         /// Number of the group, from 1.
         group: usize,
     },
+    /// A variance group in which the design leaves no errors, so that its variance can't be estimated.
+    #[error(
+        "variance group {group} ({subjects} subjects): the design leaves no errors in this group; join it with another \
+         group, or leave out columns of the design"
+    )]
+    VarianceGroup {
+        /// Number of the group, from 1.
+        group: usize,
+        /// Number of its subjects.
+        subjects: usize,
+    },
+    /// Relabellings that were asked for, but leave the statistics unchanged.
+    #[error(
+        "{} leave the statistics of this contrast unchanged{}: {}",
+        .resampling.name(),
+        if *.blocks { " in these blocks" } else { "" },
+        if *.blocks {
+            "blocks have to differ within themselves in the tested columns if their members are exchanged, or from each \
+             other if whole blocks are"
+        } else {
+            "choose another assumption about the errors"
+        }
+    )]
+    NoRelabelling {
+        /// The kind of relabelling.
+        resampling: crate::stats::Resampling,
+        /// Whether exchangeability blocks were given.
+        blocks: bool,
+    },
     /// A column of a design that is a linear combination of other columns, so that its effect can't be separated from
     /// their effects.
     #[error(

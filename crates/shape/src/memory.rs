@@ -87,6 +87,13 @@ impl GroupSizes {
     }
 }
 
+/// Returns the bytes that the statistics of regions of a test at `vertices` vertices take: maps of a batch of
+/// relabellings and a forest per thread, and the graph of the surface.
+#[must_use]
+pub fn regions_bytes(vertices: u64, threads: usize) -> u64 {
+    vertices.saturating_mul((64 * 8 + 72) * threads as u64 + 200)
+}
+
 /// Returns the bytes that one alignment at degree L takes in addition to the coefficients, see
 /// [`align`](mod@crate::align): at most 8 starts, and a grid of bandwidth 8.
 #[must_use]

@@ -9,7 +9,7 @@
 //!
 //! is tested: t for d = 1, Hotelling's `T^2` for d > 1, F for several contrasts at once. To compare two groups, use a
 //! design with one column for each group and the contrast (1, -1): this is the pooled t test. Rows must be independent
-//! subjects; for repeated measurements, take each subject's difference and test its mean.
+//! subjects, unless [`Blocks`] say which of them depend on each other.
 //!
 //! # Modules
 //!
@@ -20,6 +20,9 @@
 //! | [`linear`] | statistics, p values, effects and their confidence intervals at each vertex |
 //! | [`welch`] | two groups of unequal variance |
 //! | `variances` | the warning of unequal variances |
+//! | `aspin_welch` | groups of observations that differ in variance, in any design |
+//! | [`blocks`] | observations that depend on each other |
+//! | [`spatial`] | TFCE and clusters |
 //! | [`permutation`] | family-wise p values by the largest statistic of relabelled studies |
 //! | `resampling` | the choice between permutations of subjects and sign flips |
 //! | [`arrangements`] | relabellings, exhaustive or random |
@@ -45,6 +48,8 @@
 //! ```
 
 pub mod arrangements;
+mod aspin_welch;
+pub mod blocks;
 pub mod design;
 pub mod distributions;
 mod explained;
@@ -53,6 +58,7 @@ pub mod linear;
 pub mod permutation;
 mod projection;
 mod resampling;
+pub mod spatial;
 pub mod study;
 #[cfg(test)]
 mod tests;
@@ -65,10 +71,12 @@ use spharm_monitor::Monitor;
 
 use crate::ShapeError;
 
+pub use blocks::{Blocks, Exchange, numbered};
 pub use design::{Contrast, Design};
 pub use linear::{Effect, Statistic};
 pub use permutation::{FamilyWise, MAX_RELABELLINGS, PermutationParams};
 pub use resampling::Resampling;
+pub use spatial::{Cluster, Clusters, SpatialParams, SurfaceGraph, Tfce};
 pub use study::{Column, Question, mean_question, question};
 
 /// Settings of a test.
@@ -78,6 +86,16 @@ pub struct TestParams {
     pub permutations: Option<PermutationParams>,
     /// Whether two groups are tested by Welch's t or its `T^2` instead of the pooled statistic. Default: no.
     pub welch: bool,
+    /// Variance group of each subject, numbered from 0, (n): the statistic is Aspin and Welch's v, or G for several
+    /// contrasts. Default: one group, with the pooled statistic.
+    pub variance_groups: Option<Vec<usize>>,
+    /// The kind of relabelling, and so the assumption about the errors. Default: permutations of subjects; sign flips
+    /// for means, where permutations change nothing, and for unequal variances.
+    pub errors: Option<Resampling>,
+    /// Exchangeability blocks, which restrict relabellings. Default: all subjects are exchangeable.
+    pub blocks: Option<Blocks>,
+    /// Statistics of regions. Default: none.
+    pub spatial: Option<SpatialParams>,
     /// The coverage of confidence intervals of the effect, in (0, 1). Default: 0.95.
     pub confidence: f64,
     /// The level of significance of a vertex, in (0, 1); used for warnings only. Default: 0.05.
@@ -86,7 +104,16 @@ pub struct TestParams {
 
 impl Default for TestParams {
     fn default() -> Self {
-        Self { permutations: Some(PermutationParams::default()), welch: false, confidence: 0.95, level: 0.05 }
+        Self {
+            permutations: Some(PermutationParams::default()),
+            welch: false,
+            variance_groups: None,
+            errors: None,
+            blocks: None,
+            spatial: None,
+            confidence: 0.95,
+            level: 0.05,
+        }
     }
 }
 
@@ -182,9 +209,14 @@ pub fn test(
     linear::check(values, components, design, contrast, params)?;
     let model = projection::Projection::new(design, contrast)?;
     let groups = params.welch.then(|| welch::groups(design, contrast, components)).transpose()?;
-    let (kind, statistic, p, effect) = match &groups {
-        Some((groups, weight)) => welch::statistics(values, components, (groups, *weight), params.confidence),
-        None => linear::statistics(values, components, contrast, &model, params.confidence)?,
+    let prepared = params.variance_groups.as_ref();
+    let prepared = prepared
+        .map(|of| Ok::<_, ShapeError>((aspin_welch::AspinWelch::new(values, design, contrast, &model, of)?, of)));
+    let prepared = prepared.transpose()?;
+    let (kind, statistic, p, effect) = match (&groups, &prepared) {
+        (Some((groups, weight)), _) => welch::statistics(values, components, (groups, *weight), params.confidence),
+        (None, Some((prepared, _))) => prepared.statistics(params.confidence),
+        (None, None) => linear::statistics(values, components, contrast, &model, params.confidence)?,
     };
     let mut warnings = Vec::new();
     let flat = statistic.iter().filter(|value| value.is_nan()).count();
@@ -196,16 +228,22 @@ pub fn test(
     if flat > 0 {
         warnings.push(TestWarning::NoVariance { vertices: flat, of });
     }
-    if !params.welch {
+    if !params.welch && prepared.is_none() {
         warnings.extend(variances::unequal(values, design, contrast));
     }
     let mut family_wise = None;
     if let Some(asked) = &params.permutations {
-        let compared = match &groups {
-            Some((groups, _)) => permutation::Compared::Welch(&model, groups),
-            None => permutation::Compared::Pooled(&model),
+        let compared = match (&groups, &prepared) {
+            (Some((groups, _)), _) => permutation::Compared::Welch(groups),
+            (None, Some((prepared, of))) => permutation::Compared::VarianceGroups(prepared, of),
+            (None, None) => permutation::Compared::Pooled,
         };
-        family_wise = permutation::family_wise(values, components, &compared, asked, monitor)?;
+        let tested = (&model, &compared, &kind);
+        family_wise = permutation::family_wise(values, components, tested, (asked, params), monitor)?;
+        if let Some(clusters) = family_wise.as_mut().and_then(|found| found.clusters.as_mut()) {
+            // To the last bit those of the map, which is computed in another way than relabelled ones.
+            clusters.clusters.iter_mut().for_each(|cluster| cluster.statistic = statistic[cluster.peak]);
+        }
         match &family_wise {
             Some(FamilyWise { floor, relabellings, exact, .. }) if *floor > params.level => {
                 let (floor, relabellings, exact) = (*floor, *relabellings, *exact);

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use spharm::shape::stats::MAX_RELABELLINGS;
+use spharm::shape::stats::{MAX_RELABELLINGS, Resampling};
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
 
 use super::super::args::{ReportArgs, Resources};
@@ -12,7 +12,8 @@ use super::super::args::{ReportArgs, Resources};
 ///
 /// Compares two groups of models, --a and --b, or tests a table of subjects with an --effect or --mean and
 /// --covariates. Surfaces have to correspond (`spharm shape align --group`, or spheres that share their parameters),
-/// and rows have to be independent subjects: if each subject has two models, --paired and --minus test the differences.
+/// and rows have to be independent subjects: if each subject has two models, --paired and --minus test the differences;
+/// rows that depend on each other otherwise are --blocks.
 /// At each vertex of the sampling a linear model is tested: t, F, or Hotelling's T-squared for positions. Family-wise p
 /// values come from the largest statistic over relabelled studies, in which subjects are exchanged or, for means and
 /// Welch's test, signs are flipped. All relabellings are used if there are at most 20,000.
@@ -26,11 +27,13 @@ use super::super::args::{ReportArgs, Resources};
         "spharm shape test --a thick/a* --b thick/b* --signal value --welch -o test",
         "spharm shape test --a year2/* --b year1/* --paired -o change",
         "spharm shape test --table study.csv --models year2 --minus year1 --mean --covariates age -o change",
+        "spharm shape test --table visits.csv --effect dose --covariates subject --blocks subject --tfce -o test",
+        "spharm shape test --table study.csv --effect group --covariates age --variance-groups group -o test",
     ],
     &[
         "The folder gets mean.surf.gii and, as NAME.shape.gii, statistic, p, q (false-discovery rate), p-fwe (family-wise), \
-         p-permutation (by relabelling, uncorrected), effect, its margin of confidence, and size; all of it in test.csv, and in \
-         test.json what was tested.",
+         p-permutation (by relabelling, uncorrected), effect, its margin of confidence, and size; with --tfce also tfce and p-tfce, with --cluster also \
+         cluster (numbers) and p-cluster, and clusters.csv; all maps in test.csv, and in test.json what was tested.",
         "A table has a column `model` with paths relative to it, or a column `id` and --models, and a column for each variable: \
          numbers, or levels; --categorical takes numbers as levels.",
     ],
@@ -88,6 +91,33 @@ pub(crate) struct Cli {
     /// Welch's test, for two groups of unequal variance
     #[arg(long, help_heading = METHOD)]
     pub(super) welch: bool,
+    /// Column of the table whose observations of the same value depend on each other, such as visits of a subject or
+    /// members of a family: relabellings stay within these blocks
+    ///
+    /// With an effect within blocks and the blocks as a categorical covariate this is the paired test, or that of
+    /// repeated measurements.
+    #[arg(long, value_name = "COLUMN", requires = "table", conflicts_with = "minus", help_heading = METHOD)]
+    pub(super) blocks: Option<String>,
+    /// Exchange whole blocks of the same size, with the order of their observations, rather than observations within
+    /// blocks
+    #[arg(long, requires = "blocks", help_heading = METHOD)]
+    pub(super) whole_blocks: bool,
+    /// Column of the table whose levels may differ in variance: the statistic is Aspin and Welch's v, or G for more
+    /// than two levels
+    #[arg(long, value_name = "COLUMN", requires = "table", conflicts_with = "welch", help_heading = METHOD)]
+    pub(super) variance_groups: Option<String>,
+    /// Assumption about the errors, on which the relabellings rest: exchangeable (subjects are exchanged), symmetric
+    /// (signs are flipped) or both [default: exchangeable; symmetric for means, --welch and --variance-groups]
+    #[arg(long, value_name = "ERRORS", help_heading = METHOD)]
+    pub(super) errors: Option<Resampling>,
+    /// Threshold-free cluster enhancement, with family-wise p values
+    ///
+    /// Extent has the exponent 1 and height the exponent 2, as for surfaces in FSL.
+    #[arg(long, help_heading = METHOD)]
+    pub(super) tfce: bool,
+    /// Clusters of vertices of uncorrected p below P, with family-wise p values of their area; 0.001 is usual
+    #[arg(long, value_name = "P", value_parser = probability, help_heading = METHOD)]
+    pub(super) cluster: Option<f64>,
     /// Number of random relabellings; 0 for none
     #[arg(long, value_name = "N", default_value_t = 10_000, value_parser = relabellings, help_heading = METHOD)]
     pub(super) permutations: usize,
@@ -134,5 +164,13 @@ fn relabellings(text: &str) -> Result<usize, String> {
     match text.parse() {
         Ok(count) if count <= MAX_RELABELLINGS => Ok(count),
         _ => Err(format!("expected a whole number from 0 to {MAX_RELABELLINGS}")),
+    }
+}
+
+/// Parses a probability, above 0 and below 1.
+fn probability(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(p) if p > 0.0 && p < 1.0 => Ok(p),
+        _ => Err("expected a number above 0 and below 1".to_owned()),
     }
 }

@@ -2,20 +2,23 @@
 
 mod args;
 mod question;
+mod regions;
 mod results;
 
 use std::time::Instant;
 
 use anyhow::{Context, Result};
-use spharm::shape::stats::{PermutationParams, TestParams, TestWarning, test};
+use spharm::shape::memory::regions_bytes;
+use spharm::shape::stats::{PermutationParams, SpatialParams, SurfaceGraph, TestParams, TestWarning, test};
 use spharm::shape::{Measurement, measure_group};
 use spharm::{Kind, Sphere};
+use spharm_cli::Usage;
 use spharm_cli::inputs::read_sphere;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::check_outputs;
 use spharm_cli::output::{OutputFile, prepare};
+use spharm_surface::Signal;
 use spharm_surface::io::{Output, WriteOptions, write_mesh, write_signal};
-use spharm_surface::{Mesh, Signal};
 
 pub(super) use self::args::Cli;
 use self::args::What;
@@ -40,7 +43,9 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let mean_file = cli.file("mean.surf.gii");
     let table_file = cli.file("test.csv");
     let maps_out = map_files.iter().map(|path| OutputFile::holding(path, "--output", Output::Signal));
+    let clusters_file = cli.file("clusters.csv");
     let more = [
+        OutputFile::new(&clusters_file, "--output"),
         OutputFile::new(&mean_file, "--output"),
         OutputFile::new(&table_file, "--output"),
         OutputFile::new(&about_file, "--output"),
@@ -55,10 +60,16 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         }
         None => None,
     };
+    let spatial = cli.tfce || cli.cluster.is_some();
+    if spatial && cli.permutations == 0 {
+        return Err(Usage::conflict("--tfce and --cluster need relabellings: --permutations 1 or more").into());
+    }
     let components = if cli.signal == What::Position { 3 } else { 1 };
     let of = |vertices: u64| plan.group.test(vertices, components, cli.permutations, plan.threads);
     let needed = |[vertices, faces]: [u64; 2]| {
-        plan.coefficients().saturating_add(of(vertices)).saturating_add(24 * (vertices + faces))
+        let regions = if spatial { regions_bytes(vertices, plan.threads) } else { 0 };
+        let maps = of(vertices).saturating_add(regions);
+        plan.coefficients().saturating_add(maps).saturating_add(24 * (vertices + faces))
     };
     let icosphere = sphere.is_none().then_some(cli.icosphere);
     plan.check_sampling(icosphere, plan.sampling(icosphere, sphere.as_ref()), needed)?;
@@ -68,13 +79,21 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     };
     let mask = cli.mask.as_deref().map(|path| masks::read(path, &sphere)).transpose()?;
     let permutations = PermutationParams { count: cli.permutations, seed: cli.seed, ..PermutationParams::default() };
-    let params = TestParams {
+    let mut params = TestParams {
         permutations: (cli.permutations > 0).then_some(permutations),
         welch: cli.welch,
+        variance_groups: study.variance_groups.clone(),
+        errors: cli.errors,
+        blocks: study.blocks.clone(),
         level: cli.level,
         ..TestParams::default()
     };
-    let (group, field, found) = cli.resources.threads.pool()?.install(|| -> Result<_> {
+    if spatial && sphere.faces.is_empty() {
+        return Err(
+            Usage::conflict("--tfce and --cluster need the triangles of the sampling: give a sphere mesh").into()
+        );
+    }
+    let (group, mean, found) = cli.resources.threads.pool()?.install(|| -> Result<_> {
         let group = read_group(&study.paths, kind, cli.max_degree, monitor, console)?;
         let field = measure_group(&group.members, &sphere.directions, measurement, monitor)?;
         let field = if study.pairs { field.differences()? } else { field };
@@ -82,9 +101,20 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
             Some(kept) => field.at(kept)?,
             None => field,
         };
+        let mean = (kind == Kind::Surface && !sphere.faces.is_empty()).then(|| {
+            spharm::Model::without_sphere(field.mean.clone(), Kind::Surface).reconstruct(&sphere, group.degree)
+        });
+        let mean = mean.transpose()?;
+        if spatial {
+            // A signal has no surface of its own, and is tested over the sphere.
+            let vertices = mean.as_ref().map_or(sphere.directions.as_slice(), |mean| &mean.vertices);
+            let surface = SurfaceGraph::new(vertices, &sphere.faces)?;
+            let surface = mask.as_ref().map_or_else(|| Ok(surface.clone()), |kept| surface.at(kept))?;
+            params.spatial = Some(SpatialParams { surface, tfce: cli.tfce, cluster: cli.cluster });
+        }
         let (design, contrast) = (&study.question.design, &study.question.contrast);
         let found = test(field.values.view(), field.components, design, contrast, &params, monitor)?;
-        Ok((group, field, found))
+        Ok((group, mean, found))
     })?;
     study.notes().iter().for_each(|note| console.note(note));
     let tested: Vec<String> = study.warnings.iter().cloned().chain(found.warnings.iter().map(advised)).collect();
@@ -100,10 +130,15 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
             None => {}
         }
     }
-    if kind == Kind::Surface && !sphere.faces.is_empty() {
-        let mean = spharm::Model::without_sphere(field.mean.clone(), Kind::Surface);
-        let mesh: Mesh = mean.reconstruct(&sphere, group.degree)?;
-        write_mesh(&mean_file, &mesh, &options)?;
+    if let Some(mean) = &mean {
+        write_mesh(&mean_file, mean, &options)?;
+    }
+    match regions::clusters(&found, &sphere, mean.as_ref(), mask.as_deref()) {
+        Some(table) => write_text(&clusters_file, cli.report.force, &table)?,
+        None if clusters_file.exists() => {
+            std::fs::remove_file(&clusters_file).with_context(|| clusters_file.display().to_string())?
+        }
+        None => {}
     }
     write_text(&table_file, cli.report.force, &results::table(&sphere, &maps, mask.as_deref()))?;
     let about = results::about(&found, &study, cli, &tested);
@@ -119,6 +154,9 @@ fn advised(warning: &TestWarning) -> String {
     match warning {
         TestWarning::UnequalVariances { covariates: false, .. } => {
             format!("{warning} (Welch's test: --welch, or welch = true in a study)")
+        }
+        TestWarning::UnequalVariances { covariates: true, .. } => {
+            format!("{warning} (with covariates: --variance-groups, or variance_groups in a study)")
         }
         _ => warning.to_string(),
     }

@@ -4,7 +4,7 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use spharm::shape::stats::{Column, Question, mean_question, question};
+use spharm::shape::stats::{Blocks, Column, Exchange, Question, mean_question, numbered, question};
 use spharm_cli::Usage;
 use spharm_cli::paths::with_ending;
 
@@ -23,6 +23,10 @@ pub(super) struct Study {
     pub(super) of: String,
     /// Names of the covariates; a covariate with levels also shows their number.
     pub(super) covariates: Vec<String>,
+    /// Exchangeability blocks, if given.
+    pub(super) blocks: Option<Blocks>,
+    /// Variance group of each row, if given.
+    pub(super) variance_groups: Option<Vec<usize>>,
     /// Reasons to doubt that rows are independent subjects.
     pub(super) warnings: Vec<String>,
 }
@@ -54,6 +58,8 @@ impl Cli {
             question,
             of: of.to_owned(),
             covariates: Vec::new(),
+            blocks: None,
+            variance_groups: None,
             warnings: Vec::new(),
         })
     }
@@ -101,13 +107,24 @@ impl Cli {
             let first = self.models.as_deref().unwrap_or(Path::new(&self.model_column));
             question.meaning = format!("{} of {} - {}", question.meaning, first.display(), minus.display());
         }
+        let exchange = if self.whole_blocks { Exchange::Whole } else { Exchange::Within };
+        let blocks =
+            self.blocks.as_ref().map(|name| anyhow::Ok(Blocks::new(table.cells(name)?, exchange))).transpose()?;
+        // Blocks say which rows depend on each other.
+        let warnings = if blocks.is_some() { None } else { repeated(&table, &covariates) }.into_iter().collect();
         Ok(Study {
             paths,
             pairs: self.minus.is_some(),
             question,
             of,
             covariates: covariates.iter().map(with_levels).collect(),
-            warnings: repeated(&table, &covariates).into_iter().collect(),
+            blocks,
+            variance_groups: self
+                .variance_groups
+                .as_ref()
+                .map(|name| anyhow::Ok(numbered(table.cells(name)?)))
+                .transpose()?,
+            warnings,
         })
     }
 

@@ -9,14 +9,19 @@ use spharm_cli::paths::shown;
 use super::super::outputs::{csv, number};
 use super::args::Cli;
 use super::question::Study;
+use super::regions;
 
 /// Names of all maps that a test may write.
-pub(super) const MAPS: [&str; 14] = [
+pub(super) const MAPS: [&str; 18] = [
     "statistic",
     "p",
     "q",
     "p-fwe",
     "p-permutation",
+    "tfce",
+    "p-tfce",
+    "cluster",
+    "p-cluster",
     "effect",
     "margin",
     "effect-x",
@@ -34,7 +39,7 @@ pub(super) fn maps(found: &Test, mask: Option<&[bool]>) -> Vec<(&'static str, Ve
     let mut maps = tested_maps(found);
     for (name, values) in &mut maps {
         let Some(mask) = mask else { break };
-        let left_out = if matches!(*name, "p" | "q" | "p-fwe" | "p-permutation") { 1.0 } else { 0.0 };
+        let left_out = if *name == "q" || *name == "p" || name.starts_with("p-") { 1.0 } else { 0.0 };
         let mut tested = std::mem::take(values).into_iter();
         *values = mask.iter().map(|kept| if *kept { tested.next().unwrap_or(left_out) } else { left_out }).collect();
     }
@@ -47,6 +52,7 @@ fn tested_maps(found: &Test) -> Vec<(&'static str, Vec<f64>)> {
     if let Some(family_wise) = &found.family_wise {
         maps.push(("p-fwe", family_wise.p.clone()));
         maps.push(("p-permutation", family_wise.pointwise.clone()));
+        maps.extend(regions::maps(family_wise));
     }
     if let Some(effect) = &found.effect {
         let names: &[[&str; 2]] = match effect.estimate.ncols() {
@@ -77,6 +83,9 @@ pub(super) fn about(found: &Test, study: &Study, cli: &Cli, warnings: &[String])
         "numbers_that_may_be_codes": codes(study),
         "statistic": kind_of(&found.kind),
         "welch": cli.welch,
+        "blocks": cli.blocks,
+        "whole_blocks": cli.whole_blocks,
+        "variance_groups": cli.variance_groups,
         "relabellings": relabellings(found),
         "exact": found.family_wise.as_ref().map(|found| found.exact),
         "resampling": found.family_wise.as_ref().map(|found| found.resampling.name()),
@@ -104,6 +113,9 @@ pub(super) fn report(found: &Test, study: &Study, cli: &Cli, degree: usize, warn
         "contrast": rows_of(question.contrast.weights.view()),
         "statistic": kind_of(&found.kind),
         "welch": cli.welch,
+        "blocks": cli.blocks,
+        "whole_blocks": cli.whole_blocks,
+        "variance_groups": cli.variance_groups,
         "vertices": found.p.len(),
         "mask": cli.mask.as_ref().map(shown),
         "relabellings": relabellings(found),
@@ -158,6 +170,8 @@ fn summary(found: &Test, level: f64) -> Value {
         "p": of(&found.p),
         "q": of(&found.q),
         "p_fwe": found.family_wise.as_ref().map(|found| of(&found.p)),
+        "p_tfce": found.family_wise.as_ref().and_then(|found| found.tfce.as_ref()).map(|found| of(&found.p)),
+        "clusters": found.family_wise.as_ref().and_then(|found| regions::summary(found, level)),
     })
 }
 
@@ -189,6 +203,7 @@ pub(super) fn lines(found: &Test, study: &Study, cli: &Cli) -> Vec<Vec<String>> 
         lines.push(pair("relabellings", format!("{relabellings}, {which}: {}", resampling.name())));
         lines.push(pair("assumed", resampling.assumption().to_owned()));
         lines.push(pair("least family-wise p", count(p)));
+        lines.extend(found.family_wise.iter().flat_map(|found| regions::lines(found, cli.level)));
     }
     lines.push(pair("maps", cli.output.display().to_string()));
     lines

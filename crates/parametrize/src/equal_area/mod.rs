@@ -10,8 +10,8 @@
 //!
 //! This goes beyond the paper if voxels aren't cubes: each quadrangle's share of the sphere is then its share of the
 //! surface in mm^2, and the ratio of its side lengths is taken into account (`targets`). On a smooth surface of a label
-//! these are the shares and sides of the smooth quadrangles. Where a label is one voxel thin, some of them are so narrow
-//! that no such map is one to one; then the voxels' faces determine the shares.
+//! these are the shares and sides of the smooth quadrangles. Where a label is one voxel thin, some of them are so
+//! narrow that no such map is one to one; then the voxels' faces determine the shares.
 //!
 //! In the result each quadrangle is cut along one diagonal into two triangles, which are positively oriented on the
 //! sphere. Surface and sphere have the same triangles.
@@ -89,9 +89,9 @@ fn mapped(
     Ok(map)
 }
 
-/// Returns the largest relative deviation of a quadrangle's area on the sphere from its share of the surface's area. For
-/// a smooth surface this is the share of the smooth quadrangles or of the voxels' faces, whichever deviates less, as the
-/// map has either.
+/// Returns the largest relative deviation of a quadrangle's area on the sphere from its share of the surface's area.
+/// For a smooth surface this is the share of the smooth quadrangles or of the voxels' faces, whichever deviates less,
+/// as the map has either.
 ///
 /// # Panics
 ///

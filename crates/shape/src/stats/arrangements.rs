@@ -1,23 +1,25 @@
 //! Generates the relabellings of a study: all of them if there are few, otherwise random ones.
 //!
-//! Exchanging subjects with equal rows of the design has no effect, so that only arrangements of the distinct rows are
-//! counted: `n! / (k_1! k_2! ...)` for rows that occur k times, `C(n, n_1)` for two groups. There are `2^n` sign flips;
-//! with permutations and sign flips the numbers are multiplied. Random relabelling b is drawn from stream b of ChaCha8
-//! with the seed, so that it doesn't depend on the number of threads.
+//! Units, single subjects or whole blocks ([`Blocks`](super::Blocks)), are exchanged within sets. Exchanging units with
+//! equal rows of the design has no effect, so that only arrangements of the distinct units are counted: `m! / (k_1!
+//! k_2! ...)` for a set of m units that occur k times, `C(n, n_1)` for two groups, multiplied over the sets. There are
+//! `2^u` sign flips of u units; with permutations and sign flips the numbers are multiplied. Random relabelling b is
+//! drawn from stream b of ChaCha8 with the seed, so that it doesn't depend on the number of threads.
 
 use ndarray::ArrayView2;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
+use super::blocks::Unit;
 use super::resampling::Resampling;
 
 /// Relabellings of n subjects.
 #[derive(Debug, Clone)]
 pub(crate) struct Arrangements {
-    /// Index of each subject's row among the distinct rows.
-    classes: Vec<u32>,
-    /// For each distinct row, a subject with this row.
-    representatives: Vec<u32>,
+    /// Sets of units that can be exchanged with each other.
+    sets: Vec<Set>,
+    /// Number of subjects, n.
+    subjects: usize,
     resampling: Resampling,
     seed: u64,
     /// Number of relabellings, including the original labels as the first.
@@ -29,31 +31,77 @@ pub(crate) struct Arrangements {
 /// One relabelling: for each subject, the subject whose row of the design it gets, and the sign.
 pub(crate) type Relabelling = Vec<(u32, f64)>;
 
+/// Units that can be exchanged with each other.
+#[derive(Debug, Clone)]
+struct Set {
+    units: Vec<Unit>,
+    /// For each distinct unit, one unit with its rows.
+    distinct: Vec<usize>,
+    /// Number of units with the rows of each distinct unit.
+    counts: Vec<u64>,
+    /// Number of arrangements; `None` if it doesn't fit.
+    arrangements: Option<u64>,
+}
+
+impl Set {
+    fn new(units: Vec<Unit>, rows: ArrayView2<'_, f64>) -> Self {
+        let equal =
+            |a: u32, b: u32| rows.row(a as usize).iter().zip(rows.row(b as usize)).all(|(a, b)| (a - b).abs() <= 1e-12);
+        let (mut distinct, mut counts): (Vec<usize>, Vec<u64>) = (Vec::new(), Vec::new());
+        for (at, unit) in units.iter().enumerate() {
+            let same = |other: &usize| unit.iter().zip(&units[*other]).all(|(a, b)| equal(*a, *b));
+            match distinct.iter().position(same) {
+                Some(class) => counts[class] += 1,
+                None => {
+                    distinct.push(at);
+                    counts.push(1);
+                }
+            }
+        }
+        let arrangements = multinomial(&counts);
+        Self { units, distinct, counts, arrangements }
+    }
+
+    /// Writes arrangement `index`, in lexicographic order.
+    fn arrange(&self, mut index: u64, relabelling: &mut Relabelling) {
+        let mut counts = self.counts.clone();
+        let mut arrangements = u128::from(self.arrangements.unwrap_or(1));
+        for (place, unit) in self.units.iter().enumerate() {
+            let remaining = (self.units.len() - place) as u128;
+            for (class, count) in counts.iter_mut().enumerate() {
+                // The number of arrangements of the remaining units that begin with this class.
+                let here = arrangements * u128::from(*count) / remaining;
+                if u128::from(index) < here {
+                    put(unit, &self.units[self.distinct[class]], relabelling);
+                    *count -= 1;
+                    arrangements = here;
+                    break;
+                }
+                index -= here as u64;
+            }
+        }
+    }
+}
+
+/// Gives the subjects of one unit the rows of another.
+fn put(unit: &Unit, rows_of: &Unit, relabelling: &mut Relabelling) {
+    unit.iter().zip(rows_of).for_each(|(subject, from)| relabelling[*subject as usize].0 = *from);
+}
+
 impl Arrangements {
     /// Returns all relabellings of the rows of (n, p) if there are at most `exact_up_to`, otherwise the original labels
-    /// and `random` random relabellings.
+    /// and `random` random relabellings. Units of `sets` are exchanged within their set.
     pub(crate) fn new(
         rows: ArrayView2<'_, f64>,
+        sets: Vec<Vec<Unit>>,
         resampling: Resampling,
         random: usize,
         exact_up_to: usize,
         seed: u64,
     ) -> Self {
-        let mut representatives: Vec<u32> = Vec::new();
-        let mut classes = Vec::with_capacity(rows.nrows());
-        for (i, row) in rows.rows().into_iter().enumerate() {
-            let same = |other: &u32| {
-                let other = rows.row(*other as usize);
-                row.iter().zip(other).all(|(a, b)| (a - b).abs() <= 1e-12)
-            };
-            let class = representatives.iter().position(same).unwrap_or_else(|| {
-                representatives.push(i as u32);
-                representatives.len() - 1
-            });
-            classes.push(class as u32);
-        }
-        let exchanges = || multinomial(&classes, representatives.len());
-        let flips = || power_of_two(rows.nrows());
+        let sets: Vec<Set> = sets.into_iter().map(|units| Set::new(units, rows)).collect();
+        let exchanges = || sets.iter().try_fold(1u64, |all, set| all.checked_mul(set.arrangements?));
+        let flips = || power_of_two(sets.iter().map(|set| set.units.len()).sum());
         let all = match resampling {
             Resampling::Permutations => exchanges(),
             Resampling::SignFlips => flips(),
@@ -61,44 +109,37 @@ impl Arrangements {
         };
         let exact = all.is_some_and(|all| all <= exact_up_to as u64);
         let count = if exact { all.unwrap_or_default() as usize } else { random + 1 };
-        Self { classes, representatives, resampling, seed, count, exact }
+        Self { sets, subjects: rows.nrows(), resampling, seed, count, exact }
     }
 
     /// Returns relabellings `from..to`.
     pub(crate) fn range(&self, from: usize, to: usize) -> Vec<Relabelling> {
-        if !self.exact {
-            return (from..to).map(|index| self.random(index)).collect();
-        }
-        match self.resampling {
-            Resampling::Permutations => self.exchanges(from, to),
-            Resampling::SignFlips => (from..to).map(|index| flipped(self.identity(), index)).collect(),
-            Resampling::Both => {
-                let flips = 1 << self.classes.len();
-                let orders = self.exchanges(from / flips, to.div_ceil(flips));
-                (from..to).map(|i| flipped(orders[i / flips - from / flips].clone(), i % flips)).collect()
-            }
-        }
+        (from..to).map(|index| if self.exact { self.numbered(index as u64) } else { self.random(index) }).collect()
     }
 
     fn identity(&self) -> Relabelling {
-        (0..self.classes.len()).map(|i| (i as u32, 1.0)).collect()
+        (0..self.subjects).map(|i| (i as u32, 1.0)).collect()
     }
 
-    /// Returns permutations `from..to` in lexicographic order; all permutations before `from` are generated and
-    /// skipped.
-    fn exchanges(&self, from: usize, to: usize) -> Vec<Relabelling> {
-        let mut classes = self.classes.clone();
-        classes.sort_unstable();
-        let mut found = Vec::with_capacity(to - from);
-        for index in 0..to {
-            if index >= from {
-                found.push(classes.iter().map(|class| (self.representatives[*class as usize], 1.0)).collect());
-            }
-            if !next(&mut classes) {
-                break;
+    /// Returns relabelling `index` of all. Sign flips vary fastest, then the arrangements of the first set.
+    fn numbered(&self, mut index: u64) -> Relabelling {
+        let mut relabelling = self.identity();
+        if self.resampling != Resampling::Permutations {
+            let units = self.sets.iter().flat_map(|set| &set.units);
+            for unit in units {
+                let sign = if index & 1 == 1 { -1.0 } else { 1.0 };
+                unit.iter().for_each(|i| relabelling[*i as usize].1 = sign);
+                index >>= 1;
             }
         }
-        found
+        if self.resampling != Resampling::SignFlips {
+            for set in &self.sets {
+                let arrangements = set.arrangements.unwrap_or(1);
+                set.arrange(index % arrangements, &mut relabelling);
+                index /= arrangements;
+            }
+        }
+        relabelling
     }
 
     /// Returns the original labels for index 0, otherwise a random relabelling.
@@ -109,12 +150,19 @@ impl Arrangements {
         }
         let mut random = self.stream(index);
         if self.resampling != Resampling::SignFlips {
-            for last in (1..relabelling.len()).rev() {
-                relabelling.swap(last, below(&mut random, last as u64 + 1) as usize);
+            for set in &self.sets {
+                let mut order: Vec<usize> = (0..set.units.len()).collect();
+                for last in (1..order.len()).rev() {
+                    order.swap(last, below(&mut random, last as u64 + 1) as usize);
+                }
+                set.units.iter().zip(order).for_each(|(unit, from)| put(unit, &set.units[from], &mut relabelling));
             }
         }
         if self.resampling != Resampling::Permutations {
-            relabelling.iter_mut().for_each(|(_, sign)| *sign = if random.next_u32() & 1 == 1 { -1.0 } else { 1.0 });
+            for unit in self.sets.iter().flat_map(|set| &set.units) {
+                let sign = if random.next_u32() & 1 == 1 { -1.0 } else { 1.0 };
+                unit.iter().for_each(|i| relabelling[*i as usize].1 = sign);
+            }
         }
         relabelling
     }
@@ -124,13 +172,6 @@ impl Arrangements {
         random.set_stream(index as u64);
         random
     }
-}
-
-/// Returns a relabelling with the sign flips of number `index`.
-fn flipped(mut relabelling: Relabelling, index: usize) -> Relabelling {
-    let flip = |i: usize| i < 64 && index >> i & 1 == 1;
-    relabelling.iter_mut().enumerate().filter(|(i, _)| flip(*i)).for_each(|(_, (_, sign))| *sign = -*sign);
-    relabelling
 }
 
 /// Returns a uniformly distributed number below `bound`.
@@ -145,21 +186,12 @@ fn below(random: &mut ChaCha8Rng, bound: u64) -> u64 {
     }
 }
 
-/// Steps to the next arrangement in lexicographic order; returns false after the last one.
-fn next(values: &mut [u32]) -> bool {
-    let Some(pivot) = (1..values.len()).rev().find(|&i| values[i - 1] < values[i]) else { return false };
-    let Some(larger) = (pivot..values.len()).rev().find(|&i| values[i] > values[pivot - 1]) else { return false };
-    values.swap(pivot - 1, larger);
-    values[pivot..].reverse();
-    true
-}
-
-/// Returns `n! / (k_1! k_2! ...)` if it fits in a u64.
-fn multinomial(classes: &[u32], distinct: usize) -> Option<u64> {
+/// Returns `m! / (k_1! k_2! ...)` for counts k of sum m if it fits in a u64.
+fn multinomial(counts: &[u64]) -> Option<u64> {
     let mut all = 1u64;
     let mut placed = 0u64;
-    for class in 0..distinct as u32 {
-        for among in 1..=classes.iter().filter(|of| **of == class).count() as u64 {
+    for count in counts {
+        for among in 1..=*count {
             placed += 1;
             // The result is a product of binomial coefficients, and an integer at each step.
             all = u64::try_from(u128::from(all) * u128::from(placed) / u128::from(among)).ok()?;
@@ -174,6 +206,7 @@ fn power_of_two(n: usize) -> Option<u64> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::blocks::{Blocks, Exchange, free};
     use super::*;
     use ndarray::Array2;
     use std::collections::HashSet;
@@ -182,10 +215,20 @@ mod tests {
         Array2::from_shape_fn((classes.len(), 1), |(i, _)| f64::from(classes[i]))
     }
 
+    fn all_of(
+        rows: ArrayView2<'_, f64>,
+        resampling: Resampling,
+        random: usize,
+        exact_up_to: usize,
+        seed: u64,
+    ) -> Arrangements {
+        Arrangements::new(rows, free(rows.nrows()), resampling, random, exact_up_to, seed)
+    }
+
     #[test]
     fn all_relabellings_of_groups_are_there_once() {
         for classes in [vec![0, 0, 1, 1, 1], vec![0, 1, 2, 1], vec![1, 0, 1, 0, 2, 2]] {
-            let all = Arrangements::new(rows(&classes).view(), Resampling::Permutations, 10, 20_000, 0);
+            let all = all_of(rows(&classes).view(), Resampling::Permutations, 10, 20_000, 0);
             let labels = |relabelling: &Relabelling| -> Vec<u32> {
                 relabelling.iter().map(|(i, _)| classes[*i as usize]).collect()
             };
@@ -194,15 +237,14 @@ mod tests {
             let parts: Vec<_> = all.range(0, 3).into_iter().chain(all.range(3, all.count)).collect();
             assert_eq!(parts, all.range(0, all.count));
         }
-        let ten =
-            Arrangements::new(rows(&[0, 0, 0, 0, 0, 1, 1, 1, 1, 1]).view(), Resampling::Permutations, 10, 20_000, 0);
+        let ten = all_of(rows(&[0, 0, 0, 0, 0, 1, 1, 1, 1, 1]).view(), Resampling::Permutations, 10, 20_000, 0);
         assert_eq!(ten.count, 252);
     }
 
     #[test]
     fn random_relabellings_are_even_and_the_same_for_a_seed() {
         let classes: Vec<u32> = (0..40).collect();
-        let random = Arrangements::new(rows(&classes).view(), Resampling::Permutations, 4_000, 20_000, 7);
+        let random = all_of(rows(&classes).view(), Resampling::Permutations, 4_000, 20_000, 7);
         assert!(!random.exact && random.count == 4_001);
         let found = random.range(0, 4_001);
         assert!(found[0].iter().enumerate().all(|(i, (of, _))| i as u32 == *of));
@@ -216,17 +258,17 @@ mod tests {
     #[test]
     fn signs_are_all_or_random() {
         let ones = Array2::ones((5, 1));
-        let all = Arrangements::new(ones.view(), Resampling::SignFlips, 10, 20_000, 0);
+        let all = all_of(ones.view(), Resampling::SignFlips, 10, 20_000, 0);
         let distinct: HashSet<String> = all.range(0, 32).iter().map(|signs| format!("{signs:?}")).collect();
         assert_eq!((all.count, distinct.len()), (32, 32));
-        let many = Arrangements::new(Array2::ones((70, 1)).view(), Resampling::SignFlips, 10, 20_000, 0);
+        let many = all_of(Array2::ones((70, 1)).view(), Resampling::SignFlips, 10, 20_000, 0);
         assert!(!many.exact && many.range(0, 1)[0].iter().all(|(_, sign)| *sign == 1.0));
     }
 
     #[test]
     fn exchanges_and_signs_together_are_all_there_once() {
         let classes = [0, 1, 1, 1];
-        let all = Arrangements::new(rows(&classes).view(), Resampling::Both, 10, 20_000, 0);
+        let all = all_of(rows(&classes).view(), Resampling::Both, 10, 20_000, 0);
         let labels = |relabelling: &Relabelling| -> Vec<(u32, bool)> {
             relabelling.iter().map(|(from, sign)| (classes[*from as usize], *sign < 0.0)).collect()
         };
@@ -234,9 +276,36 @@ mod tests {
         assert!(all.exact && all.count == 4 * 16 && found.len() == 64);
         let parts: Vec<_> = all.range(0, 21).into_iter().chain(all.range(21, 64)).collect();
         assert_eq!(parts, all.range(0, 64));
-        let many = Arrangements::new(rows(&[0; 30]).view(), Resampling::Both, 10, 20_000, 0);
+        let many = all_of(rows(&[0; 30]).view(), Resampling::Both, 10, 20_000, 0);
         let found = many.range(0, 3);
         assert!(found[0].iter().enumerate().all(|(i, (of, sign))| (i as u32, 1.0) == (*of, *sign)));
         assert!(found[1].iter().any(|(_, sign)| *sign < 0.0) && found[1] != found[2]);
+    }
+
+    #[test]
+    fn blocks_restrict_exchanges_and_join_signs() {
+        let rows = rows(&[0, 1, 0, 1, 2, 2, 0, 1]);
+        let names = ["a", "a", "b", "b", "c", "c", "d", "d"];
+        let within = Blocks::new(names, Exchange::Within).sets();
+        let all = Arrangements::new(rows.view(), within.clone(), Resampling::Permutations, 10, 20_000, 0);
+        let found: HashSet<String> = all.range(0, all.count).iter().map(|of| format!("{of:?}")).collect();
+        // Both members of block c are equal.
+        assert!(all.exact && all.count == 8 && found.len() == 8);
+        for of in all.range(0, 8) {
+            assert!(of.iter().enumerate().all(|(i, (from, _))| i / 2 == *from as usize / 2));
+        }
+        let whole = Blocks::new(names, Exchange::Whole).sets();
+        let all = Arrangements::new(rows.view(), whole.clone(), Resampling::Permutations, 10, 20_000, 0);
+        // Blocks a, b and d are equal.
+        assert_eq!(all.count, 4);
+        assert!(all.range(0, 4).iter().flat_map(|of| of.chunks(2)).all(|pair| pair[0].0 + 1 == pair[1].0));
+        let flips = Arrangements::new(rows.view(), whole, Resampling::SignFlips, 10, 20_000, 0);
+        assert_eq!(flips.count, 16);
+        assert!(flips.range(0, 16).iter().flat_map(|of| of.chunks(2)).all(|pair| pair[0].1 == pair[1].1));
+        let random = Arrangements::new(rows.view(), within, Resampling::Both, 5, 10, 3);
+        assert!(!random.exact && random.count == 6);
+        for of in random.range(0, 6) {
+            assert!(of.iter().enumerate().all(|(i, (from, _))| i / 2 == *from as usize / 2));
+        }
     }
 }

@@ -6,7 +6,6 @@ use rayon::prelude::*;
 use super::arrangements::Relabelling;
 use super::linear::{Small, floors};
 use super::projection::Projection;
-use super::resampling::Resampling;
 use crate::product::{COLUMNS, product};
 
 /// Evaluator of the fraction of the scatter that the effect explains.
@@ -20,13 +19,14 @@ pub(crate) struct Explained<'a> {
 }
 
 impl<'a> Explained<'a> {
-    /// Prepares the evaluation from the residuals of the reduced model and the values, (n, V d).
+    /// Prepares the evaluation from the residuals of the reduced model and the values, (n, V d). `orthogonal` says that
+    /// relabelled residuals stay orthogonal to the reduced model.
     pub(crate) fn new(
         mut reduced: Array2<f64>,
         values: ArrayView2<'_, f64>,
         components: usize,
         model: &'a Projection,
-        resampling: Resampling,
+        orthogonal: bool,
     ) -> Self {
         let floor = floors(values);
         let floor = floor.chunks(components).map(|floor| floor.iter().copied().fold(0.0, f64::max));
@@ -45,12 +45,11 @@ impl<'a> Explained<'a> {
             }
         });
         drop(blocks);
-        // Permutations preserve a sum of zero, and hence the orthogonality to a constant.
-        let constant = resampling == Resampling::Permutations && model.nuisance.ncols() == 1;
-        Self { whitened: reduced, components, model, orthogonal: constant || model.nuisance.ncols() == 0 }
+        Self { whitened: reduced, components, model, orthogonal }
     }
 
-    /// Calls `use_it(index of the relabelling, first vertex, shares)` for runs of vertices.
+    /// Calls `use_it(index of the relabelling, first vertex, shares)` for runs of vertices. Shares of one component and
+    /// one row have the sign of the estimate.
     pub(crate) fn evaluate(&self, relabellings: &[Relabelling], mut use_it: impl FnMut(usize, usize, &[f64])) {
         let (effect, nuisance, d) = (&self.model.effect, &self.model.nuisance, self.components);
         let (q, z) = (effect.ncols(), if self.orthogonal { 0 } else { nuisance.ncols() });
@@ -85,6 +84,9 @@ impl<'a> Explained<'a> {
                     for (v, found) in found.iter_mut().enumerate() {
                         *found = explained(products.slice(s![.., v * d..(v + 1) * d]), q);
                     }
+                }
+                if q == 1 && d == 1 {
+                    found.iter_mut().zip(products.row(0)).for_each(|(found, b)| *found = found.copysign(*b));
                 }
                 use_it(which, first, found);
             }

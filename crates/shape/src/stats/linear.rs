@@ -15,9 +15,11 @@ use ndarray::{Array2, ArrayView2, Axis};
 use rayon::prelude::*;
 
 use super::TestParams;
+use super::blocks::Blocks;
 use super::design::{Contrast, Design};
 use super::distributions::{p_of_f, p_of_t, quantile_of_t};
 use super::projection::{Projection, without};
+use super::resampling::Resampling;
 use crate::ShapeError;
 use crate::product::product;
 
@@ -44,6 +46,29 @@ pub enum Statistic {
         /// Degrees of freedom of the errors.
         freedom: f64,
     },
+}
+
+impl Statistic {
+    /// Returns the statistic, positive, whose two-sided p value is `p`, in (0, 1).
+    pub(crate) fn threshold(&self, p: f64) -> f64 {
+        let p_of = |statistic: f64| match *self {
+            Self::T { freedom } => p_of_t(statistic, freedom),
+            Self::F { between, within } => p_of_f(statistic, between, within),
+            Self::TSquared { components, freedom } => {
+                let (d, within) = (components as f64, freedom - components as f64 + 1.0);
+                p_of_f(statistic * within / (freedom * d), d, within)
+            }
+        };
+        let (mut low, mut high) = (0.0, 1.0);
+        while p_of(high) > p && high < 1e150 {
+            high *= 2.0;
+        }
+        for _ in 0..200 {
+            let middle = 0.5 * (low + high);
+            if p_of(middle) > p { low = middle } else { high = middle }
+        }
+        high
+    }
 }
 
 /// The estimate of a contrast of one row, `c^T B`, in the measurement's unit.
@@ -99,12 +124,36 @@ pub(crate) fn check(
     if n < least {
         return Err(ShapeError::Subjects { what: "the values", expected: least, found: n });
     }
+    check_relabellings(n, components, params)?;
     for (what, found) in [("confidence", params.confidence), ("level", params.level)] {
         if !(found > 0.0 && found < 1.0) {
             return Err(ShapeError::Share { what, found });
         }
     }
     Ok(())
+}
+
+/// Checks what restricts the relabellings, for n subjects.
+fn check_relabellings(n: usize, components: usize, params: &TestParams) -> Result<(), ShapeError> {
+    let differ = |what, found| ShapeError::Subjects { what, expected: n, found };
+    if let Some(found) = params.blocks.as_ref().map(Blocks::observations).filter(|found| *found != n) {
+        return Err(differ("blocks", found));
+    }
+    let unlike =
+        |expected, found: &str| ShapeError::Setting { name: "variance_groups", found: found.to_owned(), expected };
+    match (&params.variance_groups, components) {
+        (Some(_), _) if params.welch => Err(unlike("expected none together with Welch's test", "both")),
+        (Some(of), _) if of.len() != n => Err(differ("variance_groups", of.len())),
+        (Some(_), 2..) => Err(unlike("expected values of one component", "positions")),
+        _ => match params.errors {
+            Some(errors) if params.welch && errors != Resampling::SignFlips => Err(ShapeError::Setting {
+                name: "errors",
+                found: errors.assumption().to_owned(),
+                expected: "expected symmetric errors for Welch's test",
+            }),
+            _ => Ok(()),
+        },
+    }
 }
 
 pub(crate) type Found = (Statistic, Vec<f64>, Vec<f64>, Option<Effect>);

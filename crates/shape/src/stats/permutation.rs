@@ -17,14 +17,19 @@
 //! d (q + p - q)` flops per relabelling, `2 n V d q` if the reduced model is a constant; 10,000 relabellings of 100
 //! subjects at 10,242 vertices of a scalar take 2e10. Memory: `8 n V d` bytes for the residuals, and 2 MB per thread.
 
-use ndarray::{ArrayView2, Axis};
+use ndarray::{Array2, ArrayView2, Axis, s};
 use rayon::prelude::*;
 use spharm_monitor::{Monitor, Stage};
 
+use super::TestParams;
 use super::arrangements::{Arrangements, Relabelling};
+use super::aspin_welch::AspinWelch;
+use super::blocks::{Blocks, free};
 use super::explained::Explained;
+use super::linear::Statistic;
 use super::projection::Projection;
 use super::resampling::Resampling;
+use super::spatial::{Clusters, Largest, Regions, Tfce};
 use super::welch_flips::WelchFlips;
 use crate::ShapeError;
 
@@ -66,6 +71,10 @@ pub struct FamilyWise {
     pub exact: bool,
     /// The smallest possible p value.
     pub floor: f64,
+    /// Threshold-free cluster enhancement, if requested.
+    pub tfce: Option<Tfce>,
+    /// Clusters, if requested.
+    pub clusters: Option<Clusters>,
 }
 
 /// Number of relabellings whose products are computed together.
@@ -78,17 +87,20 @@ const STAGE: Stage = Stage::counted("permutations", "relabellings");
 /// The statistic by which relabelled studies are compared.
 pub(crate) enum Compared<'a> {
     /// t, F or `T^2` with pooled variances.
-    Pooled(&'a Projection),
+    Pooled,
     /// Welch's t or its `T^2` of two groups, given the group of each subject.
-    Welch(&'a Projection, &'a [usize]),
+    Welch(&'a [usize]),
+    /// Aspin and Welch's v or G, given the variance group of each subject.
+    VarianceGroups(&'a AspinWelch, &'a [usize]),
 }
 
-/// Returns family-wise p values of values (n, V d); `None` if no relabelling changes the statistics.
+/// Returns family-wise p values of values (n, V d), whose statistic is `kind`; `None` if no relabelling changes the
+/// statistics.
 pub(crate) fn family_wise(
     values: ArrayView2<'_, f64>,
     components: usize,
-    compared: &Compared<'_>,
-    params: &PermutationParams,
+    (model, compared, kind): (&Projection, &Compared<'_>, &Statistic),
+    (params, test): (&PermutationParams, &TestParams),
     monitor: &dyn Monitor,
 ) -> Result<Option<FamilyWise>, ShapeError> {
     for (name, found) in [("relabellings", params.count), ("exact_up_to", params.exact_up_to)] {
@@ -97,21 +109,34 @@ pub(crate) fn family_wise(
             return Err(ShapeError::Setting { name, found: found.to_string(), expected });
         }
     }
-    let (model, resampling, share) = match *compared {
-        Compared::Pooled(model) => {
-            let resampling = Resampling::choose(model);
-            let residuals = model.residual(values);
-            let share = Share::Explained(Explained::new(residuals, values, components, model, resampling));
-            (model, resampling, share)
-        }
-        Compared::Welch(model, groups) => {
-            (model, Resampling::SignFlips, Share::Welch(WelchFlips::new(values, components, groups)))
-        }
+    let chosen = match compared {
+        Compared::Pooled => Resampling::choose(model),
+        Compared::Welch(_) | Compared::VarianceGroups(..) => Resampling::SignFlips,
     };
-    let rows = ndarray::concatenate![Axis(1), model.effect, model.nuisance];
-    let arrangements = Arrangements::new(rows.view(), resampling, params.count, params.exact_up_to, params.seed);
+    let resampling = test.errors.unwrap_or(chosen);
+    let blocks = test.blocks.as_ref();
+    let share = match compared {
+        Compared::Pooled => {
+            let residuals = model.residual(values);
+            let orthogonal = stays_orthogonal(model, resampling, blocks);
+            Share::Explained(Explained::new(residuals, values, components, model, orthogonal))
+        }
+        Compared::Welch(groups) => Share::Welch(WelchFlips::new(values, components, groups)),
+        Compared::VarianceGroups(prepared, _) => Share::VarianceGroups(prepared),
+    };
+    let mut rows = ndarray::concatenate![Axis(1), model.effect, model.nuisance];
+    if let Compared::VarianceGroups(_, groups) = compared {
+        // Rows of different variance groups are different, also if they are equal in the design.
+        let column = Array2::from_shape_fn((groups.len(), 1), |(i, _)| groups[i] as f64);
+        rows = ndarray::concatenate![Axis(1), rows, column];
+    }
+    let sets = blocks.map_or_else(|| free(values.nrows()), Blocks::sets);
+    let arrangements = Arrangements::new(rows.view(), sets, resampling, params.count, params.exact_up_to, params.seed);
     let floor = if arrangements.exact { smallest(&arrangements, model) } else { 1.0 / arrangements.count as f64 };
     if floor >= 1.0 {
+        if blocks.is_some() || test.errors.is_some() {
+            return Err(ShapeError::NoRelabelling { resampling, blocks: blocks.is_some() });
+        }
         return Ok(None);
     }
     let vertices = values.ncols() / components;
@@ -120,7 +145,9 @@ pub(crate) fn family_wise(
     share.evaluate(std::slice::from_ref(&identity), |_, first, found| {
         own[first..first + found.len()].copy_from_slice(found)
     });
-    let reached: Vec<f64> = own.iter().map(|own| own * (1.0 - TIE)).collect();
+    let reached: Vec<f64> = own.iter().map(|own| own.abs() * (1.0 - TIE)).collect();
+    let unscaled = |value: f64| share.statistic(kind, value);
+    let regions = test.spatial.as_ref().map(|spatial| (spatial, spatial.cluster.map(|p| kind.threshold(p))));
 
     monitor.begin(STAGE, arrangements.count as u64);
     let batches = arrangements.count.div_ceil(BATCH);
@@ -129,14 +156,27 @@ pub(crate) fn family_wise(
         .map(|batch| {
             monitor.check()?;
             let relabellings = arrangements.range(batch * BATCH, ((batch + 1) * BATCH).min(arrangements.count));
-            let mut largest = vec![0.0_f64; relabellings.len()];
+            let mut largest = vec![(0.0_f64, Largest::default()); relabellings.len()];
             let mut counts = vec![0u32; vertices];
+            let kept = if regions.is_some() { relabellings.len() } else { 0 };
+            let mut maps = Array2::zeros((kept, vertices));
             share.evaluate(&relabellings, |which, first, found| {
                 for ((found, reached), count) in found.iter().zip(&reached[first..]).zip(&mut counts[first..]) {
-                    largest[which] = largest[which].max(*found);
-                    *count += u32::from(found >= reached);
+                    let found = found.abs();
+                    largest[which].0 = largest[which].0.max(found);
+                    *count += u32::from(found >= *reached);
+                }
+                if kept > 0 {
+                    let found = found.iter().map(|value| unscaled(*value));
+                    maps.slice_mut(s![which, first..]).iter_mut().zip(found).for_each(|(map, value)| *map = value);
                 }
             });
+            if let Some((spatial, threshold)) = &regions {
+                let mut forest = Regions::new(&spatial.surface);
+                for (map, (_, largest)) in maps.rows().into_iter().zip(&mut largest) {
+                    *largest = forest.largest(map.to_slice().unwrap_or_default(), spatial.tfce, *threshold);
+                }
+            }
             monitor.step(relabellings.len() as u64);
             Ok((largest, counts))
         })
@@ -149,20 +189,67 @@ pub(crate) fn family_wise(
             },
         )?;
     monitor.end();
-    let mut sorted = largest;
-    sorted.sort_by(f64::total_cmp);
     let all = arrangements.count as f64;
-    let p = reached.iter().map(|reached| (sorted.len() - sorted.partition_point(|most| most < reached)) as f64 / all);
-    let p: Vec<f64> = p.collect();
     let pointwise = counts.into_iter().map(|count| f64::from(count) / all).collect();
-    Ok(Some(FamilyWise {
-        p,
+    let null = |pick: fn(&(f64, Largest)) -> f64| Null::new(largest.iter().map(pick).collect());
+    let of_maps = null(|(most, _)| *most);
+    let mut result = FamilyWise {
+        p: own.iter().map(|own| of_maps.p(own.abs())).collect(),
         pointwise,
         resampling,
         relabellings: arrangements.count,
         exact: arrangements.exact,
         floor,
-    }))
+        tfce: None,
+        clusters: None,
+    };
+    if let Some((spatial, threshold)) = regions {
+        let mut forest = Regions::new(&spatial.surface);
+        let map: Vec<f64> = own.iter().map(|own| unscaled(*own)).collect();
+        if spatial.tfce {
+            let (statistic, null) = (forest.tfce(&map), null(|(_, largest)| largest.tfce));
+            let p = statistic.iter().map(|value| null.p(value.abs())).collect();
+            result.tfce = Some(Tfce { statistic, p });
+        }
+        if let Some(threshold) = threshold {
+            let (mut clusters, null) = (forest.clusters(&map, threshold), null(|(_, largest)| largest.area));
+            clusters.clusters.iter_mut().for_each(|cluster| cluster.p = null.p(cluster.area));
+            result.clusters = Some(clusters);
+        }
+    }
+    Ok(Some(result))
+}
+
+/// The largest statistics of all relabelled studies.
+struct Null(Vec<f64>);
+
+impl Null {
+    fn new(mut largest: Vec<f64>) -> Self {
+        largest.sort_by(f64::total_cmp);
+        Self(largest)
+    }
+
+    /// Returns the fraction of relabelled studies whose largest statistic reaches this one.
+    fn p(&self, statistic: f64) -> f64 {
+        let reached = statistic * (1.0 - TIE);
+        (self.0.len() - self.0.partition_point(|most| *most < reached)) as f64 / self.0.len() as f64
+    }
+}
+
+/// Returns whether relabelled residuals stay orthogonal to the reduced model: if it is empty, or if the relabellings
+/// exchange only subjects with equal rows of it.
+fn stays_orthogonal(model: &Projection, resampling: Resampling, blocks: Option<&Blocks>) -> bool {
+    let nuisance = &model.nuisance;
+    if nuisance.ncols() == 0 {
+        return true;
+    }
+    let sets = blocks.map_or_else(|| free(nuisance.nrows()), Blocks::sets);
+    let equal = |a: u32, b: u32| {
+        nuisance.row(a as usize).iter().zip(nuisance.row(b as usize)).all(|(a, b)| (a - b).abs() <= 1e-12)
+    };
+    let units_are_equal =
+        |set: &Vec<Vec<u32>>| set.iter().all(|unit| unit.iter().zip(&set[0]).all(|(i, first)| equal(*i, *first)));
+    resampling == Resampling::Permutations && sets.iter().all(units_are_equal)
 }
 
 /// Returns the fraction of all relabellings that have the same statistics as the original labels.
@@ -181,6 +268,7 @@ fn smallest(arrangements: &Arrangements, model: &Projection) -> f64 {
 enum Share<'a> {
     Explained(Explained<'a>),
     Welch(WelchFlips),
+    VarianceGroups(&'a AspinWelch),
 }
 
 impl Share<'_> {
@@ -189,6 +277,21 @@ impl Share<'_> {
         match self {
             Self::Explained(explained) => explained.evaluate(relabellings, use_it),
             Self::Welch(flips) => flips.evaluate(relabellings, use_it),
+            Self::VarianceGroups(prepared) => prepared.evaluate(relabellings, use_it),
+        }
+    }
+
+    /// Returns the statistic of an evaluated value: t (signed), F or `T^2`.
+    fn statistic(&self, kind: &Statistic, value: f64) -> f64 {
+        let t = |square: f64| square.abs().sqrt().copysign(square);
+        // Of a fraction u of the scatter: t^2 or T^2 = v u / (1 - u).
+        let odds = |u: f64| u / (1.0 - u.abs()).max(f64::EPSILON);
+        match (self, kind) {
+            (Self::Explained(_), Statistic::T { freedom }) => t(freedom * odds(value)),
+            (Self::Explained(_), Statistic::F { between, within }) => within / between * odds(value),
+            (Self::Explained(_), Statistic::TSquared { freedom, .. }) => freedom * odds(value),
+            (_, Statistic::T { .. }) => t(value),
+            _ => value,
         }
     }
 }

@@ -26,21 +26,8 @@ pub(crate) struct Projection {
 
 impl Projection {
     pub(crate) fn new(design: &Design, contrast: &Contrast) -> Result<Self, ShapeError> {
-        let x = design.matrix();
-        let (n, p) = x.dim();
-        let (q, _) = orthonormalise(x);
-        let r = product(q.t(), x);
-        // Forward substitution of R^T U = C^T.
-        let mut u = contrast.weights.t().to_owned();
-        for row in 0..p {
-            for above in 0..row {
-                let share = r[[above, row]];
-                let known = u.row(above).to_owned();
-                u.row_mut(row).scaled_add(-share, &known);
-            }
-            let pivot = r[[row, row]];
-            u.row_mut(row).mapv_inplace(|value| value / pivot);
-        }
+        let (n, p) = design.matrix().dim();
+        let (q, u) = contrast_in_basis(design, contrast);
         let w = product(q.view(), u.view());
         let scale = w.iter().map(|value| value * value).sum::<f64>().sqrt();
         let (effect, dependent) = orthonormalise(w.view());
@@ -83,6 +70,26 @@ impl Projection {
         };
         keeps(&self.effect) && keeps(&self.nuisance)
     }
+}
+
+/// Returns an orthonormal basis Q of a design's columns, (n, p), and U, (p, q), with `C B = U^T Q^T Y` for the
+/// least-squares coefficients B.
+pub(crate) fn contrast_in_basis(design: &Design, contrast: &Contrast) -> (Array2<f64>, Array2<f64>) {
+    let x = design.matrix();
+    let (q, _) = orthonormalise(x);
+    let r = product(q.t(), x);
+    // Forward substitution of R^T U = C^T.
+    let mut u = contrast.weights.t().to_owned();
+    for row in 0..x.ncols() {
+        for above in 0..row {
+            let share = r[[above, row]];
+            let known = u.row(above).to_owned();
+            u.row_mut(row).scaled_add(-share, &known);
+        }
+        let pivot = r[[row, row]];
+        u.row_mut(row).mapv_inplace(|value| value / pivot);
+    }
+    (q, u)
 }
 
 /// Returns values without their projection on the columns of an orthonormal basis.

@@ -6,6 +6,8 @@
 //! stays in the residuals, and no permutation changes their sum: a test of the mean would compare a statistic with
 //! itself. Signs are flipped in these cases.
 
+use std::str::FromStr;
+
 use ndarray::ArrayView2;
 
 use super::projection::Projection;
@@ -52,6 +54,20 @@ impl Resampling {
         }
         let support = support(model.effect.view());
         if support < MIN_SUPPORT && support < 0.9 * model.effect.nrows() as f64 { Self::Both } else { Self::SignFlips }
+    }
+}
+
+impl FromStr for Resampling {
+    type Err = String;
+
+    /// Parses an assumption about errors: `exchangeable`, `symmetric` or `both`.
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "exchangeable" => Ok(Self::Permutations),
+            "symmetric" => Ok(Self::SignFlips),
+            "both" => Ok(Self::Both),
+            _ => Err("expected exchangeable, symmetric or both".to_owned()),
+        }
     }
 }
 

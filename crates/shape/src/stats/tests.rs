@@ -6,7 +6,9 @@ use spharm_monitor::Silent;
 use super::*;
 use crate::product::product;
 
+mod blocks;
 mod means;
+mod regions;
 mod unequal;
 
 /// Pseudorandom numbers in (-1, 1).
@@ -129,7 +131,14 @@ fn covariates_are_freedman_and_lanes() {
     let fitted = product(reduced.view(), product(reduced.t(), y.view()).view());
     let residual = &y - &fitted;
     let rows = Array2::from_shape_fn((n, 1), |(i, _)| i as f64);
-    let all = arrangements::Arrangements::new(rows.view(), Resampling::Permutations, 1, 20_000, 0);
+    let all = arrangements::Arrangements::new(
+        rows.view(),
+        super::blocks::free(rows.nrows()),
+        Resampling::Permutations,
+        1,
+        20_000,
+        0,
+    );
     let largest: Vec<f64> = all
         .range(0, all.count)
         .iter()

@@ -88,7 +88,7 @@ impl WelchFlips {
         }
     }
 
-    /// Computes `t^2` of vertices from `first` on, given the sums of both groups.
+    /// Computes `t^2`, with the sign of t, of vertices from `first` on, given the sums of both groups.
     fn squared_t(&self, first: usize, sums: &[ArrayView1<'_, f64>; 2], found: &mut [f64]) {
         let [n1, n2] = self.sizes;
         for (v, found) in found.iter_mut().enumerate() {
@@ -96,7 +96,8 @@ impl WelchFlips {
             let error = (self.squares[[0, at]] - s1 * s1 / n1).max(0.0) / (n1 * (n1 - 1.0))
                 + (self.squares[[1, at]] - s2 * s2 / n2).max(0.0) / (n2 * (n2 - 1.0));
             let difference = s1 / n1 - s2 / n2;
-            *found = if error > self.floor[at] { difference * difference / error } else { 0.0 };
+            let squared = if error > self.floor[at] { difference * difference / error } else { 0.0 };
+            *found = squared.copysign(difference);
         }
     }
 

@@ -1,0 +1,279 @@
+//! Tests contrasts of any design if groups of observations differ in variance: Aspin and Welch's v, and its
+//! generalisation G to several contrasts.
+//!
+//! A. M. Winkler, G. R. Ridgway, M. A. Webster, S. M. Smith and T. E. Nichols, "Permutation inference for the general
+//! linear model", NeuroImage 92 (2014), section 2.5. With `E_g` the residuals of variance group g, `R` the
+//! residual-forming matrix and B the least-squares coefficients,
+//!
+//! ```text
+//! w_g = sum of R_ii over g / |E_g|^2,   W = diag of w_g,
+//! G   = (C B)^T (C (X^T W X)^-1 C^T)^-1 (C B) / (q Lambda),   Lambda = 1 + 2 (q - 1) b / (q (q + 2)),
+//! b   = sum_g (1 - n_g w_g / tr W)^2 / sum of R_ii over g.
+//! ```
+//!
+//! For a contrast of one row G is the square of v, which is Welch's t for two groups; for one variance group G is F. p
+//! values are of F on q and `q (q + 2) / 3b` degrees of freedom, which differ between vertices.
+//!
+//! # Relabellings
+//!
+//! With Q an orthonormal basis of the design, a relabelled study y needs `Q_g^T y_g` and `|y_g|^2` for each variance
+//! group g: products of at most G p + G rows of length n with (n, V). At a vertex the coefficients are their sums, and
+//! `|E_g|^2 = |y_g|^2 - 2 a^T Q_g^T y_g + a^T Q_g^T Q_g a`; then follows a Cholesky factor of order p. Cost: `2 n V G
+//! (p + 1)` flops and about `V p^3` per relabelling. Memory: `16 n V` bytes.
+
+use ndarray::{Array2, ArrayView2, Axis, s};
+
+use super::arrangements::Relabelling;
+use super::design::{Contrast, Design};
+use super::distributions::{p_of_f, p_of_t, quantile_of_t};
+use super::linear::{Effect, Found, Small, Statistic, floors};
+use super::projection::{Projection, contrast_in_basis};
+use crate::ShapeError;
+use crate::product::{COLUMNS, product};
+
+/// Values prepared for the statistics of a study and of its relabellings.
+pub(crate) struct AspinWelch {
+    /// Variance group of each subject's row of the design, (n).
+    of: Vec<usize>,
+    /// Residuals of the reduced model and their squares, (n, V).
+    residuals: Array2<f64>,
+    squares: Array2<f64>,
+    /// The smallest sum of squares above rounding errors, (V).
+    floor: Vec<f64>,
+    /// Orthonormal basis of the design, (n, p), and the contrast in it, (p, q).
+    basis: Array2<f64>,
+    contrast: Array2<f64>,
+    groups: Vec<VarianceGroup>,
+    /// The pairs of a group and a column of the basis that isn't zero in the group.
+    columns: Vec<(usize, usize)>,
+}
+
+struct VarianceGroup {
+    size: f64,
+    /// Sum of `R_ii`.
+    freedom: f64,
+    /// `Q_g^T Q_g`, (p, p).
+    gram: Array2<f64>,
+}
+
+/// The statistic at a vertex.
+#[derive(Clone, Copy)]
+struct AtVertex {
+    /// G, with the sign of the estimate for a contrast of one row; NaN if there is no variance.
+    signed: f64,
+    /// Estimate and variance of a contrast of one row.
+    estimate: f64,
+    variance: f64,
+    /// The errors' sum of squares.
+    errors: f64,
+    /// Degrees of freedom of the errors.
+    freedom: f64,
+}
+
+impl AspinWelch {
+    /// Prepares values (n, V), given the variance group of each subject.
+    ///
+    /// # Errors
+    ///
+    /// [`ShapeError::Subjects`] for groups of another number of subjects; [`ShapeError::VarianceGroup`] for a group in
+    /// which the design leaves no errors.
+    pub(crate) fn new(
+        values: ArrayView2<'_, f64>,
+        design: &Design,
+        contrast: &Contrast,
+        model: &Projection,
+        of: &[usize],
+    ) -> Result<Self, ShapeError> {
+        let n = values.nrows();
+        if of.len() != n {
+            return Err(ShapeError::Subjects { what: "variance_groups", expected: n, found: of.len() });
+        }
+        let (basis, contrast) = contrast_in_basis(design, contrast);
+        let count = of.iter().max().map_or(0, |last| last + 1);
+        let mut groups = Vec::with_capacity(count);
+        for number in 0..count {
+            let members: Vec<usize> = (0..n).filter(|i| of[*i] == number).collect();
+            let rows = basis.select(Axis(0), &members);
+            let gram = product(rows.t(), rows.view());
+            let freedom = members.len() as f64 - gram.diag().sum();
+            if freedom < 1e-9 {
+                return Err(ShapeError::VarianceGroup { group: number + 1, subjects: members.len() });
+            }
+            groups.push(VarianceGroup { size: members.len() as f64, freedom, gram });
+        }
+        let pairs = (0..count).flat_map(|group| (0..basis.ncols()).map(move |column| (group, column)));
+        let columns = pairs.filter(|(group, column)| groups[*group].gram[[*column, *column]] > 0.0).collect();
+        let residuals = model.residual(values);
+        let squares = residuals.mapv(|value| value * value);
+        Ok(Self { of: of.to_vec(), residuals, squares, floor: floors(values), basis, contrast, groups, columns })
+    }
+
+    /// Returns the statistics and their p values; NaN if there is no variance.
+    pub(crate) fn statistics(&self, confidence: f64) -> Found {
+        let mut vertices: Vec<AtVertex> = Vec::with_capacity(self.floor.len());
+        let identity: Relabelling = (0..self.of.len()).map(|i| (i as u32, 1.0)).collect();
+        self.each(std::slice::from_ref(&identity), |_, _, found| vertices.extend_from_slice(found));
+        let q = self.contrast.ncols() as f64;
+        let least = vertices.iter().map(|vertex| vertex.freedom).fold(f64::INFINITY, f64::min);
+        let column = |value: &dyn Fn(&AtVertex) -> f64| vertices.iter().map(value).collect::<Vec<f64>>();
+        if self.contrast.ncols() > 1 {
+            let p = column(&|vertex| p_of_f(vertex.signed, q, vertex.freedom));
+            let kind = Statistic::F { between: q, within: least };
+            return (kind, column(&|vertex| vertex.signed), p, None);
+        }
+        let v = |vertex: &AtVertex| vertex.signed.abs().sqrt().copysign(vertex.signed);
+        let p = column(&|vertex| p_of_t(v(vertex), vertex.freedom));
+        let table = |value: &dyn Fn(&AtVertex) -> f64| {
+            Array2::from_shape_vec((vertices.len(), 1), column(value)).unwrap_or_default()
+        };
+        let known = |vertex: &AtVertex| !vertex.signed.is_nan();
+        let error = |vertex: &AtVertex| if known(vertex) { vertex.variance.sqrt() } else { 0.0 };
+        let margin = |vertex: &AtVertex| match known(vertex) {
+            true => quantile_of_t(confidence, vertex.freedom) * error(vertex),
+            false => 0.0,
+        };
+        let freedom: f64 = self.groups.iter().map(|group| group.freedom).sum();
+        let effect = Effect {
+            estimate: table(&|vertex| vertex.estimate),
+            standard_error: table(&error),
+            margin: table(&margin),
+            size: column(&|vertex| match known(vertex) {
+                true => vertex.estimate / (vertex.errors / freedom).sqrt(),
+                false => f64::NAN,
+            }),
+        };
+        (Statistic::T { freedom: least }, column(&v), p, Some(effect))
+    }
+
+    /// Calls `use_it(index of the relabelling, first vertex, statistics)` for runs of vertices; see
+    /// [`signed`](AtVertex::signed).
+    pub(crate) fn evaluate(&self, relabellings: &[Relabelling], mut use_it: impl FnMut(usize, usize, &[f64])) {
+        let mut signed = Vec::new();
+        self.each(relabellings, |which, first, found| {
+            signed.clear();
+            signed.extend(found.iter().map(|at| if at.signed.is_nan() { 0.0 } else { at.signed }));
+            use_it(which, first, &signed);
+        });
+    }
+
+    fn each(&self, relabellings: &[Relabelling], mut use_it: impl FnMut(usize, usize, &[AtVertex])) {
+        let (n, each, count) = (self.of.len(), self.columns.len(), self.groups.len());
+        let mut rows = Array2::zeros((relabellings.len() * each, n));
+        let mut members = Array2::zeros((relabellings.len() * count, n));
+        for (which, relabelling) in relabellings.iter().enumerate() {
+            for (i, (from, sign)) in relabelling.iter().enumerate() {
+                let (from, group) = (*from as usize, self.of[*from as usize]);
+                members[[which * count + group, i]] = 1.0;
+                for (row, (of, column)) in self.columns.iter().enumerate() {
+                    if *of == group {
+                        rows[[which * each + row, i]] = sign * self.basis[[from, *column]];
+                    }
+                }
+            }
+        }
+        let vertices = self.floor.len();
+        let mut work = Work::new(self);
+        let mut found = Vec::with_capacity(COLUMNS);
+        for first in (0..vertices).step_by(COLUMNS) {
+            let end = vertices.min(first + COLUMNS);
+            let sums = product(rows.view(), self.residuals.slice(s![.., first..end]));
+            let squares = product(members.view(), self.squares.slice(s![.., first..end]));
+            for which in 0..relabellings.len() {
+                found.clear();
+                for v in 0..end - first {
+                    (0..each).for_each(|row| work.sums[row] = sums[[which * each + row, v]]);
+                    (0..count).for_each(|group| work.squares[group] = squares[[which * count + group, v]]);
+                    found.push(self.at(self.floor[first + v], &mut work));
+                }
+                use_it(which, first, &found);
+            }
+        }
+    }
+
+    /// Computes the statistic at a vertex from its sums.
+    fn at(&self, floor: f64, work: &mut Work) -> AtVertex {
+        let (p, q) = self.contrast.dim();
+        let Work { sums, squares, coefficients, weights, scatter, small, columns, estimate } = work;
+        coefficients.fill(0.0);
+        self.columns.iter().zip(sums.iter()).for_each(|((_, column), sum)| coefficients[*column] += sum);
+        for (group, square) in self.groups.iter().zip(squares.iter_mut()) {
+            for i in 0..p {
+                for j in 0..p {
+                    *square += coefficients[i] * coefficients[j] * group.gram[[i, j]];
+                }
+            }
+        }
+        for ((group, column), sum) in self.columns.iter().zip(sums.iter()) {
+            squares[*group] -= 2.0 * coefficients[*column] * sum;
+        }
+        let none = AtVertex { signed: f64::NAN, estimate: 0.0, variance: 0.0, errors: 0.0, freedom: f64::INFINITY };
+        let errors: f64 = squares.iter().sum();
+        for (k, estimate) in estimate.iter_mut().enumerate() {
+            *estimate = (0..p).map(|i| self.contrast[[i, k]] * coefficients[i]).sum();
+        }
+        let none = AtVertex { estimate: estimate[0], ..none };
+        if errors <= floor {
+            return none;
+        }
+        let mut trace = 0.0;
+        for ((group, square), weight) in self.groups.iter().zip(squares.iter()).zip(weights.iter_mut()) {
+            *weight = group.freedom / square.max(floor);
+            trace += group.size * *weight;
+        }
+        scatter.fill(|i, j| self.groups.iter().zip(weights.iter()).map(|(group, w)| w * group.gram[[i, j]]).sum());
+        if !scatter.factorise(0.0) {
+            return none;
+        }
+        for (k, column) in columns.iter_mut().enumerate() {
+            column.iter_mut().enumerate().for_each(|(i, value)| *value = self.contrast[[i, k]]);
+            scatter.whiten(column);
+        }
+        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        let variance = dot(&columns[0], &columns[0]);
+        let off = |(group, weight): (&VarianceGroup, &f64)| (1.0 - group.size * weight / trace).powi(2) / group.freedom;
+        let b: f64 = self.groups.iter().zip(weights.iter()).map(off).sum();
+        let rows = q as f64;
+        // With one variance group b is 0, and the degrees of freedom are those of the design.
+        let pooled: f64 = self.groups.iter().map(|group| group.freedom).sum();
+        let freedom = if self.groups.len() == 1 { pooled } else { rows * (rows + 2.0) / (3.0 * b) };
+        if q == 1 {
+            let signed = (estimate[0] * estimate[0] / variance).copysign(estimate[0]);
+            return AtVertex { signed, estimate: estimate[0], variance, errors, freedom };
+        }
+        small.fill(|i, j| dot(&columns[i], &columns[j]));
+        if !small.factorise(0.0) {
+            return none;
+        }
+        let lambda = 1.0 + 2.0 * (rows - 1.0) * b / (rows * (rows + 2.0));
+        let signed = small.quotient(estimate) / (rows * lambda);
+        AtVertex { signed, estimate: estimate[0], variance, errors, freedom }
+    }
+}
+
+/// Working space of one vertex.
+struct Work {
+    sums: Vec<f64>,
+    squares: Vec<f64>,
+    coefficients: Vec<f64>,
+    weights: Vec<f64>,
+    scatter: Small,
+    small: Small,
+    columns: Vec<Vec<f64>>,
+    estimate: Vec<f64>,
+}
+
+impl Work {
+    fn new(of: &AspinWelch) -> Self {
+        let (p, q) = of.contrast.dim();
+        Self {
+            sums: vec![0.0; of.columns.len()],
+            squares: vec![0.0; of.groups.len()],
+            coefficients: vec![0.0; p],
+            weights: vec![0.0; of.groups.len()],
+            scatter: Small::zeros(p),
+            small: Small::zeros(q),
+            columns: vec![vec![0.0; p]; q],
+            estimate: vec![0.0; q],
+        }
+    }
+}

@@ -1,0 +1,339 @@
+//! Statistics of regions: threshold-free cluster enhancement (TFCE), and clusters above a threshold.
+//!
+//! S. M. Smith and T. E. Nichols, "Threshold-free cluster enhancement", NeuroImage 44 (2009): a vertex of statistic t
+//! gets
+//!
+//! ```text
+//! integral from 0 to t of e(h)^E h^H dh,   E = 1, H = 2,
+//! ```
+//!
+//! with e(h) the area of the connected vertices around it of at least h. E and H are FSL's for surfaces
+//! (`randomise --T2`). The integral is exact, without steps of h. Clusters are connected vertices above a threshold;
+//! their statistic is their area (K. J. Friston et al., "Assessing the significance of focal activations using their
+//! spatial extent", Hum. Brain Mapp. 1 (1994)). Positive and negative statistics are separate regions.
+//!
+//! # Computation
+//!
+//! Vertices are added in decreasing order of their statistic to a forest of regions (union by area, with path halving
+//! of offsets). Each region has the integral since it began; a vertex that joins gets the difference. Cost: a sort and
+//! about 12 operations of the forest per vertex, 1 ms for 10,242 vertices. Memory: 40 bytes per vertex.
+
+use std::collections::HashMap;
+
+use spharm_surface::geometry::{cross, dot, sub};
+
+use crate::ShapeError;
+
+/// The surface of the tested vertices: which of them are neighbours, and the area of each.
+#[derive(Debug, Clone)]
+pub struct SurfaceGraph {
+    starts: Vec<u32>,
+    neighbours: Vec<u32>,
+    areas: Vec<f64>,
+}
+
+impl SurfaceGraph {
+    /// Creates the graph of a mesh: vertices (V) in space and triangles. A vertex has a third of the area of each of
+    /// its triangles.
+    ///
+    /// # Errors
+    ///
+    /// [`ShapeError::Differ`] for a triangle of a vertex that isn't there.
+    pub fn new(vertices: &[[f64; 3]], faces: &[[u32; 3]]) -> Result<Self, ShapeError> {
+        let count = vertices.len();
+        let mut ends = Vec::with_capacity(6 * faces.len());
+        let mut areas = vec![0.0; count];
+        for face in faces {
+            if let Some(far) = face.iter().find(|v| **v as usize >= count) {
+                let (expected, found) = (count, *far as usize + 1);
+                return Err(ShapeError::Differ { what: "number of vertices of the triangles", expected, found });
+            }
+            let [a, b, c] = face.map(|v| vertices[v as usize]);
+            let normal = cross(sub(b, a), sub(c, a));
+            let third = dot(normal, normal).sqrt() / 6.0;
+            for k in 0..3 {
+                areas[face[k] as usize] += third;
+                ends.extend([[face[k], face[(k + 1) % 3]], [face[(k + 1) % 3], face[k]]]);
+            }
+        }
+        Ok(Self::of(ends, areas))
+    }
+
+    fn of(mut ends: Vec<[u32; 2]>, areas: Vec<f64>) -> Self {
+        ends.sort_unstable();
+        ends.dedup();
+        let mut starts = vec![0; areas.len() + 1];
+        ends.iter().for_each(|[v, _]| starts[*v as usize + 1] += 1);
+        (1..starts.len()).for_each(|v| starts[v] += starts[v - 1]);
+        Self { starts, neighbours: ends.into_iter().map(|[_, w]| w).collect(), areas }
+    }
+
+    /// Returns the number of vertices, V.
+    #[must_use]
+    pub fn vertices(&self) -> usize {
+        self.areas.len()
+    }
+
+    /// Returns the graph of the vertices that the mask `kept`, (V), selects.
+    ///
+    /// # Errors
+    ///
+    /// [`ShapeError::Differ`] for a mask of another length.
+    pub fn at(&self, kept: &[bool]) -> Result<Self, ShapeError> {
+        if kept.len() != self.vertices() {
+            let (expected, found) = (self.vertices(), kept.len());
+            return Err(ShapeError::Differ { what: "number of vertices of the mask", expected, found });
+        }
+        let mut number = vec![None; kept.len()];
+        (0..).zip((0..kept.len()).filter(|v| kept[*v])).for_each(|(new, v): (u32, usize)| number[v] = Some(new));
+        let edges = (0..kept.len()).flat_map(|v| self.near(v).iter().map(move |w| (v, *w as usize)));
+        let ends = edges.filter_map(|(v, w)| Some([number[v]?, number[w]?])).collect();
+        let areas = (0..kept.len()).filter(|v| kept[*v]).map(|v| self.areas[v]).collect();
+        Ok(Self::of(ends, areas))
+    }
+
+    fn near(&self, v: usize) -> &[u32] {
+        &self.neighbours[self.starts[v] as usize..self.starts[v + 1] as usize]
+    }
+}
+
+/// Settings of statistics of regions.
+#[derive(Debug, Clone)]
+pub struct SpatialParams {
+    /// The surface of the tested vertices.
+    pub surface: SurfaceGraph,
+    /// Whether to compute TFCE.
+    pub tfce: bool,
+    /// Uncorrected p value below which vertices form clusters, in (0, 1); `None` for no clusters. 0.001 is usual.
+    pub cluster: Option<f64>,
+}
+
+/// TFCE at each of V vertices.
+#[derive(Debug, Clone)]
+pub struct Tfce {
+    /// The enhanced statistic, with the sign of the statistic, (V).
+    pub statistic: Vec<f64>,
+    /// Family-wise p values by the largest enhanced statistic of relabelled studies, (V).
+    pub p: Vec<f64>,
+}
+
+/// Clusters of vertices.
+#[derive(Debug, Clone)]
+pub struct Clusters {
+    /// Statistic from which vertices form clusters.
+    pub threshold: f64,
+    /// Number of each vertex's cluster, from 1; 0 for none, (V).
+    pub of: Vec<u32>,
+    /// The clusters, by decreasing area.
+    pub clusters: Vec<Cluster>,
+}
+
+/// Connected vertices whose statistics exceed the threshold and have the same sign.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Cluster {
+    /// Number of vertices.
+    pub vertices: usize,
+    /// Area on the surface, in its unit squared.
+    pub area: f64,
+    /// Vertex of the largest statistic, and the statistic there.
+    pub peak: usize,
+    /// Statistic at the peak, signed.
+    pub statistic: f64,
+    /// Family-wise p value by the largest area of relabelled studies.
+    pub p: f64,
+}
+
+/// The largest statistics of regions of a study.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Largest {
+    pub(crate) tfce: f64,
+    pub(crate) area: f64,
+}
+
+/// A forest of regions, with working space for all vertices.
+pub(crate) struct Regions<'a> {
+    surface: &'a SurfaceGraph,
+    order: Vec<(f64, u32)>,
+    /// The vertex above each vertex in the forest; itself for roots, `OUTSIDE` before the vertex is added.
+    above: Vec<u32>,
+    /// Difference of a vertex's integral from that of the vertex above; the integral itself for a root.
+    integral: Vec<f64>,
+    /// For roots: area, height to which the integral is computed, and largest integral of a member.
+    area: Vec<f64>,
+    height: Vec<f64>,
+    best: Vec<f64>,
+}
+
+const OUTSIDE: u32 = u32::MAX;
+
+impl<'a> Regions<'a> {
+    pub(crate) fn new(surface: &'a SurfaceGraph) -> Self {
+        let n = surface.vertices();
+        Self {
+            surface,
+            order: Vec::with_capacity(n),
+            above: vec![OUTSIDE; n],
+            integral: vec![0.0; n],
+            area: vec![0.0; n],
+            height: vec![0.0; n],
+            best: vec![0.0; n],
+        }
+    }
+
+    /// Returns the largest TFCE and the largest area of a cluster above `threshold`, over both signs.
+    pub(crate) fn largest(&mut self, statistics: &[f64], tfce: bool, threshold: Option<f64>) -> Largest {
+        let mut largest = Largest::default();
+        for sign in [1.0, -1.0] {
+            let lowest = if tfce { 0.0 } else { threshold.unwrap_or(0.0) };
+            self.begin(statistics, sign, lowest);
+            for at in 0..self.order.len() {
+                let (height, v) = self.order[at];
+                let root = self.add(v, height);
+                if threshold.is_some_and(|threshold| height >= threshold) {
+                    largest.area = largest.area.max(self.area[root as usize]);
+                }
+            }
+            if tfce {
+                for at in 0..self.order.len() {
+                    let v = self.order[at].1;
+                    if self.above[v as usize] == v {
+                        self.grow(v, 0.0);
+                        largest.tfce = largest.tfce.max(self.best[v as usize]);
+                    }
+                }
+            }
+        }
+        largest
+    }
+
+    /// Returns TFCE at each vertex, with the sign of the statistic.
+    pub(crate) fn tfce(&mut self, statistics: &[f64]) -> Vec<f64> {
+        let mut found = vec![0.0; statistics.len()];
+        for sign in [1.0, -1.0] {
+            self.begin(statistics, sign, 0.0);
+            for at in 0..self.order.len() {
+                let (height, v) = self.order[at];
+                self.add(v, height);
+            }
+            for at in 0..self.order.len() {
+                let v = self.order[at].1;
+                if self.above[v as usize] == v {
+                    self.grow(v, 0.0);
+                }
+            }
+            for at in 0..self.order.len() {
+                let v = self.order[at].1;
+                found[v as usize] = sign * self.integral_of(v);
+            }
+        }
+        found
+    }
+
+    /// Returns the clusters of statistics of at least `threshold` in absolute value, with p of 1, and the number of
+    /// each vertex's cluster.
+    pub(crate) fn clusters(&mut self, statistics: &[f64], threshold: f64) -> Clusters {
+        let mut found: Vec<(Cluster, Vec<u32>)> = Vec::new();
+        for sign in [1.0, -1.0] {
+            self.begin(statistics, sign, threshold);
+            for at in 0..self.order.len() {
+                let (height, v) = self.order[at];
+                self.add(v, height);
+            }
+            let mut of_root = HashMap::new();
+            for at in 0..self.order.len() {
+                let v = self.order[at].1;
+                let root = self.root(v);
+                let number = *of_root.entry(root).or_insert_with(|| {
+                    // Vertices come in decreasing order, so that the first is the peak.
+                    let (peak, area) = (v as usize, self.area[root as usize]);
+                    let cluster = Cluster { vertices: 0, area, peak, statistic: statistics[peak], p: 1.0 };
+                    found.push((cluster, Vec::new()));
+                    found.len() - 1
+                });
+                found[number].0.vertices += 1;
+                found[number].1.push(v);
+            }
+        }
+        found.sort_by(|(a, _), (b, _)| b.area.total_cmp(&a.area).then(a.peak.cmp(&b.peak)));
+        let mut of = vec![0; statistics.len()];
+        for (number, (_, members)) in (1..).zip(&found) {
+            members.iter().for_each(|v| of[*v as usize] = number);
+        }
+        Clusters { threshold, of, clusters: found.into_iter().map(|(cluster, _)| cluster).collect() }
+    }
+
+    /// Empties the forest and sorts the vertices whose statistic times `sign` is above 0 and at least `lowest`.
+    fn begin(&mut self, statistics: &[f64], sign: f64, lowest: f64) {
+        self.order.clear();
+        let heights = statistics.iter().map(|value| sign * value).zip(0..);
+        self.order.extend(heights.filter(|(height, _)| *height > 0.0 && *height >= lowest));
+        self.order.sort_unstable_by(|(a, v), (b, w)| b.total_cmp(a).then(v.cmp(w)));
+        self.above.fill(OUTSIDE);
+    }
+
+    /// Adds a vertex at a height that is at most that of all vertices before; returns the root of its region.
+    fn add(&mut self, v: u32, height: f64) -> u32 {
+        let at = v as usize;
+        self.above[at] = v;
+        (self.integral[at], self.best[at]) = (0.0, 0.0);
+        (self.area[at], self.height[at]) = (self.surface.areas[at], height);
+        let surface = self.surface;
+        let mut root = v;
+        for w in surface.near(at) {
+            if self.above[*w as usize] == OUTSIDE {
+                continue;
+            }
+            let other = self.root(*w);
+            if other != root {
+                root = self.join(root, other, height);
+            }
+        }
+        root
+    }
+
+    /// Continues a region's integral down to a height.
+    fn grow(&mut self, root: u32, height: f64) {
+        let at = root as usize;
+        let from = self.height[at];
+        let more = self.area[at] * (from * from * from - height * height * height) / 3.0;
+        self.integral[at] += more;
+        self.best[at] += more;
+        self.height[at] = height;
+    }
+
+    /// Joins two regions at a height; returns the root of the joint region.
+    fn join(&mut self, a: u32, b: u32, height: f64) -> u32 {
+        self.grow(a, height);
+        self.grow(b, height);
+        let (keep, other) = if self.area[a as usize] >= self.area[b as usize] { (a, b) } else { (b, a) };
+        let (k, o) = (keep as usize, other as usize);
+        self.above[o] = keep;
+        self.integral[o] -= self.integral[k];
+        self.area[k] += self.area[o];
+        self.best[k] = self.best[k].max(self.best[o]);
+        keep
+    }
+
+    /// Returns the root of a vertex's region, and shortens the path to it.
+    fn root(&mut self, mut v: u32) -> u32 {
+        loop {
+            let above = self.above[v as usize];
+            let next = self.above[above as usize];
+            if above == v || next == above {
+                return above;
+            }
+            self.integral[v as usize] += self.integral[above as usize];
+            self.above[v as usize] = next;
+            v = next;
+        }
+    }
+
+    fn integral_of(&self, mut v: u32) -> f64 {
+        let mut sum = self.integral[v as usize];
+        while self.above[v as usize] != v {
+            v = self.above[v as usize];
+            sum += self.integral[v as usize];
+        }
+        sum
+    }
+}

@@ -1,0 +1,115 @@
+//! Tests exchangeability blocks and variance groups against brute force and against the tests they generalise.
+
+use super::*;
+
+fn pairs(n: usize, exchange: Exchange) -> Blocks {
+    Blocks::new((0..2 * n).map(|i| i / 2), exchange)
+}
+
+/// The paired t test as a design: an effect, and a column for each pair.
+fn paired(n: usize) -> Design {
+    let x = Array2::from_shape_fn((2 * n, n + 1), |(i, k)| match k {
+        0 => 0.5 - (i % 2) as f64,
+        _ => f64::from(i / 2 == k - 1),
+    });
+    Design::new(x, Vec::new()).unwrap()
+}
+
+#[test]
+fn exchanges_within_pairs_are_sign_flips_of_differences() {
+    let (n, y) = (7, noise(14, 9, 5));
+    let differences = Array2::from_shape_fn((n, 9), |(i, v)| y[[2 * i, v]] - y[[2 * i + 1, v]]);
+    let mean = Design::groups(&[n]).unwrap();
+    let flips = test(differences.view(), 1, &mean, &Contrast::row(&[1.0]), &TestParams::default(), &Silent).unwrap();
+    let params = TestParams { blocks: Some(pairs(n, Exchange::Within)), ..TestParams::default() };
+    let found = test(y.view(), 1, &paired(n), &Contrast::column(n + 1, 0), &params, &Silent).unwrap();
+    for (a, b) in found.statistic.iter().zip(&flips.statistic) {
+        assert!((a - b).abs() < 1e-11, "{a} {b}");
+    }
+    let (found, flips) = (found.family_wise.unwrap(), flips.family_wise.unwrap());
+    assert_eq!((found.relabellings, found.exact, found.resampling), (128, true, Resampling::Permutations));
+    assert_eq!((found.p, found.pointwise, found.floor), (flips.p, flips.pointwise, flips.floor));
+}
+
+#[test]
+fn whole_blocks_of_equal_members_are_their_means() {
+    // If both members of each block have the same values and the same rows of the design, only blocks are relabelled.
+    let means = noise(8, 5, 17);
+    let y = Array2::from_shape_fn((16, 5), |(i, v)| means[[i / 2, v]]);
+    let design = |each: usize| {
+        let x = Array2::from_shape_fn((8 * each, 2), |(i, group)| f64::from((i / each < 3) == (group == 0)));
+        Design::new(x, Vec::new()).unwrap()
+    };
+    let contrast = Contrast::difference(2, 0, 1);
+    let single = test(means.view(), 1, &design(1), &contrast, &TestParams::default(), &Silent).unwrap();
+    let params = TestParams { blocks: Some(pairs(8, Exchange::Whole)), ..TestParams::default() };
+    let found = test(y.view(), 1, &design(2), &contrast, &params, &Silent).unwrap();
+    let (found, single) = (found.family_wise.unwrap(), single.family_wise.unwrap());
+    assert_eq!((found.relabellings, found.exact), (56, true));
+    assert_eq!((found.p, found.pointwise), (single.p, single.pointwise));
+}
+
+#[test]
+fn relabellings_that_change_nothing_are_refused() {
+    let y = noise(14, 3, 5);
+    // Within a pair nothing differs in the design of groups of pairs.
+    let groups = Design::groups(&[6, 8]).unwrap();
+    let contrast = Contrast::difference(2, 0, 1);
+    let params = TestParams { blocks: Some(pairs(7, Exchange::Within)), ..TestParams::default() };
+    let error = test(y.view(), 1, &groups, &contrast, &params, &Silent).unwrap_err();
+    assert!(error.to_string().contains("in these blocks"), "{error}");
+    let mean = Design::groups(&[14]).unwrap();
+    let params = TestParams { errors: Some(Resampling::Permutations), ..TestParams::default() };
+    let error = test(y.view(), 1, &mean, &Contrast::row(&[1.0]), &params, &Silent).unwrap_err();
+    assert!(matches!(error, ShapeError::NoRelabelling { blocks: false, .. }), "{error}");
+    let params = TestParams { blocks: Some(pairs(6, Exchange::Within)), ..TestParams::default() };
+    let error = test(y.view(), 1, &groups, &contrast, &params, &Silent).unwrap_err();
+    assert!(matches!(error, ShapeError::Subjects { what: "blocks", expected: 14, found: 12 }), "{error}");
+    // A group of one subject has no variance.
+    let of = (0..14).map(|i| usize::from(i > 0)).collect();
+    let alone = Design::groups(&[1, 13]).unwrap();
+    let params = TestParams { variance_groups: Some(of), ..TestParams::default() };
+    let error = test(y.view(), 1, &alone, &contrast, &params, &Silent).unwrap_err();
+    assert!(matches!(error, ShapeError::VarianceGroup { group: 1, subjects: 1 }), "{error}");
+}
+
+#[test]
+fn variance_groups_generalise_welchs_t_and_the_pooled_statistics() {
+    let mut y = noise(13, 6, 23);
+    y.slice_mut(s![..5, ..]).mapv_inplace(|value| 4.0 * value + 1.0);
+    let design = Design::groups(&[5, 8]).unwrap();
+    let contrast = Contrast::difference(2, 0, 1);
+    let run = |params: &TestParams| test(y.view(), 1, &design, &contrast, params, &Silent).unwrap();
+    let of = Some((0..13).map(|i| usize::from(i >= 5)).collect());
+    let v = run(&TestParams { variance_groups: of.clone(), permutations: None, ..TestParams::default() });
+    let welch = run(&TestParams { welch: true, permutations: None, ..TestParams::default() });
+    let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-10 * b.abs().max(1.0), "{a} {b}");
+    for k in 0..6 {
+        close(v.statistic[k], welch.statistic[k]);
+        close(v.p[k], welch.p[k]);
+        let (v, welch) = (v.effect.as_ref().unwrap(), welch.effect.as_ref().unwrap());
+        close(v.estimate[[k, 0]], welch.estimate[[k, 0]]);
+        close(v.standard_error[[k, 0]], welch.standard_error[[k, 0]]);
+        close(v.margin[[k, 0]], welch.margin[[k, 0]]);
+        close(v.size[k], welch.size[k]);
+    }
+    let one = Some(vec![0; 13]);
+    let (a, b) =
+        (run(&TestParams { variance_groups: one.clone(), ..TestParams::default() }), run(&TestParams::default()));
+    a.statistic.iter().zip(&b.statistic).chain(a.p.iter().zip(&b.p)).for_each(|(a, b)| close(*a, *b));
+    // F of three groups, with a covariate.
+    let three = Design::groups(&[4, 4, 5]).unwrap().with_covariates(noise(13, 1, 3).view(), &[]).unwrap();
+    let any = Contrast { weights: array![[1.0, -1.0, 0.0, 0.0], [0.0, 1.0, -1.0, 0.0]] };
+    let run = |params: &TestParams| test(y.view(), 1, &three, &any, params, &Silent).unwrap();
+    let exchangeable = Some(Resampling::Permutations);
+    let permutations = Some(PermutationParams { count: 300, ..PermutationParams::default() });
+    let a = TestParams {
+        variance_groups: one,
+        errors: exchangeable,
+        permutations: permutations.clone(),
+        ..TestParams::default()
+    };
+    let (a, b) = (run(&a), run(&TestParams { permutations, ..TestParams::default() }));
+    a.statistic.iter().zip(&b.statistic).chain(a.p.iter().zip(&b.p)).for_each(|(a, b)| close(*a, *b));
+    assert_eq!(a.family_wise.unwrap().p, b.family_wise.unwrap().p);
+}

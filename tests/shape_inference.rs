@@ -1,0 +1,82 @@
+//! `shape test` with blocks, variance groups, TFCE and clusters.
+
+use std::fs;
+use std::path::Path;
+
+use spharm_surface::io::read_signal;
+
+use crate::common::{error_line, finish, text};
+use crate::shape_means::{report, site, test};
+
+/// Writes a table with two rows per subject: the models of both years.
+fn visits(site: &Path) {
+    let row = |(subject, year): (usize, usize)| {
+        format!("year{year}/s{subject}.spharm.npz,p{subject},{year},{}\n", if subject < 5 { "x" } else { "y" })
+    };
+    let rows: String = (0..10).flat_map(|subject| [(subject, 1), (subject, 2)]).map(row).collect();
+    fs::write(site.join("visits.csv"), format!("model,subject,year,scanner\n{rows}")).expect("a table");
+}
+
+fn map(site: &Path, folder: &str, name: &str) -> Vec<f64> {
+    read_signal(site.join(folder).join(format!("{name}.shape.gii"))).expect("a map").values
+}
+
+#[test]
+fn visits_in_blocks_are_the_paired_test() {
+    let site = site(|subject, year| 10.0 + 0.3 * subject as f64 + 0.5 * (year as f64 - 1.0));
+    let site = site.path();
+    visits(site);
+    let table = ["--table", "visits.csv", "--effect", "year", "--covariates", "subject"];
+    let blocks = report(site, &[&table[..], &["--blocks", "subject"]].concat(), "blocks");
+    let paired = report(site, &["--table", "t.csv", "--models", "year2", "--minus", "year1", "--mean"], "paired");
+    assert_eq!((&blocks["relabellings"], &blocks["resampling"]), (&1024.into(), &"permutations".into()), "{blocks}");
+    assert_eq!((&blocks["blocks"], &blocks["whole_blocks"]), (&"subject".into(), &false.into()));
+    assert!(!blocks["warnings"].to_string().contains("rows"), "{blocks}");
+    assert_eq!(paired["relabellings"], 1024);
+    for name in ["statistic", "p-fwe", "effect"] {
+        let (a, b) = (map(site, "blocks", name), map(site, "paired", name));
+        assert!(a.iter().zip(&b).all(|(a, b)| (a - b).abs() <= 1e-5 * b.abs().max(1e-3)), "{name}: {a:?} {b:?}");
+    }
+    let wrong = ["--table", "visits.csv", "--effect", "scanner", "--blocks", "subject", "-o", "wrong"];
+    let error = error_line(&finish(&mut test(site, &wrong)));
+    assert!(error.contains("in these blocks"), "{error}");
+    let whole = report(site, &[&wrong[..6], &["--whole-blocks"]].concat(), "whole");
+    assert_eq!(whole["relabellings"], 252, "{whole}");
+    let v = ["--table", "visits.csv", "--effect", "year", "--variance-groups", "scanner"];
+    let v = report(site, &v, "v");
+    assert_eq!((&v["variance_groups"], &v["resampling"]), (&"scanner".into(), &"sign flips".into()), "{v}");
+}
+
+#[test]
+fn regions_get_maps_and_a_table() {
+    let site = site(|subject, year| 10.0 + 0.3 * subject as f64 + 0.5 * (year as f64 - 1.0));
+    let site = site.path();
+    let table = ["--table", "t.csv", "--models", "year2", "--minus", "year1", "--mean", "--tfce", "--cluster", "0.01"];
+    let found = report(site, &table, "regions");
+    assert_eq!(found["summary"]["clusters"]["significant"], 1, "{found}");
+    let (tfce, p, statistic) =
+        (map(site, "regions", "tfce"), map(site, "regions", "p-tfce"), map(site, "regions", "statistic"));
+    assert!(tfce.iter().zip(&statistic).all(|(tfce, t)| tfce * t >= 0.0) && p.iter().all(|p| *p < 0.01), "{p:?}");
+    let clusters = fs::read_to_string(site.join("regions/clusters.csv")).expect("a table");
+    let mut lines = clusters.lines();
+    assert_eq!(lines.next(), Some("cluster,vertices,area,p_fwe,peak,ux,uy,uz,x,y,z,statistic,effect"));
+    let first: Vec<f64> =
+        lines.next().expect("a cluster").split(',').map(|cell| cell.parse().expect("a number")).collect();
+    let numbers = map(site, "regions", "cluster");
+    assert_eq!(first[1] as usize, numbers.iter().filter(|number| **number == 1.0).count());
+    assert!((first[11] - statistic[first[4] as usize]).abs() < 1e-4 * first[11].abs(), "{clusters}");
+    // A later test without regions removes their results.
+    let again = [&table[..7], &["-o", "regions", "--force", "-q"]].concat();
+    assert!(finish(&mut test(site, &again)).status.success());
+    assert!(!site.join("regions/clusters.csv").exists() && !site.join("regions/tfce.shape.gii").exists());
+    for (more, expected) in [
+        (&["--tfce", "--permutations", "0"][..], "need relabellings"),
+        (&["--cluster", "2"], "above 0 and below 1"),
+        (&["--errors", "normal"], "exchangeable, symmetric or both"),
+        (&["--errors", "exchangeable"], "leave the statistics"),
+    ] {
+        let output = finish(&mut test(site, &[&table[..7], more, &["-o", "wrong"]].concat()));
+        let error = text(&output);
+        assert!(!output.status.success() && error.contains(expected), "{error}");
+    }
+}

@@ -1,0 +1,78 @@
+//! Results of regions: TFCE and clusters, as maps, as the table of clusters and as summaries.
+
+use serde_json::{Value, json};
+use spharm::Sphere;
+use spharm::shape::stats::{FamilyWise, Test};
+use spharm_surface::Mesh;
+
+use super::super::outputs::{csv, number};
+
+/// Returns the maps at the tested vertices.
+pub(super) fn maps(found: &FamilyWise) -> Vec<(&'static str, Vec<f64>)> {
+    let mut maps = Vec::new();
+    if let Some(tfce) = &found.tfce {
+        maps.extend([("tfce", tfce.statistic.clone()), ("p-tfce", tfce.p.clone())]);
+    }
+    if let Some(clusters) = &found.clusters {
+        let p = |number: &u32| number.checked_sub(1).map_or(1.0, |at| clusters.clusters[at as usize].p);
+        maps.push(("cluster", clusters.of.iter().map(|number| f64::from(*number)).collect()));
+        maps.push(("p-cluster", clusters.of.iter().map(p).collect()));
+    }
+    maps
+}
+
+/// Returns the table of the clusters, `None` if none were requested: number, vertices, area in the models' unit squared
+/// (of a signal on the unit sphere), family-wise p, and the peak's vertex, direction, position on the mean, statistic
+/// and effect.
+pub(super) fn clusters(test: &Test, sphere: &Sphere, mean: Option<&Mesh>, mask: Option<&[bool]>) -> Option<String> {
+    let found = test.family_wise.as_ref()?.clusters.as_ref()?;
+    let mut header = vec!["cluster", "vertices", "area", "p_fwe", "peak", "ux", "uy", "uz"];
+    header.extend(mean.is_some().then_some(["x", "y", "z"]).into_iter().flatten());
+    header.push("statistic");
+    let effect = test.effect.as_ref().filter(|effect| effect.estimate.ncols() == 1);
+    header.extend(effect.map(|_| "effect"));
+    // Vertices of the sampling that are tested.
+    let tested: Vec<usize> = (0..sphere.directions.len()).filter(|v| mask.is_none_or(|mask| mask[*v])).collect();
+    let row = |(at, cluster): (usize, &spharm::shape::stats::Cluster)| {
+        let peak = tested[cluster.peak];
+        let mut row = vec![(at + 1).to_string(), cluster.vertices.to_string(), number(cluster.area), number(cluster.p)];
+        row.push(peak.to_string());
+        row.extend(sphere.directions.as_slice()[peak].map(number));
+        row.extend(mean.into_iter().flat_map(|mean| mean.vertices[peak].map(number)));
+        row.push(number(cluster.statistic));
+        row.extend(effect.map(|effect| number(effect.estimate[[cluster.peak, 0]])));
+        row
+    };
+    let rows: Vec<Vec<String>> = found.clusters.iter().enumerate().map(row).collect();
+    Some(csv(&header, rows.iter().map(Vec::as_slice)))
+}
+
+/// Returns the number of clusters, and of those significant at a level.
+pub(super) fn summary(found: &FamilyWise, level: f64) -> Option<Value> {
+    let clusters = found.clusters.as_ref()?;
+    let significant = clusters.clusters.iter().filter(|cluster| cluster.p <= level).count();
+    let count = clusters.clusters.len();
+    Some(json!({ "threshold": clusters.threshold, "clusters": count, "significant": significant }))
+}
+
+/// Returns the rows of the printed table.
+pub(super) fn lines(found: &FamilyWise, level: f64) -> Vec<Vec<String>> {
+    let pair = |name: &str, value: String| vec![name.to_owned(), value];
+    let mut lines = Vec::new();
+    if let Some(tfce) = &found.tfce {
+        let least = tfce.p.iter().copied().fold(1.0, f64::min);
+        let below = tfce.p.iter().filter(|p| **p <= level).count();
+        let text = format!("{least:.4e}; {below} of {} vertices at most {level}", tfce.p.len());
+        lines.push(pair("least family-wise p of TFCE", text));
+    }
+    if let Some(clusters) = &found.clusters {
+        let significant = clusters.clusters.iter().filter(|cluster| cluster.p <= level).count();
+        let text = format!(
+            "{} from a statistic of {:.3}; {significant} with a family-wise p of at most {level}",
+            clusters.clusters.len(),
+            clusters.threshold
+        );
+        lines.push(pair("clusters", text));
+    }
+    lines
+}

@@ -1,0 +1,109 @@
+//! A test of a study: the keys of `[[test]]`.
+
+use anyhow::{Result, bail};
+use serde::Deserialize;
+use spharm::shape::stats::{MAX_RELABELLINGS, Resampling};
+
+/// Keys of `[[test]]`, the two required ones first.
+pub(super) const KEYS: [&str; 14] = [
+    "name",
+    "effect",
+    "levels",
+    "covariates",
+    "categorical",
+    "signal",
+    "welch",
+    "blocks",
+    "whole_blocks",
+    "variance_groups",
+    "errors",
+    "tfce",
+    "cluster",
+    "permutations",
+];
+
+#[derive(Debug, Clone, PartialEq, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct Test {
+    pub(super) name: String,
+    pub(super) effect: String,
+    pub(super) levels: Vec<String>,
+    pub(super) covariates: Vec<String>,
+    /// Columns whose numbers are levels of a factor.
+    pub(super) categorical: Vec<String>,
+    pub(super) signal: Option<String>,
+    pub(super) welch: bool,
+    /// Columns of exchangeability blocks and of variance groups.
+    pub(super) blocks: Option<String>,
+    pub(super) whole_blocks: bool,
+    pub(super) variance_groups: Option<String>,
+    pub(super) errors: Option<String>,
+    pub(super) tfce: bool,
+    /// Uncorrected p below which vertices form clusters.
+    pub(super) cluster: Option<f64>,
+    pub(super) permutations: Option<usize>,
+}
+
+impl Test {
+    /// Checks the values of the keys.
+    pub(super) fn check(&self) -> Result<()> {
+        if let Some(name) =
+            self.categorical.iter().find(|name| **name != self.effect && !self.covariates.contains(name))
+        {
+            bail!("categorical: {name:?} is neither the effect nor one of the covariates");
+        }
+        if let Some(count) = self.permutations.filter(|count| *count > MAX_RELABELLINGS) {
+            bail!("permutations: expected at most {MAX_RELABELLINGS}, found {count}");
+        }
+        if let Some(signal) = self.signal.as_deref().filter(|signal| !["normal", "position"].contains(signal)) {
+            bail!("signal: expected \"normal\" or \"position\", found {signal:?}");
+        }
+        if let Some(Err(error)) = self.errors.as_ref().map(|errors| errors.parse::<Resampling>()) {
+            bail!("errors: {error}, found {:?}", self.errors.as_deref().unwrap_or_default());
+        }
+        if let Some(p) = self.cluster.filter(|p| !(*p > 0.0 && *p < 1.0)) {
+            bail!("cluster: expected a number above 0 and below 1, found {p}");
+        }
+        if self.whole_blocks && self.blocks.is_none() {
+            bail!("whole_blocks: expected blocks, a column of the table; found none");
+        }
+        if self.welch && self.variance_groups.is_some() {
+            bail!("expected welch or variance_groups, found both");
+        }
+        if self.permutations == Some(0) && (self.tfce || self.cluster.is_some()) {
+            bail!("tfce and cluster need relabellings: permutations of 1 or more");
+        }
+        Ok(())
+    }
+
+    /// Returns the arguments of `shape test` that choose its statistics and relabellings.
+    pub(super) fn inference(&self) -> Vec<String> {
+        let flags = [("--welch", self.welch), ("--whole-blocks", self.whole_blocks), ("--tfce", self.tfce)];
+        let flags = flags.into_iter().filter(|(_, given)| *given).map(|(flag, _)| flag.to_owned());
+        let values = [
+            ("--blocks", self.blocks.clone()),
+            ("--variance-groups", self.variance_groups.clone()),
+            ("--errors", self.errors.clone()),
+            ("--cluster", self.cluster.map(|p| p.to_string())),
+            ("--permutations", self.permutations.map(|count| count.to_string())),
+        ];
+        flags
+            .chain(values.into_iter().flat_map(|(flag, value)| value.map(|value| [flag.to_owned(), value])).flatten())
+            .collect()
+    }
+
+    /// Returns the map of p values to draw.
+    pub(super) fn map(&self) -> &'static str {
+        match (self.permutations, self.tfce) {
+            (Some(0), _) => "q",
+            (_, true) => "p-tfce",
+            (_, false) => "p-fwe",
+        }
+    }
+
+    /// Returns all columns of the table that the test uses.
+    pub(super) fn columns(&self) -> impl Iterator<Item = &String> {
+        let more = self.blocks.iter().chain(&self.variance_groups);
+        std::iter::once(&self.effect).chain(&self.covariates).chain(more)
+    }
+}
