@@ -125,14 +125,19 @@ pub(crate) fn family_wise(
         Compared::VarianceGroups(prepared, _) => Share::VarianceGroups(prepared),
     };
     let mut rows = ndarray::concatenate![Axis(1), model.effect, model.nuisance];
-    if let Compared::VarianceGroups(_, groups) = compared {
+    let groups = match compared {
+        Compared::VarianceGroups(_, groups) => Some(*groups),
+        Compared::Pooled | Compared::Welch(_) => None,
+    };
+    if let Some(groups) = groups {
         // Rows of different variance groups are different, also if they are equal in the design.
         let column = Array2::from_shape_fn((groups.len(), 1), |(i, _)| groups[i] as f64);
         rows = ndarray::concatenate![Axis(1), rows, column];
     }
     let sets = blocks.map_or_else(|| free(values.nrows()), Blocks::sets);
     let arrangements = Arrangements::new(rows.view(), sets, resampling, params.count, params.exact_up_to, params.seed);
-    let floor = if arrangements.exact { smallest(&arrangements, model) } else { 1.0 / arrangements.count as f64 };
+    let floor =
+        if arrangements.exact { smallest(&arrangements, model, groups) } else { 1.0 / arrangements.count as f64 };
     if floor >= 1.0 {
         if blocks.is_some() || test.errors.is_some() {
             return Err(ShapeError::NoRelabelling { resampling, blocks: blocks.is_some() });
@@ -253,12 +258,18 @@ fn stays_orthogonal(model: &Projection, resampling: Resampling, blocks: Option<&
 }
 
 /// Returns the fraction of all relabellings that have the same statistics as the original labels.
-fn smallest(arrangements: &Arrangements, model: &Projection) -> f64 {
+fn smallest(arrangements: &Arrangements, model: &Projection, groups: Option<&[usize]>) -> f64 {
+    let in_groups = |relabelling: &Relabelling| {
+        let keeps = |groups: &[usize]| {
+            groups.iter().zip(relabelling).all(|(group, (from, _))| groups[*from as usize] == *group)
+        };
+        groups.is_none_or(keeps)
+    };
     let batches = (0..arrangements.count).step_by(BATCH);
     let count: usize = batches
         .map(|from| {
             let batch = arrangements.range(from, (from + BATCH).min(arrangements.count));
-            batch.iter().filter(|relabelling| model.unchanged_by(relabelling)).count()
+            batch.iter().filter(|of| in_groups(of) && model.unchanged_by(of)).count()
         })
         .sum();
     count.max(1) as f64 / arrangements.count as f64

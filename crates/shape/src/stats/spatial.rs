@@ -10,7 +10,7 @@
 //! with e(h) the area of the connected vertices around it of at least h. E and H are FSL's for surfaces
 //! (`randomise --T2`). The integral is exact, without steps of h. Clusters are connected vertices above a threshold;
 //! their statistic is their area (K. J. Friston et al., "Assessing the significance of focal activations using their
-//! spatial extent", Hum. Brain Mapp. 1 (1994)). Positive and negative statistics are separate regions.
+//! spatial extent", Human Brain Mapping 1 (1994)). Positive and negative statistics are separate regions.
 //!
 //! # Computation
 //!
