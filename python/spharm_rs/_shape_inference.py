@@ -39,6 +39,7 @@ def _names(what: str, cells: Any, count: int) -> list[str] | None:
 def inference_of(
     count: int,
     vertices: int,
+    relabelled: bool,
     errors: str | None,
     blocks: Any,
     whole_blocks: bool,
@@ -50,11 +51,13 @@ def inference_of(
     """Converts what relabellings and regions depend on for the extension module."""
     if errors not in (None, "exchangeable", "symmetric", "both"):
         raise ValueError(f"errors: expected exchangeable, symmetric or both; found {errors!r}")
+    if not relabelled and (blocks is not None or errors is not None or tfce or cluster is not None):
+        raise ValueError("blocks, errors, tfce, cluster: expected permutations of 1 or more, found 0")
     if whole_blocks and blocks is None:
         raise ValueError("whole_blocks: can only be given with blocks")
     if cluster is not None and not 0 < cluster < 1:
         raise ValueError(f"cluster: expected a p value above 0 and below 1, found {cluster}")
-    asked = {
+    asked: dict[str, Any] = {
         "errors": errors, "blocks": _names("blocks", blocks, count), "whole_blocks": bool(whole_blocks),
         "variance_groups": _names("variance_groups", variance_groups, count), "tfce": bool(tfce),
         "cluster": None if cluster is None else float(cluster), "surface": None,

@@ -400,11 +400,9 @@ def test(
             values = values - others
     components = values.shape[2] if values.ndim == 3 else 1
     inference = inference_of(
-        len(values), values.shape[1], errors, blocks, whole_blocks, variance_groups, tfce, cluster,
+        len(values), values.shape[1], bool(permutations), errors, blocks, whole_blocks, variance_groups, tfce, cluster,
         tested_surface(surface, sphere, average, signal) if tfce or cluster is not None else None,
     )  # fmt: skip
-    if (tfce or cluster is not None) and not permutations:
-        raise ValueError("tfce, cluster: expected permutations of 1 or more, found 0")
     found = _core.shape_test(
         values.reshape(len(values), values.shape[1] * components),
         components,

@@ -70,8 +70,20 @@ impl Test {
         if self.welch && self.variance_groups.is_some() {
             bail!("expected welch or variance_groups, found both");
         }
-        if self.permutations == Some(0) && (self.tfce || self.cluster.is_some()) {
-            bail!("tfce and cluster need relabellings: permutations of 1 or more");
+        let relabelled = self.tfce || self.cluster.is_some() || self.blocks.is_some() || self.errors.is_some();
+        if self.permutations == Some(0) && relabelled {
+            bail!("blocks, errors, tfce and cluster need relabellings: permutations of 1 or more");
+        }
+        if self.variance_groups.is_some() && self.signal.as_deref() == Some("position") {
+            bail!("variance_groups: expected signal = \"normal\", found \"position\"");
+        }
+        let flips =
+            self.errors.as_deref().map_or(self.welch || self.variance_groups.is_some(), |of| of != "exchangeable");
+        if flips && self.blocks.is_some() && !self.whole_blocks {
+            bail!("blocks: signs are flipped, which needs whole_blocks = true, or errors = \"exchangeable\"");
+        }
+        if self.welch && self.errors.as_deref().is_some_and(|errors| errors != "symmetric") {
+            bail!("errors: expected \"symmetric\" with welch");
         }
         Ok(())
     }

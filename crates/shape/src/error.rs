@@ -38,14 +38,24 @@ pub enum ShapeError {
     },
     /// A variance group in which the design leaves no errors, so that its variance can't be estimated.
     #[error(
-        "variance group {group} ({subjects} subjects): the design leaves no errors in this group; join it with another \
-         group, or leave out columns of the design"
+        "variance group {group} in order of occurrence ({subjects} of the rows): the design leaves no errors in this \
+         group; join it with another group, or leave out columns of the design"
     )]
     VarianceGroup {
         /// Number of the group, from 1.
         group: usize,
         /// Number of its subjects.
         subjects: usize,
+    },
+    /// Flips of the signs of single rows, within blocks.
+    #[error(
+        "the rows of a block depend on each other, so that {} of single rows aren't valid: exchange whole blocks \
+         (--whole-blocks, whole_blocks), or assume exchangeable errors (--errors exchangeable)",
+        .resampling.name()
+    )]
+    FlippedRows {
+        /// The kind of relabelling.
+        resampling: crate::stats::Resampling,
     },
     /// Relabellings that were asked for, but leave the statistics unchanged.
     #[error(

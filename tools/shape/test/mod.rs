@@ -61,14 +61,16 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         None => None,
     };
     let spatial = cli.tfce || cli.cluster.is_some();
-    if spatial && cli.permutations == 0 {
-        return Err(Usage::conflict("--tfce and --cluster need relabellings: --permutations 1 or more").into());
+    if cli.permutations == 0 && (spatial || cli.blocks.is_some() || cli.errors.is_some()) {
+        let text = "--blocks, --errors, --tfce and --cluster need relabellings: --permutations 1 or more";
+        return Err(Usage::conflict(text).into());
     }
     let components = if cli.signal == What::Position { 3 } else { 1 };
     let of = |vertices: u64| plan.group.test(vertices, components, cli.permutations, plan.threads);
     let needed = |[vertices, faces]: [u64; 2]| {
         let regions = if spatial { regions_bytes(vertices, plan.threads) } else { 0 };
-        let maps = of(vertices).saturating_add(regions);
+        let squares = if cli.variance_groups.is_some() { 16 * study.paths.len() as u64 } else { 0 };
+        let maps = of(vertices).saturating_add(regions).saturating_add(squares.saturating_mul(vertices));
         plan.coefficients().saturating_add(maps).saturating_add(24 * (vertices + faces))
     };
     let icosphere = sphere.is_none().then_some(cli.icosphere);
@@ -116,8 +118,10 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         let found = test(field.values.view(), field.components, design, contrast, &params, monitor)?;
         Ok((group, mean, found))
     })?;
+    let positions = cli.signal == What::Position;
     study.notes().iter().for_each(|note| console.note(note));
-    let tested: Vec<String> = study.warnings.iter().cloned().chain(found.warnings.iter().map(advised)).collect();
+    let tested: Vec<String> =
+        study.warnings.iter().cloned().chain(found.warnings.iter().map(|of| advised(of, positions))).collect();
     tested.iter().for_each(|warning| console.warn(warning));
     let options = WriteOptions { overwrite: cli.report.force, double: false };
     let maps = results::maps(&found, mask.as_deref());
@@ -150,12 +154,12 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
 }
 
 /// Returns a warning's text, with the option that remedies it if there is one.
-fn advised(warning: &TestWarning) -> String {
+fn advised(warning: &TestWarning, positions: bool) -> String {
     match warning {
         TestWarning::UnequalVariances { covariates: false, .. } => {
             format!("{warning} (Welch's test: --welch, or welch = true in a study)")
         }
-        TestWarning::UnequalVariances { covariates: true, .. } => {
+        TestWarning::UnequalVariances { covariates: true, .. } if !positions => {
             format!("{warning} (with covariates: --variance-groups, or variance_groups in a study)")
         }
         _ => warning.to_string(),

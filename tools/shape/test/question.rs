@@ -87,7 +87,9 @@ impl Cli {
                 .into());
             }
         }
-        let column = |name: &str| match self.categorical.iter().any(|of| of == name) {
+        // Blocks, such as subjects, are levels as covariates, also if their names are numbers.
+        let of_levels = self.categorical.iter().chain(&self.blocks);
+        let column = |name: &str| match of_levels.clone().any(|of| of == name) {
             true => table.levels(name),
             false => table.column(name),
         };

@@ -11,7 +11,7 @@
 //! This goes beyond the paper if voxels aren't cubes: each quadrangle's share of the sphere is then its share of the
 //! surface in mm^2, and the ratio of its side lengths is taken into account (`targets`). On a smooth surface of a label
 //! these are the shares and sides of the smooth quadrangles. Where a label is one voxel thin, some of them are so
-//! narrow that no such map is one to one; then the voxels' faces determine the shares.
+//! narrow that the optimisation finds no map that is one to one; then the voxels' faces determine the shares.
 //!
 //! In the result each quadrangle is cut along one diagonal into two triangles, which are positively oriented on the
 //! sphere. Surface and sphere have the same triangles.

@@ -11,8 +11,13 @@
 //! b   = sum_g (1 - n_g w_g / tr W)^2 / sum of R_ii over g.
 //! ```
 //!
-//! For a contrast of one row G is the square of v, which is Welch's t for two groups; for one variance group G is F. p
-//! values are of F on q and `q (q + 2) / 3b` degrees of freedom, which differ between vertices.
+//! For a contrast of one row G is the square of v, which is Welch's t for two groups; for one variance group G is F.
+//!
+//! v and G are for relabellings. `(X^T W X)^-1` is the covariance of weighted estimates, not that of B, if a
+//! coefficient is shared by groups. Standard errors, margins and the p values of distributions are therefore those of B
+//! itself: `V = sum_g s_g^2 U^T Q_g^T Q_g U` with `s_g^2 = |E_g|^2 / sum of R_ii` and `C B = U^T Q^T y`, and F of
+//! `(C B)^T V^-1 (C B) / q` on q and `(q + q^2) / sum_g (tr (V_g V^-1)^2 + (tr V_g V^-1)^2) / sum of R_ii` degrees of
+//! freedom, as for Welch's test (`welch`). For two groups all of this is Welch's t.
 //!
 //! # Relabellings
 //!
@@ -61,12 +66,14 @@ struct VarianceGroup {
 struct AtVertex {
     /// G, with the sign of the estimate for a contrast of one row; NaN if there is no variance.
     signed: f64,
-    /// Estimate and variance of a contrast of one row.
+    /// Estimate and variance of the first row of the contrast.
     estimate: f64,
     variance: f64,
+    /// F of the estimates by their own covariance.
+    wald: f64,
     /// The errors' sum of squares.
     errors: f64,
-    /// Degrees of freedom of the errors.
+    /// Degrees of freedom of the covariance.
     freedom: f64,
 }
 
@@ -112,17 +119,17 @@ impl AspinWelch {
     pub(crate) fn statistics(&self, confidence: f64) -> Found {
         let mut vertices: Vec<AtVertex> = Vec::with_capacity(self.floor.len());
         let identity: Relabelling = (0..self.of.len()).map(|i| (i as u32, 1.0)).collect();
-        self.each(std::slice::from_ref(&identity), |_, _, found| vertices.extend_from_slice(found));
+        self.each(std::slice::from_ref(&identity), true, |_, _, found| vertices.extend_from_slice(found));
         let q = self.contrast.ncols() as f64;
         let least = vertices.iter().map(|vertex| vertex.freedom).fold(f64::INFINITY, f64::min);
         let column = |value: &dyn Fn(&AtVertex) -> f64| vertices.iter().map(value).collect::<Vec<f64>>();
         if self.contrast.ncols() > 1 {
-            let p = column(&|vertex| p_of_f(vertex.signed, q, vertex.freedom));
+            let p = column(&|vertex| p_of_f(vertex.wald, q, vertex.freedom));
             let kind = Statistic::F { between: q, within: least };
             return (kind, column(&|vertex| vertex.signed), p, None);
         }
         let v = |vertex: &AtVertex| vertex.signed.abs().sqrt().copysign(vertex.signed);
-        let p = column(&|vertex| p_of_t(v(vertex), vertex.freedom));
+        let p = column(&|vertex| p_of_t(vertex.wald.sqrt(), vertex.freedom));
         let table = |value: &dyn Fn(&AtVertex) -> f64| {
             Array2::from_shape_vec((vertices.len(), 1), column(value)).unwrap_or_default()
         };
@@ -149,14 +156,14 @@ impl AspinWelch {
     /// [`signed`](AtVertex::signed).
     pub(crate) fn evaluate(&self, relabellings: &[Relabelling], mut use_it: impl FnMut(usize, usize, &[f64])) {
         let mut signed = Vec::new();
-        self.each(relabellings, |which, first, found| {
+        self.each(relabellings, false, |which, first, found| {
             signed.clear();
             signed.extend(found.iter().map(|at| if at.signed.is_nan() { 0.0 } else { at.signed }));
             use_it(which, first, &signed);
         });
     }
 
-    fn each(&self, relabellings: &[Relabelling], mut use_it: impl FnMut(usize, usize, &[AtVertex])) {
+    fn each(&self, relabellings: &[Relabelling], detailed: bool, mut use_it: impl FnMut(usize, usize, &[AtVertex])) {
         let (n, each, count) = (self.of.len(), self.columns.len(), self.groups.len());
         let mut rows = Array2::zeros((relabellings.len() * each, n));
         let mut members = Array2::zeros((relabellings.len() * count, n));
@@ -183,17 +190,20 @@ impl AspinWelch {
                 for v in 0..end - first {
                     (0..each).for_each(|row| work.sums[row] = sums[[which * each + row, v]]);
                     (0..count).for_each(|group| work.squares[group] = squares[[which * count + group, v]]);
-                    found.push(self.at(self.floor[first + v], &mut work));
+                    found.push(self.at(self.floor[first + v], &mut work, detailed));
                 }
                 use_it(which, first, &found);
             }
         }
     }
 
-    /// Computes the statistic at a vertex from its sums.
-    fn at(&self, floor: f64, work: &mut Work) -> AtVertex {
+    /// Computes the statistic at a vertex from its sums; with `detailed` also the variance, F and degrees of freedom.
+    fn at(&self, floor: f64, work: &mut Work, detailed: bool) -> AtVertex {
         let (p, q) = self.contrast.dim();
         let Work { sums, squares, coefficients, weights, scatter, small, columns, estimate } = work;
+        // Sums of squares are differences, with the rounding errors of what is subtracted.
+        let rounding = 64.0 * self.of.len() as f64 * f64::EPSILON;
+        let floor = floor.max(rounding * squares.iter().sum::<f64>() / squares.len() as f64);
         coefficients.fill(0.0);
         self.columns.iter().zip(sums.iter()).for_each(|((_, column), sum)| coefficients[*column] += sum);
         for (group, square) in self.groups.iter().zip(squares.iter_mut()) {
@@ -206,7 +216,14 @@ impl AspinWelch {
         for ((group, column), sum) in self.columns.iter().zip(sums.iter()) {
             squares[*group] -= 2.0 * coefficients[*column] * sum;
         }
-        let none = AtVertex { signed: f64::NAN, estimate: 0.0, variance: 0.0, errors: 0.0, freedom: f64::INFINITY };
+        let none = AtVertex {
+            signed: f64::NAN,
+            estimate: 0.0,
+            variance: 0.0,
+            wald: f64::NAN,
+            errors: 0.0,
+            freedom: f64::INFINITY,
+        };
         let errors: f64 = squares.iter().sum();
         for (k, estimate) in estimate.iter_mut().enumerate() {
             *estimate = (0..p).map(|i| self.contrast[[i, k]] * coefficients[i]).sum();
@@ -218,6 +235,11 @@ impl AspinWelch {
         let mut trace = 0.0;
         for ((group, square), weight) in self.groups.iter().zip(squares.iter()).zip(weights.iter_mut()) {
             *weight = group.freedom / square.max(floor);
+        }
+        // A group without variance has a large weight, but none with which the factorisation fails.
+        let least = weights.iter().copied().fold(f64::INFINITY, f64::min);
+        for (group, weight) in self.groups.iter().zip(weights.iter_mut()) {
+            *weight = weight.min(1e10 * least);
             trace += group.size * *weight;
         }
         scatter.fill(|i, j| self.groups.iter().zip(weights.iter()).map(|(group, w)| w * group.gram[[i, j]]).sum());
@@ -229,16 +251,17 @@ impl AspinWelch {
             scatter.whiten(column);
         }
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-        let variance = dot(&columns[0], &columns[0]);
+        let weighted = dot(&columns[0], &columns[0]);
         let off = |(group, weight): (&VarianceGroup, &f64)| (1.0 - group.size * weight / trace).powi(2) / group.freedom;
         let b: f64 = self.groups.iter().zip(weights.iter()).map(off).sum();
         let rows = q as f64;
-        // With one variance group b is 0, and the degrees of freedom are those of the design.
-        let pooled: f64 = self.groups.iter().map(|group| group.freedom).sum();
-        let freedom = if self.groups.len() == 1 { pooled } else { rows * (rows + 2.0) / (3.0 * b) };
+        let (variance, wald, freedom) = match detailed {
+            true => self.wald(squares, estimate),
+            false => (0.0, f64::NAN, f64::INFINITY),
+        };
         if q == 1 {
-            let signed = (estimate[0] * estimate[0] / variance).copysign(estimate[0]);
-            return AtVertex { signed, estimate: estimate[0], variance, errors, freedom };
+            let signed = (estimate[0] * estimate[0] / weighted).copysign(estimate[0]);
+            return AtVertex { signed, estimate: estimate[0], variance, wald, errors, freedom };
         }
         small.fill(|i, j| dot(&columns[i], &columns[j]));
         if !small.factorise(0.0) {
@@ -246,7 +269,41 @@ impl AspinWelch {
         }
         let lambda = 1.0 + 2.0 * (rows - 1.0) * b / (rows * (rows + 2.0));
         let signed = small.quotient(estimate) / (rows * lambda);
-        AtVertex { signed, estimate: estimate[0], variance, errors, freedom }
+        AtVertex { signed, estimate: estimate[0], variance, wald, errors, freedom }
+    }
+
+    /// Returns the variance of the first row's estimate, F of all rows and its degrees of freedom, given the errors'
+    /// sums of squares of the groups.
+    fn wald(&self, squares: &[f64], estimate: &[f64]) -> (f64, f64, f64) {
+        let q = self.contrast.ncols();
+        let parts: Vec<Array2<f64>> = self
+            .groups
+            .iter()
+            .zip(squares)
+            .map(|(group, square)| {
+                product(self.contrast.t(), product(group.gram.view(), self.contrast.view()).view())
+                    * (square.max(0.0) / group.freedom)
+            })
+            .collect();
+        let mut covariance = Small::zeros(q);
+        let entry = |i: usize, j: usize| parts.iter().map(|part| part[[i, j]]).sum::<f64>();
+        covariance.fill(entry);
+        let variance = entry(0, 0);
+        if !covariance.factorise(0.0) {
+            return (variance, f64::NAN, f64::INFINITY);
+        }
+        let wald = covariance.quotient(estimate) / q as f64;
+        // B = L^-1 V_g L^-T has the same traces of powers as V_g V^-1.
+        let spread = |(part, group): (&Array2<f64>, &VarianceGroup)| {
+            let mut rows: Vec<Vec<f64>> = part.rows().into_iter().map(|row| row.to_vec()).collect();
+            rows.iter_mut().for_each(|row| covariance.whiten(row));
+            let mut columns: Vec<Vec<f64>> = (0..q).map(|j| rows.iter().map(|row| row[j]).collect()).collect();
+            columns.iter_mut().for_each(|column| covariance.whiten(column));
+            let trace: f64 = (0..q).map(|i| columns[i][i]).sum();
+            (columns.iter().flatten().map(|value| value * value).sum::<f64>() + trace * trace) / group.freedom
+        };
+        let sum: f64 = parts.iter().zip(&self.groups).map(spread).sum();
+        (variance, wald, (q + q * q) as f64 / sum)
     }
 }
 

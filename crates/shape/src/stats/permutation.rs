@@ -24,7 +24,7 @@ use spharm_monitor::{Monitor, Stage};
 use super::TestParams;
 use super::arrangements::{Arrangements, Relabelling};
 use super::aspin_welch::AspinWelch;
-use super::blocks::{Blocks, free};
+use super::blocks::{Blocks, Exchange, Unit, free};
 use super::explained::Explained;
 use super::linear::Statistic;
 use super::projection::Projection;
@@ -134,12 +134,19 @@ pub(crate) fn family_wise(
         let column = Array2::from_shape_fn((groups.len(), 1), |(i, _)| groups[i] as f64);
         rows = ndarray::concatenate![Axis(1), rows, column];
     }
+    if resampling != Resampling::Permutations && blocks.is_some_and(|blocks| blocks.exchange() == Exchange::Within) {
+        return Err(ShapeError::FlippedRows { resampling });
+    }
     let sets = blocks.map_or_else(|| free(values.nrows()), Blocks::sets);
+    let asked = blocks.is_some() || test.errors.is_some();
+    if asked && resampling == Resampling::Permutations && units_are_equal(&sets, &model.tested) {
+        return Err(ShapeError::NoRelabelling { resampling, blocks: blocks.is_some() });
+    }
     let arrangements = Arrangements::new(rows.view(), sets, resampling, params.count, params.exact_up_to, params.seed);
     let floor =
         if arrangements.exact { smallest(&arrangements, model, groups) } else { 1.0 / arrangements.count as f64 };
     if floor >= 1.0 {
-        if blocks.is_some() || test.errors.is_some() {
+        if asked {
             return Err(ShapeError::NoRelabelling { resampling, blocks: blocks.is_some() });
         }
         return Ok(None);
@@ -249,19 +256,28 @@ fn stays_orthogonal(model: &Projection, resampling: Resampling, blocks: Option<&
         return true;
     }
     let sets = blocks.map_or_else(|| free(nuisance.nrows()), Blocks::sets);
-    let equal = |a: u32, b: u32| {
-        nuisance.row(a as usize).iter().zip(nuisance.row(b as usize)).all(|(a, b)| (a - b).abs() <= 1e-12)
-    };
-    let units_are_equal =
-        |set: &Vec<Vec<u32>>| set.iter().all(|unit| unit.iter().zip(&set[0]).all(|(i, first)| equal(*i, *first)));
-    resampling == Resampling::Permutations && sets.iter().all(units_are_equal)
+    resampling == Resampling::Permutations && units_are_equal(&sets, nuisance)
+}
+
+/// Returns whether all units of each set have equal rows.
+fn units_are_equal(sets: &[Vec<Unit>], rows: &Array2<f64>) -> bool {
+    let equal =
+        |a: u32, b: u32| rows.row(a as usize).iter().zip(rows.row(b as usize)).all(|(a, b)| (a - b).abs() <= 1e-12);
+    sets.iter()
+        .flat_map(|set| set.iter().map(|unit| (unit, &set[0])))
+        .all(|(unit, first)| unit.iter().zip(first).all(|(i, first)| equal(*i, *first)))
 }
 
 /// Returns the fraction of all relabellings that have the same statistics as the original labels.
 fn smallest(arrangements: &Arrangements, model: &Projection, groups: Option<&[usize]>) -> f64 {
+    // Groups may swap as wholes: each then has the variance of another.
     let in_groups = |relabelling: &Relabelling| {
         let keeps = |groups: &[usize]| {
-            groups.iter().zip(relabelling).all(|(group, (from, _))| groups[*from as usize] == *group)
+            let mut other = vec![None; groups.len()];
+            groups.iter().zip(relabelling).all(|(group, (from, _))| {
+                let of = groups[*from as usize];
+                *other[*group].get_or_insert(of) == of
+            })
         };
         groups.is_none_or(keeps)
     };
@@ -296,7 +312,8 @@ impl Share<'_> {
     fn statistic(&self, kind: &Statistic, value: f64) -> f64 {
         let t = |square: f64| square.abs().sqrt().copysign(square);
         // Of a fraction u of the scatter: t^2 or T^2 = v u / (1 - u).
-        let odds = |u: f64| u / (1.0 - u.abs()).max(f64::EPSILON);
+        // Without a rest there is no variance, and the statistic is 0 as in the map.
+        let odds = |u: f64| if u.abs() < 1.0 - 1e-13 { u / (1.0 - u.abs()) } else { 0.0 };
         match (self, kind) {
             (Self::Explained(_), Statistic::T { freedom }) => t(freedom * odds(value)),
             (Self::Explained(_), Statistic::F { between, within }) => within / between * odds(value),

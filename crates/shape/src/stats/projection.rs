@@ -22,6 +22,8 @@ pub(crate) struct Projection {
     pub(crate) scale: f64,
     /// Degrees of freedom of the errors, n - p.
     pub(crate) freedom: usize,
+    /// The design's columns combined by the contrast, `X C^T`, (n, q).
+    pub(crate) tested: Array2<f64>,
 }
 
 impl Projection {
@@ -38,7 +40,8 @@ impl Projection {
         let both = concatenate![ndarray::Axis(1), effect, q];
         let (both, _) = orthonormalise(both.view());
         let nuisance = both.slice(s![.., effect.ncols()..p]).to_owned();
-        Ok(Self { effect, nuisance, scale, freedom: n - p })
+        let tested = product(design.matrix(), contrast.weights.t());
+        Ok(Self { effect, nuisance, scale, freedom: n - p, tested })
     }
 
     /// Returns the residual of the reduced model: `(I - Q_Z Q_Z^T) Y`, (n, V d).

@@ -113,3 +113,21 @@ fn variance_groups_generalise_welchs_t_and_the_pooled_statistics() {
     a.statistic.iter().zip(&b.statistic).chain(a.p.iter().zip(&b.p)).for_each(|(a, b)| close(*a, *b));
     assert_eq!(a.family_wise.unwrap().p, b.family_wise.unwrap().p);
 }
+
+#[test]
+fn shared_slopes_of_unequal_variances_have_valid_p() {
+    // 20 subjects with a variance of 1 and 20 of 9 share the slope of a covariate, which has no effect.
+    let (n, vertices) = (40, 2000);
+    let normal = |rows, seed| {
+        (0..12u64).map(|k| noise(rows, vertices, seed + k)).fold(Array2::zeros((rows, vertices)), |a, b| a + b)
+    };
+    let mut y = normal(n, 300);
+    y.slice_mut(s![20.., ..]).mapv_inplace(|value| 3.0 * value);
+    let age = noise(n, 1, 99);
+    let design = Design::groups(&[20, 20]).unwrap().with_covariates(age.view(), &[]).unwrap();
+    let of = Some((0..n).map(|i| i / 20).collect());
+    let params = TestParams { variance_groups: of, permutations: None, ..TestParams::default() };
+    let found = test(y.view(), 1, &design, &Contrast::column(3, 2), &params, &Silent).unwrap();
+    let rate = found.p.iter().filter(|p| **p < 0.05).count() as f64 / vertices as f64;
+    assert!((0.035..0.065).contains(&rate), "{rate}");
+}
