@@ -67,7 +67,7 @@ def inference_of(
             raise ValueError("tfce, cluster: expected the surface of the vertices, with triangles; give surface=")
         if len(surface[0]) != vertices:
             raise ValueError(f"surface: expected {vertices} vertices, as many as the values have; found {len(surface[0])}")
-        asked["surface"] = (np.ascontiguousarray(surface[0], float), np.ascontiguousarray(surface[1], np.int64))
+        asked["surface"] = (np.ascontiguousarray(surface[0], float), np.ascontiguousarray(surface[1], np.uint32))
     return asked
 
 
@@ -95,6 +95,12 @@ class Cluster:
     p: float
 
 
+def sampling(sphere: Any) -> tuple[Any, Any]:
+    """Returns directions and triangles (None if absent) of an icosphere's level, a sphere, or directions."""
+    whole = isinstance(sphere, (int, np.integer)) and not isinstance(sphere, bool)
+    return sphere_arrays(icosphere(int(sphere)) if whole else named_icosphere(sphere))[:2]
+
+
 def tested_surface(surface: Any, sphere: Any, mean: Model | None, signal: str) -> tuple[Any, Any] | None:
     """Returns vertices and triangles of the surface on which regions are measured, if it is known."""
     if surface is not None:
@@ -102,8 +108,7 @@ def tested_surface(surface: Any, sphere: Any, mean: Model | None, signal: str) -
         return found.vertices, found.faces
     if mean is None:
         return None
-    whole = isinstance(sphere, (int, np.integer)) and not isinstance(sphere, bool)
-    directions, faces = sphere_arrays(icosphere(int(sphere)) if whole else named_icosphere(sphere))[:2]
+    directions, faces = sampling(sphere)
     if signal == "value" or directions is None:
         return directions, faces
     return mean.evaluate(directions), faces

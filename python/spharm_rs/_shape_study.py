@@ -10,11 +10,10 @@ from numpy.typing import ArrayLike
 
 from . import _arrays, _core
 from ._arrays import Floats
-from ._model import Model, sphere_arrays, warn
+from ._model import Model, warn
 from ._progress import Progress, callback
-from ._shape_inference import Cluster, column, inference_of, levels_of, tested_surface
+from ._shape_inference import Cluster, column, inference_of, levels_of, sampling, tested_surface
 from ._shape_poses import cores
-from ._surface import icosphere, named_icosphere
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,8 +91,7 @@ def _measured(
         if len(minus) != len(models):
             raise ValueError(f"minus: expected {len(models)} models, one for each subject; found {len(minus)}")
         models = [*models, *minus]
-    whole = isinstance(sphere, (int, np.integer)) and not isinstance(sphere, bool)
-    directions = sphere_arrays(icosphere(int(sphere)) if whole else named_icosphere(sphere))[0]
+    directions = sampling(sphere)[0]
     if directions is None:
         raise ValueError("sphere: expected a level of an icosphere, a sphere, or directions; found None")
     values, components, mean, warnings = _core.shape_measure_group(

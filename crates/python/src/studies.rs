@@ -12,7 +12,7 @@ use spharm::shape::stats::{
 };
 use spharm::shape::{Measurement, ShapeError, measure_group};
 
-use crate::arrays::{Positions, SphereArrays};
+use crate::arrays::{Faces, Positions, SphereArrays, mesh};
 use crate::errors::Failure;
 use crate::groups::{coefficients, group};
 use crate::models::Model;
@@ -114,20 +114,17 @@ pub(crate) struct Inference<'py> {
     variance_groups: Option<Vec<String>>,
     tfce: bool,
     cluster: Option<f64>,
-    surface: Option<(Positions<'py>, PyReadonlyArray2<'py, i64>)>,
+    surface: Option<(Positions<'py>, Faces<'py>)>,
 }
 
 impl Inference<'_> {
-    fn params(&self) -> Result<TestParams, Failure> {
+    fn params(&self, py: Python<'_>) -> PyResult<TestParams> {
         let exchange = if self.whole_blocks { Exchange::Whole } else { Exchange::Within };
         let spatial = match &self.surface {
             Some((vertices, faces)) => {
-                let vertices: Vec<[f64; 3]> =
-                    vertices.as_array().rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect();
-                let index = |index: i64| u32::try_from(index).unwrap_or(u32::MAX);
-                let faces: Vec<[u32; 3]> =
-                    faces.as_array().rows().into_iter().map(|row| [row[0], row[1], row[2]].map(index)).collect();
-                let surface = SurfaceGraph::new(&vertices, &faces)?;
+                let mesh = mesh("surface", vertices, faces)?;
+                let surface = SurfaceGraph::new(&mesh.vertices, &mesh.faces);
+                let surface = surface.map_err(|error| crate::errors::exception(py, error.into()))?;
                 Some(SpatialParams { surface, tfce: self.tfce, cluster: self.cluster })
             }
             None => None,
@@ -166,7 +163,7 @@ pub(crate) fn shape_test<'py>(
         welch,
         confidence,
         level,
-        ..inference.params().map_err(|failure| crate::errors::exception(py, failure))?
+        ..inference.params(py)?
     };
     let values = values.as_array();
     let question = asked.question(values.nrows()).map_err(|failure| crate::errors::exception(py, failure))?;

@@ -111,7 +111,10 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
             // A signal has no surface of its own, and is tested over the sphere.
             let vertices = mean.as_ref().map_or(sphere.directions.as_slice(), |mean| &mean.vertices);
             let surface = SurfaceGraph::new(vertices, &sphere.faces)?;
-            let surface = mask.as_ref().map_or_else(|| Ok(surface.clone()), |kept| surface.at(kept))?;
+            let surface = match &mask {
+                Some(kept) => surface.at(kept)?,
+                None => surface,
+            };
             params.spatial = Some(SpatialParams { surface, tfce: cli.tfce, cluster: cli.cluster });
         }
         let (design, contrast) = (&study.question.design, &study.question.contrast);

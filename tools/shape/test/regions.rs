@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 use spharm::Sphere;
-use spharm::shape::stats::{FamilyWise, Test};
+use spharm::shape::stats::{Cluster, Clusters, FamilyWise, Test};
 use spharm_surface::Mesh;
 
 use super::super::outputs::{csv, number};
@@ -33,7 +33,7 @@ pub(super) fn clusters(test: &Test, sphere: &Sphere, mean: Option<&Mesh>, mask: 
     header.extend(effect.map(|_| "effect"));
     // Vertices of the sampling that are tested.
     let tested: Vec<usize> = (0..sphere.directions.len()).filter(|v| mask.is_none_or(|mask| mask[*v])).collect();
-    let row = |(at, cluster): (usize, &spharm::shape::stats::Cluster)| {
+    let row = |(at, cluster): (usize, &Cluster)| {
         let peak = tested[cluster.peak];
         let mut row = vec![(at + 1).to_string(), cluster.vertices.to_string(), number(cluster.area), number(cluster.p)];
         row.push(peak.to_string());
@@ -50,23 +50,25 @@ pub(super) fn clusters(test: &Test, sphere: &Sphere, mean: Option<&Mesh>, mask: 
 /// Returns the number of clusters, and of those significant at a level.
 pub(super) fn summary(found: &FamilyWise, level: f64) -> Option<Value> {
     let clusters = found.clusters.as_ref()?;
-    let significant = clusters.clusters.iter().filter(|cluster| cluster.p <= level).count();
+    let significant = significant(clusters, level);
     let count = clusters.clusters.len();
     Some(json!({ "threshold": clusters.threshold, "clusters": count, "significant": significant }))
 }
 
-/// Returns the rows of the printed table.
-pub(super) fn lines(found: &FamilyWise, level: f64) -> Vec<Vec<String>> {
+/// Returns the number of clusters whose family-wise p is at most a level.
+fn significant(clusters: &Clusters, level: f64) -> usize {
+    clusters.clusters.iter().filter(|cluster| cluster.p <= level).count()
+}
+
+/// Returns the rows of the printed table; `count` describes p values.
+pub(super) fn lines(found: &FamilyWise, level: f64, count: impl Fn(&[f64]) -> String) -> Vec<Vec<String>> {
     let pair = |name: &str, value: String| vec![name.to_owned(), value];
     let mut lines = Vec::new();
     if let Some(tfce) = &found.tfce {
-        let least = tfce.p.iter().copied().fold(1.0, f64::min);
-        let below = tfce.p.iter().filter(|p| **p <= level).count();
-        let text = format!("{least:.4e}; {below} of {} vertices at most {level}", tfce.p.len());
-        lines.push(pair("least family-wise p of TFCE", text));
+        lines.push(pair("least family-wise p of TFCE", count(&tfce.p)));
     }
     if let Some(clusters) = &found.clusters {
-        let significant = clusters.clusters.iter().filter(|cluster| cluster.p <= level).count();
+        let significant = significant(clusters, level);
         let text = format!(
             "{} from a statistic of {:.3}; {significant} with a family-wise p of at most {level}",
             clusters.clusters.len(),

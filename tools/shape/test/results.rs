@@ -198,12 +198,13 @@ pub(super) fn lines(found: &Test, study: &Study, cli: &Cli) -> Vec<Vec<String>> 
         pair("least p", count(&found.p)),
         pair("least q", count(&found.q)),
     ];
-    if let Some(FamilyWise { p, resampling, relabellings, exact, .. }) = &found.family_wise {
+    if let Some(family_wise) = &found.family_wise {
+        let FamilyWise { p, resampling, relabellings, exact, .. } = family_wise;
         let which = if *exact { "all of them" } else { "random" };
         lines.push(pair("relabellings", format!("{relabellings}, {which}: {}", resampling.name())));
         lines.push(pair("assumed", resampling.assumption().to_owned()));
         lines.push(pair("least family-wise p", count(p)));
-        lines.extend(found.family_wise.iter().flat_map(|found| regions::lines(found, cli.level)));
+        lines.extend(regions::lines(family_wise, cli.level, count));
     }
     lines.push(pair("maps", cli.output.display().to_string()));
     lines

@@ -10,7 +10,7 @@ use ndarray::ArrayView2;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
-use super::blocks::Unit;
+use super::blocks::{Unit, are_equal};
 use super::resampling::Resampling;
 
 /// Relabellings of n subjects.
@@ -31,6 +31,11 @@ pub(crate) struct Arrangements {
 /// One relabelling: for each subject, the subject whose row of the design it gets, and the sign.
 pub(crate) type Relabelling = Vec<(u32, f64)>;
 
+/// Returns the original labels of n subjects.
+pub(crate) fn identity(subjects: usize) -> Relabelling {
+    (0..subjects).map(|i| (i as u32, 1.0)).collect()
+}
+
 /// Units that can be exchanged with each other.
 #[derive(Debug, Clone)]
 struct Set {
@@ -45,12 +50,9 @@ struct Set {
 
 impl Set {
     fn new(units: Vec<Unit>, rows: ArrayView2<'_, f64>) -> Self {
-        let equal =
-            |a: u32, b: u32| rows.row(a as usize).iter().zip(rows.row(b as usize)).all(|(a, b)| (a - b).abs() <= 1e-12);
         let (mut distinct, mut counts): (Vec<usize>, Vec<u64>) = (Vec::new(), Vec::new());
         for (at, unit) in units.iter().enumerate() {
-            let same = |other: &usize| unit.iter().zip(&units[*other]).all(|(a, b)| equal(*a, *b));
-            match distinct.iter().position(same) {
+            match distinct.iter().position(|other| are_equal(unit, &units[*other], rows)) {
                 Some(class) => counts[class] += 1,
                 None => {
                     distinct.push(at);
@@ -117,13 +119,9 @@ impl Arrangements {
         (from..to).map(|index| if self.exact { self.numbered(index as u64) } else { self.random(index) }).collect()
     }
 
-    fn identity(&self) -> Relabelling {
-        (0..self.subjects).map(|i| (i as u32, 1.0)).collect()
-    }
-
     /// Returns relabelling `index` of all. Sign flips vary fastest, then the arrangements of the first set.
     fn numbered(&self, mut index: u64) -> Relabelling {
-        let mut relabelling = self.identity();
+        let mut relabelling = identity(self.subjects);
         if self.resampling != Resampling::Permutations {
             let units = self.sets.iter().flat_map(|set| &set.units);
             for unit in units {
@@ -144,7 +142,7 @@ impl Arrangements {
 
     /// Returns the original labels for index 0, otherwise a random relabelling.
     fn random(&self, index: usize) -> Relabelling {
-        let mut relabelling = self.identity();
+        let mut relabelling = identity(self.subjects);
         if index == 0 {
             return relabelling;
         }

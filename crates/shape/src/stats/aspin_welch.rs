@@ -28,7 +28,7 @@
 
 use ndarray::{Array2, ArrayView2, Axis, s};
 
-use super::arrangements::Relabelling;
+use super::arrangements::{Relabelling, identity};
 use super::design::{Contrast, Design};
 use super::distributions::{p_of_f, p_of_t, quantile_of_t};
 use super::linear::{Effect, Found, Small, Statistic, floors};
@@ -59,6 +59,8 @@ struct VarianceGroup {
     freedom: f64,
     /// `Q_g^T Q_g`, (p, p).
     gram: Array2<f64>,
+    /// `U^T Q_g^T Q_g U`, (q, q).
+    tested: Array2<f64>,
 }
 
 /// The statistic at a vertex.
@@ -78,12 +80,11 @@ struct AtVertex {
 }
 
 impl AspinWelch {
-    /// Prepares values (n, V), given the variance group of each subject.
+    /// Prepares values (n, V), given the variance group of each of the n subjects.
     ///
     /// # Errors
     ///
-    /// [`ShapeError::Subjects`] for groups of another number of subjects; [`ShapeError::VarianceGroup`] for a group in
-    /// which the design leaves no errors.
+    /// [`ShapeError::VarianceGroup`] for a group in which the design leaves no errors.
     pub(crate) fn new(
         values: ArrayView2<'_, f64>,
         design: &Design,
@@ -92,9 +93,6 @@ impl AspinWelch {
         of: &[usize],
     ) -> Result<Self, ShapeError> {
         let n = values.nrows();
-        if of.len() != n {
-            return Err(ShapeError::Subjects { what: "variance_groups", expected: n, found: of.len() });
-        }
         let (basis, contrast) = contrast_in_basis(design, contrast);
         let count = of.iter().max().map_or(0, |last| last + 1);
         let mut groups = Vec::with_capacity(count);
@@ -106,7 +104,8 @@ impl AspinWelch {
             if freedom < 1e-9 {
                 return Err(ShapeError::VarianceGroup { group: number + 1, subjects: members.len() });
             }
-            groups.push(VarianceGroup { size: members.len() as f64, freedom, gram });
+            let tested = product(contrast.t(), product(gram.view(), contrast.view()).view());
+            groups.push(VarianceGroup { size: members.len() as f64, freedom, gram, tested });
         }
         let pairs = (0..count).flat_map(|group| (0..basis.ncols()).map(move |column| (group, column)));
         let columns = pairs.filter(|(group, column)| groups[*group].gram[[*column, *column]] > 0.0).collect();
@@ -118,8 +117,7 @@ impl AspinWelch {
     /// Returns the statistics and their p values; NaN if there is no variance.
     pub(crate) fn statistics(&self, confidence: f64) -> Found {
         let mut vertices: Vec<AtVertex> = Vec::with_capacity(self.floor.len());
-        let identity: Relabelling = (0..self.of.len()).map(|i| (i as u32, 1.0)).collect();
-        self.each(std::slice::from_ref(&identity), true, |_, _, found| vertices.extend_from_slice(found));
+        self.each(&[identity(self.of.len())], true, |_, _, found| vertices.extend_from_slice(found));
         let q = self.contrast.ncols() as f64;
         let least = vertices.iter().map(|vertex| vertex.freedom).fold(f64::INFINITY, f64::min);
         let column = |value: &dyn Fn(&AtVertex) -> f64| vertices.iter().map(value).collect::<Vec<f64>>();
@@ -216,32 +214,27 @@ impl AspinWelch {
         for ((group, column), sum) in self.columns.iter().zip(sums.iter()) {
             squares[*group] -= 2.0 * coefficients[*column] * sum;
         }
+        let errors: f64 = squares.iter().sum();
+        for (k, estimate) in estimate.iter_mut().enumerate() {
+            *estimate = (0..p).map(|i| self.contrast[[i, k]] * coefficients[i]).sum();
+        }
         let none = AtVertex {
             signed: f64::NAN,
-            estimate: 0.0,
+            estimate: estimate[0],
             variance: 0.0,
             wald: f64::NAN,
             errors: 0.0,
             freedom: f64::INFINITY,
         };
-        let errors: f64 = squares.iter().sum();
-        for (k, estimate) in estimate.iter_mut().enumerate() {
-            *estimate = (0..p).map(|i| self.contrast[[i, k]] * coefficients[i]).sum();
-        }
-        let none = AtVertex { estimate: estimate[0], ..none };
         if errors <= floor {
             return none;
         }
-        let mut trace = 0.0;
         for ((group, square), weight) in self.groups.iter().zip(squares.iter()).zip(weights.iter_mut()) {
             *weight = group.freedom / square.max(floor);
         }
         // A group without variance has a large weight, but none with which the factorisation fails.
         let least = weights.iter().copied().fold(f64::INFINITY, f64::min);
-        for (group, weight) in self.groups.iter().zip(weights.iter_mut()) {
-            *weight = weight.min(1e10 * least);
-            trace += group.size * *weight;
-        }
+        weights.iter_mut().for_each(|weight| *weight = weight.min(1e10 * least));
         scatter.fill(|i, j| self.groups.iter().zip(weights.iter()).map(|(group, w)| w * group.gram[[i, j]]).sum());
         if !scatter.factorise(0.0) {
             return none;
@@ -252,9 +245,6 @@ impl AspinWelch {
         }
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         let weighted = dot(&columns[0], &columns[0]);
-        let off = |(group, weight): (&VarianceGroup, &f64)| (1.0 - group.size * weight / trace).powi(2) / group.freedom;
-        let b: f64 = self.groups.iter().zip(weights.iter()).map(off).sum();
-        let rows = q as f64;
         let (variance, wald, freedom) = match detailed {
             true => self.wald(squares, estimate),
             false => (0.0, f64::NAN, f64::INFINITY),
@@ -267,6 +257,10 @@ impl AspinWelch {
         if !small.factorise(0.0) {
             return none;
         }
+        let trace: f64 = self.groups.iter().zip(weights.iter()).map(|(group, weight)| group.size * weight).sum();
+        let off = |(group, weight): (&VarianceGroup, &f64)| (1.0 - group.size * weight / trace).powi(2) / group.freedom;
+        let b: f64 = self.groups.iter().zip(weights.iter()).map(off).sum();
+        let rows = q as f64;
         let lambda = 1.0 + 2.0 * (rows - 1.0) * b / (rows * (rows + 2.0));
         let signed = small.quotient(estimate) / (rows * lambda);
         AtVertex { signed, estimate: estimate[0], variance, wald, errors, freedom }
@@ -276,33 +270,20 @@ impl AspinWelch {
     /// sums of squares of the groups.
     fn wald(&self, squares: &[f64], estimate: &[f64]) -> (f64, f64, f64) {
         let q = self.contrast.ncols();
-        let parts: Vec<Array2<f64>> = self
-            .groups
-            .iter()
-            .zip(squares)
-            .map(|(group, square)| {
-                product(self.contrast.t(), product(group.gram.view(), self.contrast.view()).view())
-                    * (square.max(0.0) / group.freedom)
-            })
-            .collect();
+        let variances: Vec<f64> =
+            self.groups.iter().zip(squares).map(|(group, square)| square.max(0.0) / group.freedom).collect();
         let mut covariance = Small::zeros(q);
-        let entry = |i: usize, j: usize| parts.iter().map(|part| part[[i, j]]).sum::<f64>();
+        let of_group = |(group, variance): (&VarianceGroup, &f64), i: usize, j: usize| variance * group.tested[[i, j]];
+        let entry = |i, j| self.groups.iter().zip(&variances).map(|group| of_group(group, i, j)).sum::<f64>();
         covariance.fill(entry);
         let variance = entry(0, 0);
         if !covariance.factorise(0.0) {
             return (variance, f64::NAN, f64::INFINITY);
         }
         let wald = covariance.quotient(estimate) / q as f64;
-        // B = L^-1 V_g L^-T has the same traces of powers as V_g V^-1.
-        let spread = |(part, group): (&Array2<f64>, &VarianceGroup)| {
-            let mut rows: Vec<Vec<f64>> = part.rows().into_iter().map(|row| row.to_vec()).collect();
-            rows.iter_mut().for_each(|row| covariance.whiten(row));
-            let mut columns: Vec<Vec<f64>> = (0..q).map(|j| rows.iter().map(|row| row[j]).collect()).collect();
-            columns.iter_mut().for_each(|column| covariance.whiten(column));
-            let trace: f64 = (0..q).map(|i| columns[i][i]).sum();
-            (columns.iter().flatten().map(|value| value * value).sum::<f64>() + trace * trace) / group.freedom
-        };
-        let sum: f64 = parts.iter().zip(&self.groups).map(spread).sum();
+        let spread =
+            |group: (&VarianceGroup, &f64)| covariance.squared_traces(|i, j| of_group(group, i, j)) / group.0.freedom;
+        let sum: f64 = self.groups.iter().zip(&variances).map(spread).sum();
         (variance, wald, (q + q * q) as f64 / sum)
     }
 }

@@ -9,6 +9,8 @@ use std::collections::BTreeMap;
 use std::collections::HashMap;
 use std::hash::Hash;
 
+use ndarray::ArrayView2;
+
 /// The relabellings that blocks allow.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Exchange {
@@ -87,6 +89,14 @@ pub fn numbered<T: Eq + Hash>(names: impl IntoIterator<Item = T>) -> Vec<usize> 
         *numbers.entry(name).or_insert(next)
     };
     names.into_iter().map(of).collect()
+}
+
+/// Returns whether the members of two units have equal rows, in order.
+pub(crate) fn are_equal(a: &Unit, b: &Unit, rows: ArrayView2<'_, f64>) -> bool {
+    let equal = |(a, b): (&u32, &u32)| {
+        rows.row(*a as usize).iter().zip(rows.row(*b as usize)).all(|(a, b)| (a - b).abs() <= 1e-12)
+    };
+    a.iter().zip(b).all(equal)
 }
 
 /// Returns the set of n single observations, all exchangeable.

@@ -49,23 +49,28 @@ pub enum Statistic {
 }
 
 impl Statistic {
-    /// Returns the statistic, positive, whose two-sided p value is `p`, in (0, 1).
-    pub(crate) fn threshold(&self, p: f64) -> f64 {
-        let p_of = |statistic: f64| match *self {
+    /// Returns the two-sided p value of a statistic.
+    pub(crate) fn p(&self, statistic: f64) -> f64 {
+        match *self {
             Self::T { freedom } => p_of_t(statistic, freedom),
             Self::F { between, within } => p_of_f(statistic, between, within),
             Self::TSquared { components, freedom } => {
-                let (d, within) = (components as f64, freedom - components as f64 + 1.0);
+                let d = components as f64;
+                let within = freedom - d + 1.0;
                 p_of_f(statistic * within / (freedom * d), d, within)
             }
-        };
+        }
+    }
+
+    /// Returns the statistic, positive, whose two-sided p value is `p`, in (0, 1).
+    pub(crate) fn threshold(&self, p: f64) -> f64 {
         let (mut low, mut high) = (0.0, 1.0);
-        while p_of(high) > p && high < 1e150 {
+        while self.p(high) > p && high < 1e150 {
             high *= 2.0;
         }
         for _ in 0..200 {
             let middle = 0.5 * (low + high);
-            if p_of(middle) > p { low = middle } else { high = middle }
+            if self.p(middle) > p { low = middle } else { high = middle }
         }
         high
     }
@@ -177,21 +182,19 @@ pub(crate) fn statistics(
     if components == 1 {
         let squares = column_squares(errors.view());
         let variance = |v: usize| if squares[v] > floor[v] { squares[v] / freedom } else { f64::NAN };
-        let (kind, statistic, p): (_, Vec<f64>, Vec<f64>) = if rows == 1 {
-            let t: Vec<f64> = (0..vertices).map(|v| along[[0, v]] / variance(v).sqrt()).collect();
-            let p = t.par_iter().map(|t| p_of_t(*t, freedom)).collect();
-            (Statistic::T { freedom }, t, p)
+        let (kind, statistic): (_, Vec<f64>) = if rows == 1 {
+            let t = (0..vertices).map(|v| along[[0, v]] / variance(v).sqrt()).collect();
+            (Statistic::T { freedom }, t)
         } else {
             let between = rows as f64;
             let sum = |v: usize| along.column(v).iter().map(|b| b * b).sum::<f64>();
-            let f: Vec<f64> = (0..vertices).map(|v| sum(v) / between / variance(v)).collect();
-            let p = f.par_iter().map(|f| p_of_f(*f, between, freedom)).collect();
-            (Statistic::F { between, within: freedom }, f, p)
+            let f = (0..vertices).map(|v| sum(v) / between / variance(v)).collect();
+            (Statistic::F { between, within: freedom }, f)
         };
+        let p = statistic.par_iter().map(|statistic| kind.p(*statistic)).collect();
         let effect = (rows == 1).then(|| effect(model, &along, &squares, &floor, components, confidence, None));
         return Ok((kind, statistic, p, effect));
     }
-    let d = components as f64;
     let quotients: Vec<f64> = (0..vertices)
         .into_par_iter()
         .map(|v| {
@@ -204,12 +207,12 @@ pub(crate) fn statistics(
         })
         .collect();
     let statistic: Vec<f64> = quotients.iter().map(|quotient| freedom * quotient).collect();
-    let within = freedom - d + 1.0;
-    let p = statistic.par_iter().map(|t2| p_of_f(t2 * within / (freedom * d), d, within)).collect();
+    let kind = Statistic::TSquared { components, freedom };
+    let p = statistic.par_iter().map(|t2| kind.p(*t2)).collect();
     let sizes = quotients.iter().map(|quotient| model.scale * (freedom * quotient).sqrt()).collect();
     let squares = column_squares(errors.view());
     let effect = effect(model, &along, &squares, &floor, components, confidence, Some(sizes));
-    Ok((Statistic::TSquared { components, freedom }, statistic, p, Some(effect)))
+    Ok((kind, statistic, p, Some(effect)))
 }
 
 fn effect(
@@ -324,6 +327,18 @@ impl Small {
         let mut b = b.to_vec();
         self.whiten(&mut b);
         b.iter().map(|value| value * value).sum()
+    }
+
+    /// Returns `tr (S M^-1)^2 + (tr S M^-1)^2` of a symmetric matrix S given by its elements, using the factor.
+    pub(crate) fn squared_traces(&self, element: impl Fn(usize, usize) -> f64) -> f64 {
+        // B = L^-1 S L^-T has the same traces of powers as S M^-1.
+        let d = self.size;
+        let mut b: Vec<Vec<f64>> = (0..d).map(|i| (0..d).map(|j| element(i, j)).collect()).collect();
+        b.iter_mut().for_each(|row| self.whiten(row));
+        let mut columns: Vec<Vec<f64>> = (0..d).map(|j| b.iter().map(|row| row[j]).collect()).collect();
+        columns.iter_mut().for_each(|column| self.whiten(column));
+        let trace: f64 = (0..d).map(|i| columns[i][i]).sum();
+        columns.iter().flatten().map(|value| value * value).sum::<f64>() + trace * trace
     }
 
     /// Computes `b <- L^-1 b`.

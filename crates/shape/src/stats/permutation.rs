@@ -22,9 +22,9 @@ use rayon::prelude::*;
 use spharm_monitor::{Monitor, Stage};
 
 use super::TestParams;
-use super::arrangements::{Arrangements, Relabelling};
+use super::arrangements::{Arrangements, Relabelling, identity};
 use super::aspin_welch::AspinWelch;
-use super::blocks::{Blocks, Exchange, Unit, free};
+use super::blocks::{Blocks, Exchange, Unit, are_equal, free};
 use super::explained::Explained;
 use super::linear::Statistic;
 use super::projection::Projection;
@@ -115,10 +115,11 @@ pub(crate) fn family_wise(
     };
     let resampling = test.errors.unwrap_or(chosen);
     let blocks = test.blocks.as_ref();
+    let sets = blocks.map_or_else(|| free(values.nrows()), Blocks::sets);
     let share = match compared {
         Compared::Pooled => {
             let residuals = model.residual(values);
-            let orthogonal = stays_orthogonal(model, resampling, blocks);
+            let orthogonal = stays_orthogonal(model, resampling, &sets);
             Share::Explained(Explained::new(residuals, values, components, model, orthogonal))
         }
         Compared::Welch(groups) => Share::Welch(WelchFlips::new(values, components, groups)),
@@ -137,7 +138,6 @@ pub(crate) fn family_wise(
     if resampling != Resampling::Permutations && blocks.is_some_and(|blocks| blocks.exchange() == Exchange::Within) {
         return Err(ShapeError::FlippedRows { resampling });
     }
-    let sets = blocks.map_or_else(|| free(values.nrows()), Blocks::sets);
     let asked = blocks.is_some() || test.errors.is_some();
     if asked && resampling == Resampling::Permutations && units_are_equal(&sets, &model.tested) {
         return Err(ShapeError::NoRelabelling { resampling, blocks: blocks.is_some() });
@@ -152,9 +152,8 @@ pub(crate) fn family_wise(
         return Ok(None);
     }
     let vertices = values.ncols() / components;
-    let identity: Relabelling = (0..values.nrows()).map(|i| (i as u32, 1.0)).collect();
     let mut own = vec![0.0; vertices];
-    share.evaluate(std::slice::from_ref(&identity), |_, first, found| {
+    share.evaluate(&[identity(values.nrows())], |_, first, found| {
         own[first..first + found.len()].copy_from_slice(found)
     });
     let reached: Vec<f64> = own.iter().map(|own| own.abs() * (1.0 - TIE)).collect();
@@ -250,22 +249,14 @@ impl Null {
 
 /// Returns whether relabelled residuals stay orthogonal to the reduced model: if it is empty, or if the relabellings
 /// exchange only subjects with equal rows of it.
-fn stays_orthogonal(model: &Projection, resampling: Resampling, blocks: Option<&Blocks>) -> bool {
-    let nuisance = &model.nuisance;
-    if nuisance.ncols() == 0 {
-        return true;
-    }
-    let sets = blocks.map_or_else(|| free(nuisance.nrows()), Blocks::sets);
-    resampling == Resampling::Permutations && units_are_equal(&sets, nuisance)
+fn stays_orthogonal(model: &Projection, resampling: Resampling, sets: &[Vec<Unit>]) -> bool {
+    let exchanged = resampling == Resampling::Permutations && units_are_equal(sets, &model.nuisance);
+    model.nuisance.ncols() == 0 || exchanged
 }
 
 /// Returns whether all units of each set have equal rows.
 fn units_are_equal(sets: &[Vec<Unit>], rows: &Array2<f64>) -> bool {
-    let equal =
-        |a: u32, b: u32| rows.row(a as usize).iter().zip(rows.row(b as usize)).all(|(a, b)| (a - b).abs() <= 1e-12);
-    sets.iter()
-        .flat_map(|set| set.iter().map(|unit| (unit, &set[0])))
-        .all(|(unit, first)| unit.iter().zip(first).all(|(i, first)| equal(*i, *first)))
+    sets.iter().all(|set| set.iter().all(|unit| are_equal(unit, &set[0], rows.view())))
 }
 
 /// Returns the fraction of all relabellings that have the same statistics as the original labels.

@@ -185,22 +185,13 @@ impl<'a> Regions<'a> {
         let mut largest = Largest::default();
         for sign in [1.0, -1.0] {
             let lowest = if tfce { 0.0 } else { threshold.unwrap_or(0.0) };
-            self.begin(statistics, sign, lowest);
-            for at in 0..self.order.len() {
-                let (height, v) = self.order[at];
-                let root = self.add(v, height);
+            self.fill(statistics, sign, lowest, |height, area| {
                 if threshold.is_some_and(|threshold| height >= threshold) {
-                    largest.area = largest.area.max(self.area[root as usize]);
+                    largest.area = largest.area.max(area);
                 }
-            }
+            });
             if tfce {
-                for at in 0..self.order.len() {
-                    let v = self.order[at].1;
-                    if self.above[v as usize] == v {
-                        self.grow(v, 0.0);
-                        largest.tfce = largest.tfce.max(self.best[v as usize]);
-                    }
-                }
+                largest.tfce = largest.tfce.max(self.finish());
             }
         }
         largest
@@ -210,17 +201,8 @@ impl<'a> Regions<'a> {
     pub(crate) fn tfce(&mut self, statistics: &[f64]) -> Vec<f64> {
         let mut found = vec![0.0; statistics.len()];
         for sign in [1.0, -1.0] {
-            self.begin(statistics, sign, 0.0);
-            for at in 0..self.order.len() {
-                let (height, v) = self.order[at];
-                self.add(v, height);
-            }
-            for at in 0..self.order.len() {
-                let v = self.order[at].1;
-                if self.above[v as usize] == v {
-                    self.grow(v, 0.0);
-                }
-            }
+            self.fill(statistics, sign, 0.0, |_, _| {});
+            self.finish();
             for at in 0..self.order.len() {
                 let v = self.order[at].1;
                 found[v as usize] = sign * self.integral_of(v);
@@ -234,11 +216,7 @@ impl<'a> Regions<'a> {
     pub(crate) fn clusters(&mut self, statistics: &[f64], threshold: f64) -> Clusters {
         let mut found: Vec<(Cluster, Vec<u32>)> = Vec::new();
         for sign in [1.0, -1.0] {
-            self.begin(statistics, sign, threshold);
-            for at in 0..self.order.len() {
-                let (height, v) = self.order[at];
-                self.add(v, height);
-            }
+            self.fill(statistics, sign, threshold, |_, _| {});
             let mut of_root = HashMap::new();
             for at in 0..self.order.len() {
                 let v = self.order[at].1;
@@ -262,13 +240,32 @@ impl<'a> Regions<'a> {
         Clusters { threshold, of, clusters: found.into_iter().map(|(cluster, _)| cluster).collect() }
     }
 
-    /// Empties the forest and sorts the vertices whose statistic times `sign` is above 0 and at least `lowest`.
-    fn begin(&mut self, statistics: &[f64], sign: f64, lowest: f64) {
+    /// Makes the forest of the vertices whose statistic times `sign` is above 0 and at least `lowest`. Calls
+    /// `joined(height, area of the region)` after each vertex.
+    fn fill(&mut self, statistics: &[f64], sign: f64, lowest: f64, mut joined: impl FnMut(f64, f64)) {
         self.order.clear();
         let heights = statistics.iter().map(|value| sign * value).zip(0..);
         self.order.extend(heights.filter(|(height, _)| *height > 0.0 && *height >= lowest));
         self.order.sort_unstable_by(|(a, v), (b, w)| b.total_cmp(a).then(v.cmp(w)));
         self.above.fill(OUTSIDE);
+        for at in 0..self.order.len() {
+            let (height, v) = self.order[at];
+            let root = self.add(v, height);
+            joined(height, self.area[root as usize]);
+        }
+    }
+
+    /// Continues the integrals of all regions down to 0; returns the largest.
+    fn finish(&mut self) -> f64 {
+        let mut largest = 0.0_f64;
+        for at in 0..self.order.len() {
+            let v = self.order[at].1;
+            if self.above[v as usize] == v {
+                self.grow(v, 0.0);
+                largest = largest.max(self.best[v as usize]);
+            }
+        }
+        largest
     }
 
     /// Adds a vertex at a height that is at most that of all vertices before; returns the root of its region.

@@ -158,18 +158,7 @@ impl Vertex {
 /// Returns Krishnamoorthy and Yu's degrees of freedom, given the factor of C.
 fn freedom(halves: &[Half; 2], factor: &Small) -> f64 {
     let d = halves[0].mean.len();
-    let sum: f64 = halves
-        .iter()
-        .map(|half| {
-            // B = L^-1 C_g L^-T has the same traces of powers as C_g C^-1.
-            let mut b: Vec<Vec<f64>> = (0..d).map(|i| (0..d).map(|j| half.error(i, j)).collect()).collect();
-            b.iter_mut().for_each(|row| factor.whiten(row));
-            let mut columns: Vec<Vec<f64>> = (0..d).map(|j| b.iter().map(|row| row[j]).collect()).collect();
-            columns.iter_mut().for_each(|column| factor.whiten(column));
-            let trace: f64 = (0..d).map(|i| columns[i][i]).sum();
-            let of_square: f64 = columns.iter().flatten().map(|value| value * value).sum();
-            (of_square + trace * trace) / (half.n - 1.0)
-        })
-        .sum();
+    let spread = |half: &Half| factor.squared_traces(|i, j| half.error(i, j)) / (half.n - 1.0);
+    let sum: f64 = halves.iter().map(spread).sum();
     (d + d * d) as f64 / sum
 }
