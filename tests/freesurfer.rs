@@ -291,3 +291,40 @@ fn subjects_that_recon_all_did_not_finish_are_named_before_the_fits() {
     assert!(said.contains("bert.lh.white: ") && said.contains("the file is empty"), "{said}");
     assert!(said.contains("2562 vertices, ") && said.contains("sphere.reg has 642"), "{said}");
 }
+
+/// Problem of first-time users, row 24: models are evaluated at the vertices of another subject's spheres, each
+/// hemisphere at its own.
+#[test]
+fn models_are_evaluated_on_the_spheres_of_a_subject() {
+    let subjects = Subjects::new();
+    for hemi in ["lh", "rh"] {
+        for name in ["white", "sphere.reg"] {
+            let file = |subject: &str| subjects.path(&format!("{subject}/surf/{hemi}.{name}"));
+            std::fs::copy(file("ernie b."), file("fsaverage5")).expect("a copy");
+        }
+    }
+    let evaluated = |on: &str| finish(&mut subjects.run(&["--surface", "white", "--force", "--evaluate-on", on]));
+    let read = |name: &str| read_mesh(subjects.out(name)).expect("a mesh").vertices;
+    let output = evaluated("fsaverage5");
+    assert!(output.status.success(), "{}", text(&output));
+    let by_name = ["lh", "rh"].map(|hemi| read(&format!("bert.{hemi}.white.fsaverage5.surf.gii")));
+    for (hemi, found) in ["lh", "rh"].iter().zip(&by_name) {
+        let model = Model::read(subjects.out(&format!("bert.{hemi}.white.spharm.npz"))).expect("a model");
+        let sphere =
+            spharm_surface::read_sphere(subjects.path(&format!("fsaverage5/surf/{hemi}.sphere.reg"))).expect("one");
+        let expected = model.reconstruct(&sphere, 5).expect("a surface").vertices;
+        assert_eq!(found.len(), expected.len());
+        let far = found.iter().zip(&expected).flat_map(|(a, b)| (0..3).map(|k| (a[k] - b[k]).abs()));
+        assert!(far.fold(0.0, f64::max) < 1e-4, "GIfTI has single precision");
+    }
+    let output = evaluated("subjects/fsaverage5/surf/rh.sphere.reg");
+    assert!(output.status.success(), "{}", text(&output));
+    assert_eq!(["lh", "rh"].map(|hemi| read(&format!("bert.{hemi}.white.fsaverage5.surf.gii"))), by_name);
+    let output = evaluated("fsaverage6");
+    assert!(
+        !output.status.success() && error_line(&output).contains("found no subjects/fsaverage6/surf/lh.sphere.reg")
+    );
+    std::fs::remove_file(subjects.path("fsaverage5/surf/lh.sphere.reg")).expect("a file");
+    let output = evaluated("subjects/fsaverage5/surf/rh.sphere.reg");
+    assert!(error_line(&output).contains("the sphere of the other hemisphere"), "{}", text(&output));
+}

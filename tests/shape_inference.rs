@@ -80,3 +80,66 @@ fn regions_get_maps_and_a_table() {
         assert!(!output.status.success() && error.contains(expected), "{error}");
     }
 }
+
+/// Measures are tested with the design of the vertices. The expected numbers of a two-sample t test are SciPy's
+/// (`ttest_ind([1, 2, 3, 5], [2, 4, 6, 9])` and its `confidence_interval`).
+#[test]
+fn measures_are_tested_like_vertices() {
+    let site = site(|subject, year| 10.0 + 0.3 * subject as f64 + 0.5 * (year as f64 - 1.0));
+    let site = site.path();
+    let rows = [[1, 2], [2, 4], [3, 6], [5, 9]].into_iter().enumerate();
+    let rows: String = rows.map(|(k, [a, b])| format!("s{k},{a},7,x\ns{},{b},7,y\n", k + 4)).collect();
+    fs::write(site.join("measures.csv"), format!("model,size,degree,kind\n{rows}")).expect("a table");
+    let models = |from: usize| (from..from + 4).map(|k| format!("year1/s{k}.spharm.npz")).collect::<Vec<_>>();
+    let (a, b) = (models(0), models(4));
+    let mut groups = vec!["--a"];
+    groups.extend(a.iter().map(String::as_str).chain(["--b"]).chain(b.iter().map(String::as_str)));
+    let found = report(site, &[&groups[..], &["--measures", "measures.csv"]].concat(), "found");
+    let [size] = &found["measures"].as_array().expect("measures")[..] else { panic!("{}", found["measures"]) };
+    let number = |value: &serde_json::Value| value.as_f64().expect("a number");
+    let expected = [
+        (number(&size["statistic"]), -1.453_504_749_334_528),
+        (number(&size["p"]), 0.196_306_860_229_298),
+        (number(&size["effect"]["estimate"]), 2.75 - 5.25),
+        (number(&size["effect"]["interval"][0]), -6.708_640_962_929_898),
+        (number(&size["effect"]["interval"][1]), 1.708_640_962_929_898_4),
+        (number(&size["levels"]["a"]["mean"]), 2.75),
+        (number(&size["levels"]["b"]["sd"]), (26.75_f64 / 3.0).sqrt()),
+    ];
+    for (found, expected) in expected {
+        assert!((found - expected).abs() < 1e-9, "{found} {expected}");
+    }
+    let table = fs::read_to_string(site.join("found/summary.csv")).expect("a table");
+    assert!(table.contains("\nsize,8,4,2.6186"), "{table}");
+    // A later test without measures doesn't leave the table.
+    report(site, &[&groups[..], &["--force"]].concat(), "found");
+    assert!(!site.join("found/summary.csv").exists());
+    for (given, expected) in [
+        ("measures.csv:kind", "expected numbers"),
+        ("measures.csv:volume", "no column \"volume\""),
+        ("other.csv", "other.csv"),
+    ] {
+        let output = finish(test(site, &[&groups[..], &["--measures", given]].concat()).args(["-o", "refused"]));
+        assert!(!output.status.success() && error_line(&output).contains(expected), "{}", text(&output));
+    }
+    fs::write(site.join("few.csv"), "model,size\ns0,1\n").expect("a table");
+    let output = finish(test(site, &[&groups[..], &["--measures", "few.csv"]].concat()).args(["-o", "refused"]));
+    assert!(error_line(&output).contains("no row \"s1\""), "{}", text(&output));
+}
+
+#[test]
+fn maps_are_also_written_for_freesurfer() {
+    let site = site(|subject, year| 10.0 + 0.3 * subject as f64 + 0.5 * (year as f64 - 1.0));
+    let site = site.path();
+    visits(site);
+    let table = ["--table", "visits.csv", "--effect", "year", "--permutations", "0"];
+    report(site, &table, "maps");
+    let gifti = map(site, "maps", "p");
+    let header = fs::read_to_string(site.join("maps/p-permutation.shape.gii")).unwrap_or_default();
+    assert!(header.is_empty(), "no relabellings");
+    let header = fs::read_to_string(site.join("maps/p.shape.gii")).expect("a map");
+    assert!(header.contains("<MD><Name>Name</Name><Value>p</Value></MD>"), "{header}");
+    report(site, &[&table[..], &["--maps", "mgh", "--force"]].concat(), "maps");
+    assert_eq!(read_signal(site.join("maps/p.mgh")).expect("a map").values, gifti);
+    assert!(!site.join("maps/p.shape.gii").exists());
+}

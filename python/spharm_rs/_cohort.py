@@ -18,7 +18,7 @@ from ._surface import Path
 from .reports import FitReport
 
 #: Columns of a table of surfaces.
-_COLUMNS = ("id", "surface", "sphere", "weights", "output", "label")
+_COLUMNS = ("id", "surface", "sphere", "weights", "output", "label", "signal_mask")
 
 
 @dataclass(frozen=True)
@@ -149,9 +149,9 @@ def fit_cohort(
     Parameters
     ----------
     table : path, or iterable of mappings, or pandas.DataFrame
-        A table with the columns ``id`` and ``surface``, and optionally ``sphere``, ``weights``, ``output`` and
-        ``label``: either a file (tab-separated, or comma-separated if its name ends in .csv), whose paths are relative
-        to it, or its rows.
+        A table with the columns ``id`` and ``surface``, and optionally ``sphere``, ``weights``, ``output``,
+        ``label`` and, for signals, ``signal_mask`` (a mask or label within which values are read): either a file
+        (tab-separated, or comma-separated if its name ends in .csv), whose paths are relative to it, or its rows.
     output : path, optional
         Folder of the models; by default the folder of the table's file, or the current folder. A model is named by the
         column ``output`` or by the id.
@@ -276,5 +276,6 @@ def _rows(table: Any) -> list[tuple[Any, ...]]:
         # pandas converts a column of integers with missing cells to floats.
         label = int(label) if isinstance(label, float) and label.is_integer() else label
         label = None if label is None else _arrays.whole("label", label, -(2**62))
-        rows.append((name, *(None if cell is None else os.fspath(cell) for cell in cells[1:5]), label))
+        paths = [None if cell is None else os.fspath(cell) for cell in (*cells[1:5], cells[6])]
+        rows.append((name, *paths[:4], label, paths[4]))
     return rows

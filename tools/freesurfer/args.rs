@@ -1,6 +1,7 @@
 //! The arguments of `freesurfer`.
 
 use std::path::PathBuf;
+use std::str::FromStr;
 
 use clap::ValueEnum;
 use spharm::Smoothness;
@@ -66,10 +67,12 @@ pub(crate) struct Cli {
     pub(super) output: PathBuf,
     /// Also write each model's values at the vertices of one sphere
     ///
-    /// icosphere:6 has 40,962 vertices. Surfaces are SUBJECT.HEMI.NAME.ico6.surf.gii, values .shape.gii. Each vertex is
-    /// the same place in every subject.
-    #[arg(long, value_name = "icosphere:N", value_parser = icosphere, help_heading = help::OUTPUT)]
-    pub(super) evaluate_on: Option<u32>,
+    /// icosphere:6 has 40,962 vertices; a name such as fsaverage5 stands for the spheres of this subject, in
+    /// SUBJECTS_DIR or in FREESURFER_HOME/subjects; otherwise a sphere's file, with that of the other hemisphere beside
+    /// it. Surfaces are SUBJECT.HEMI.NAME.ico6.surf.gii, values .shape.gii. Each vertex is the same place in every
+    /// subject.
+    #[arg(long, value_name = "icosphere:N|NAME|SPHERE", help_heading = help::OUTPUT)]
+    pub(super) evaluate_on: Option<On>,
     /// Write a report to a JSON file
     #[arg(long, value_name = "FILE", help_heading = help::OUTPUT)]
     pub(super) report: Option<PathBuf>,
@@ -115,7 +118,26 @@ impl Hemi {
     }
 }
 
-fn icosphere(text: &str) -> Result<u32, String> {
-    let subdivisions = text.strip_prefix("icosphere:").and_then(|number| number.parse().ok());
-    subdivisions.filter(|n| *n <= 9).ok_or_else(|| "expected icosphere:N, with N from 0 to 9".to_owned())
+/// Value of `--evaluate-on`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum On {
+    Icosphere(u32),
+    /// The file of a sphere, or the name of a subject.
+    Named(PathBuf),
+}
+
+/// Largest number of subdivisions of an icosphere.
+const MOST: u32 = 9;
+
+impl FromStr for On {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let expected = format!("expected icosphere:N, with N from 0 to {MOST}, a sphere's file, or a subject's name");
+        match text.strip_prefix("icosphere:").map(str::parse) {
+            Some(Ok(subdivisions)) if subdivisions <= MOST => Ok(Self::Icosphere(subdivisions)),
+            None if !text.is_empty() => Ok(Self::Named(text.into())),
+            _ => Err(expected),
+        }
+    }
 }

@@ -2,6 +2,7 @@
 
 mod args;
 mod check;
+mod on;
 
 use std::path::Path;
 use std::time::Instant;
@@ -10,16 +11,14 @@ use anyhow::{Context, Result, bail};
 use serde_json::{Map, json};
 use spharm::FitParams;
 use spharm_cli::console::Console;
-use spharm_cli::memory::Memory;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{counted, first_of};
-use spharm_cohort::evaluate::Evaluate;
 use spharm_cohort::run::{Cohort, RunParams};
 use spharm_cohort::{Row, check_id};
 
 pub(crate) use self::args::Cli;
 use self::args::Hemi;
-use crate::rows::{self, CohortArgs, Options, icosphere_within, if_exists};
+use crate::rows::{self, CohortArgs, Options, if_exists};
 
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     let started = Instant::now();
@@ -30,10 +29,10 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     monitor.console().note(format!("{}, {}", counted(subjects.len(), "subject"), counted(rows.len(), "row")));
     let shard = cli.cohort.shard.unwrap_or_default();
     let cohort = Cohort::new(shard.of(&rows).cloned().collect(), cli.output.clone());
-    rows::run(&cohort, &options(cli, &left_out)?, &monitor, started)
+    rows::run(&cohort, &options(cli, &left_out, monitor.console())?, &monitor, started)
 }
 
-fn options(cli: &Cli, left_out: &[String]) -> Result<Options> {
+fn options(cli: &Cli, left_out: &[String], console: &Console) -> Result<Options> {
     let about = [
         ("tool", json!("freesurfer")),
         ("subjects_dir", json!(cli.subjects_dir)),
@@ -50,7 +49,7 @@ fn options(cli: &Cli, left_out: &[String]) -> Result<Options> {
     );
     run.if_exists = if_exists(cli.force, false, cli.skip_existing);
     run.check = Some(Box::new(check::hemisphere));
-    run.evaluate = cli.evaluate_on.map(|n| evaluate(cli, n)).transpose()?;
+    run.evaluate = cli.evaluate_on.as_ref().map(|on| on::evaluate(cli, on, console)).transpose()?;
     // Continue with the other subjects if one fails.
     let cohort = CohortArgs { keep_going: true, ..cli.cohort.clone() };
     Ok(Options {
@@ -59,13 +58,6 @@ fn options(cli: &Cli, left_out: &[String]) -> Result<Options> {
         about: about.into_iter().map(|(name, value)| (name.to_owned(), value)).collect::<Map<_, _>>(),
         ..Options::new(run, cli.threads).with(&cohort)
     })
-}
-
-/// Returns the icosphere on which models are evaluated.
-fn evaluate(cli: &Cli, subdivisions: u32) -> Result<Evaluate> {
-    let budget = Memory { memory: cli.memory }.budget(cli.threads.count());
-    let sphere = icosphere_within(budget, "freesurfer --evaluate-on icosphere:", subdivisions, cli.max_degree)?;
-    Ok(Evaluate { sphere, name: format!("ico{subdivisions}") })
 }
 
 /// Returns the subjects, and the folders left out. Subjects are the given names or, without names, the folders that

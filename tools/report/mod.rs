@@ -41,6 +41,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         }
         tables.extend(found.tables);
     }
+    tables.extend(read::summaries(&cli.test)?);
     tables.extend(read::tables(&cli.status)?);
     let mut contents = Contents {
         warnings: cli.warnings.iter().map(|path| warnings(path)).collect::<Result<Vec<_>>>()?.concat(),

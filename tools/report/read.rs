@@ -39,6 +39,8 @@ const MAPS: [&str; 16] = [
 ];
 /// File in a test's folder that describes the test.
 const ABOUT: &str = "test.json";
+/// File in a test's folder with a table of measures.
+const SUMMARY: &str = "summary.csv";
 /// Maximum size of a report of a fit in bytes: larger files aren't reports.
 const LARGEST_REPORT: u64 = 1 << 30;
 
@@ -157,10 +159,7 @@ fn test(folder: &Path) -> Result<Maps> {
     let mesh = read_mesh(mesh)?;
     let mut maps = Vec::new();
     for name in MAPS {
-        let path = folder.join(format!("{name}.shape.gii"));
-        if !path.is_file() {
-            continue;
-        }
+        let Some(path) = map_files(folder, name).into_iter().find(|path| path.is_file()) else { continue };
         let signal = read_signal(&path)?;
         if signal.channels != 1 || signal.vertices != mesh.vertices.len() {
             let (found, expected) = (signal.vertices * signal.channels, mesh.vertices.len());
@@ -177,6 +176,12 @@ fn test(folder: &Path) -> Result<Maps> {
     let name = folder.file_name().map_or_else(|| "test".to_owned(), |name| name.to_string_lossy().into_owned());
     let (meaning, about) = about(folder)?;
     Ok(Maps { name: format!("{name}: test"), meaning, about, mesh, maps })
+}
+
+/// Reads the tables of measures in the folders of tests.
+pub(super) fn summaries(folders: &[PathBuf]) -> Result<Vec<Table>> {
+    let files = folders.iter().map(|folder| (folder, folder.join(SUMMARY))).filter(|(_, file)| file.is_file());
+    files.map(|(folder, file)| Ok(Table { title: format!("{}: measures", stem(folder)), ..table(&file)? })).collect()
 }
 
 /// Reads the description of a test in `test.json` for the page's table; empty for folders of earlier versions, which
@@ -213,17 +218,28 @@ fn about(folder: &Path) -> Result<(String, Vec<(String, String)>)> {
     }
     let covariates = list(&about["covariates"]);
     row("Accounted for", if covariates.is_empty() { "nothing".to_owned() } else { covariates.join(", ") });
-    let freedom = match &about["statistic"]["freedom"] {
-        Value::Array(_) => list(&about["statistic"]["freedom"]).join(", "),
-        Value::Number(number) => {
-            number.as_f64().map_or(String::new(), |number| ((1e4 * number).round() / 1e4).to_string())
-        }
-        _ => String::new(),
+    let by_group = about["welch"] == true || about["variance_groups"].is_string();
+    let short = |number: f64| ((1e4 * number).round() / 1e4).to_string();
+    let freedom: Vec<String> = match &about["statistic"]["freedom"] {
+        Value::Array(both) => both.iter().filter_map(Value::as_f64).map(short).collect(),
+        other => other.as_f64().map(short).into_iter().collect(),
     };
     let welch = if about["welch"] == true { "Welch's " } else { "" };
-    row("Statistic", format!("{welch}{}, {freedom} degrees of freedom", text(&about["statistic"]["name"])));
+    let more = if by_group { " or more" } else { "" };
+    let name = text(&about["statistic"]["name"]);
+    row("Statistic", format!("{welch}{name}, {}{more} degrees of freedom", freedom.join(", ")));
+    for (key, name) in [("variance_groups", "Variances by"), ("mask", "Mask"), ("surface", "Shown on")] {
+        about[key].as_str().into_iter().for_each(|value| row(name, value.to_owned()));
+    }
+    if let Some(blocks) = about["blocks"].as_str() {
+        let how = if about["whole_blocks"] == true { "whole blocks are exchanged" } else { "exchanges within blocks" };
+        row("Blocks", format!("{blocks}: {how}"));
+    }
     if let Some(count) = about["relabellings"].as_u64() {
         row("Relabellings", format!("{count}, {}", if about["exact"] == true { "all of them" } else { "random" }));
+    }
+    if let Some(assumption) = about["assumption"].as_str() {
+        row("p-fwe assumes", assumption.to_owned());
     }
     if let Some(level) = about["level"].as_f64() {
         row("Level", level.to_string());
@@ -232,10 +248,15 @@ fn about(folder: &Path) -> Result<(String, Vec<(String, String)>)> {
     Ok((meaning, rows))
 }
 
+/// Returns the paths of a map in the formats that `spharm shape test` writes.
+fn map_files(folder: &Path, name: &str) -> [PathBuf; 2] {
+    ["shape.gii", "mgh"].map(|ending| folder.join(format!("{name}.{ending}")))
+}
+
 /// Returns the paths of a test's files, whether or not they exist.
 pub(super) fn files(folder: &Path) -> Vec<PathBuf> {
-    let maps = MAPS.iter().map(|name| folder.join(format!("{name}.shape.gii")));
-    maps.chain([folder.join("mean.surf.gii"), folder.join(ABOUT)]).collect()
+    let maps = MAPS.iter().flat_map(|name| map_files(folder, name));
+    maps.chain(["mean.surf.gii", ABOUT, SUMMARY].map(|name| folder.join(name))).collect()
 }
 
 /// Reads tables with a header.

@@ -83,7 +83,7 @@ enum Command {
     Quality(quality::Cli),
     Sample(sample::Cli),
     Morph(morph::Cli),
-    Test(test::Cli),
+    Test(Box<test::Cli>),
     Compress(compress::Cli),
     Expand(expand::Cli),
 }

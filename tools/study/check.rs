@@ -34,6 +34,14 @@ pub(super) fn check(plan: &Plan) -> Result<()> {
 /// Checks that the alignment method suits the subjects: surfaces that were mapped individually don't correspond, and
 /// must be aligned by `correspond` or `joint`.
 fn correspondence(plan: &Plan) -> Result<()> {
+    if plan.signal_fits().is_some() && !matches!(plan.method, Method::Fixed | Method::None) {
+        bail!(
+            "{}: `signal` in [subjects] needs spheres that correspond, such as FreeSurfer's sphere.reg: give `sphere`; \
+             found method {:?}",
+            plan.file.display(),
+            plan.method.name()
+        );
+    }
     if plan.method == Method::Correspond {
         return of_group(plan);
     }
@@ -81,7 +89,7 @@ fn of_group(plan: &Plan) -> Result<()> {
         );
     }
     let marks = plan.landmarks.iter().flatten().zip(&plan.manifest.rows).map(|(file, row)| ("landmarks", file, row));
-    let rows = plan.signals.iter().zip(&plan.manifest.rows);
+    let rows = plan.guides.iter().zip(&plan.manifest.rows);
     let signals = rows.flat_map(|(files, row)| files.iter().map(move |file| ("a signal", file, row)));
     match marks.chain(signals).find(|(_, file, _)| !file.is_file()) {
         Some((what, file, row)) => bail!("{}: {what} of {}: no such file", file.display(), row.id),
@@ -91,6 +99,17 @@ fn of_group(plan: &Plan) -> Result<()> {
 
 /// Checks the design of a test, applied to all subjects.
 fn tested(plan: &Plan, test: &Test) -> Result<()> {
+    if test.is_of_values() && plan.signal_fits().is_none() {
+        bail!("signal: \"value\" needs `signal` in [subjects], the file of each subject's values; found none");
+    }
+    if test.mask.is_some() && plan.method == Method::Correspond {
+        bail!("mask: with method \"correspond\", the places that all subjects share are tested; omit it");
+    }
+    for (key, path) in [("mask", &test.mask), ("sphere", &test.sphere)] {
+        if let Some(path) = path.as_ref().map(|path| plan.folder.join(path)).filter(|path| !path.is_file()) {
+            bail!("{key}: {}: no such file", path.display());
+        }
+    }
     let effect = cells(plan, &test.effect)?;
     let column = |name: &str, cells: &[&str]| {
         if test.categorical.iter().any(|of| of == name) {

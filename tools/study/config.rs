@@ -52,6 +52,10 @@ pub(super) struct Subjects {
     pub(super) surface: Option<String>,
     pub(super) sphere: Option<String>,
     pub(super) landmarks: Option<String>,
+    /// Values on the vertices of the surface: a column of the table, or a pattern with `{id}`.
+    pub(super) signal: Option<String>,
+    /// Vertices at which the signal is read: a column, a pattern with `{id}`, or `none`.
+    pub(super) mask: Option<String>,
     /// Subjects to leave out.
     pub(super) exclude: Vec<Named>,
     /// Subjects whose flags are accepted.
@@ -66,6 +70,8 @@ impl Default for Subjects {
             surface: None,
             sphere: None,
             landmarks: None,
+            signal: None,
+            mask: None,
             exclude: Vec::new(),
             accept: Vec::new(),
         }
@@ -82,10 +88,20 @@ pub(super) struct Fit {
 impl Fit {
     /// Returns the voxel size, if the arguments give it.
     pub(super) fn voxel_size(&self) -> Option<&str> {
-        const NAME: &str = "--voxel-size";
-        let at = self.arguments.iter().position(|argument| argument.starts_with(NAME))?;
-        match self.arguments[at].strip_prefix(NAME)?.strip_prefix('=') {
-            Some(size) => Some(size),
+        self.value("--voxel-size")
+    }
+
+    /// Returns the sphere of all fits, if the arguments give one.
+    pub(super) fn sphere(&self) -> Option<&str> {
+        self.value("--sphere")
+    }
+
+    /// Returns the value of an option in the arguments.
+    fn value(&self, name: &str) -> Option<&str> {
+        let given = |argument: &String| argument.split('=').next() == Some(name);
+        let at = self.arguments.iter().position(given)?;
+        match self.arguments[at].split_once('=') {
+            Some((_, value)) => Some(value),
             None => self.arguments.get(at + 1).map(String::as_str),
         }
     }
@@ -181,7 +197,7 @@ pub(super) struct Page {
 /// Keys of each section: the section's name, the number of required keys, and all keys, the required ones first.
 const SECTIONS: [(&str, usize, &[&str]); 8] = [
     ("", 0, &["title", "output", "subjects", "fit", "align", "modes", "quality", "test", "page"]),
-    ("subjects", 1, &["table", "id", "surface", "sphere", "landmarks", "exclude", "accept"]),
+    ("subjects", 1, &["table", "id", "surface", "sphere", "landmarks", "signal", "mask", "exclude", "accept"]),
     ("fit", 1, &["max_degree", "arguments"]),
     ("align", 0, &["method", "scale", "mirror", "guide", "signals"]),
     ("modes", 0, &["count"]),

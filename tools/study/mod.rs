@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `config`, `subjects` | the study's file and its table of subjects |
 //! | `surfaces` | the table of meshes that are made to correspond |
+//! | `fits` | the fits of the subjects' surfaces and signals |
 //! | `plan` | the study's files and their locations |
 //! | `stages` | the commands of the study |
 //! | `check` | checks before any command is run |
@@ -15,6 +16,7 @@ mod args;
 mod check;
 mod config;
 mod exclusion;
+mod fits;
 mod plan;
 mod stage;
 mod stages;
@@ -33,12 +35,13 @@ use spharm_cli::console::Console;
 use spharm_cli::output::{counted, print, print_line, table};
 use spharm_cli::paths::utf8;
 use spharm_cohort::run::concerns_all;
-use spharm_cohort::{Manifest, Merged, State};
+use spharm_cohort::{Manifest, State};
 use spharm_surface::io::write_new;
 
 pub(crate) use self::args::Cli;
 use self::args::Command;
 use self::config::Method;
+use self::fits::{Fits, Outcomes};
 use self::plan::Plan;
 use self::stage::Stage;
 use self::warnings::Flagged;
@@ -85,17 +88,20 @@ pub(crate) fn run(
         excluded => format!("{count} of {}, {excluded} excluded,", counted(count + excluded, "subject")),
     };
     call.console.note(format!("{}: {subjects} of {table}", plan.study.title));
-    let fit = plan.fit(cli.shard, cli.force);
-    parse(&call.arguments(&fit)).with_context(|| format!("{}: `arguments` in [fit]", study.display()))?;
+    for fits in plan.fits() {
+        let fit = plan.fit(&fits, cli.shard, cli.force);
+        parse(&call.arguments(&fit)).with_context(|| format!("{}: `arguments` in [fit]", study.display()))?;
+    }
     if cli.dry_run {
         return call.show(preview);
     }
-    for folder in [plan.records().join("warnings"), plan.records().join("reports"), plan.status()] {
+    let folders = [plan.records().join("warnings"), plan.records().join("reports")];
+    for folder in folders.into_iter().chain(plan.fits().into_iter().map(|fits| fits.status)) {
         std::fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
     }
     let lock = lock(&plan, cli.shard.is_some())?;
     tidy::leftovers(&plan);
-    plan.write_manifest()?;
+    plan.write_manifests()?;
     let done = call.run();
     drop(lock);
     done
@@ -139,24 +145,35 @@ impl Call<'_> {
     /// fits would fail.
     fn show(&self, preview: &Preview) -> Result<()> {
         let subjects = self.plan.subjects_planned();
-        print(&self.plan.fit(self.cli.shard, self.cli.force).command())?;
+        for fits in self.plan.fits() {
+            print(&self.plan.fit(&fits, self.cli.shard, self.cli.force).command())?;
+        }
         if self.cli.shard.is_none() {
             self.plan.stages(&subjects).iter().try_for_each(|stage| print(&stage.command()))?;
         }
-        let fit = self.plan.fit(self.cli.shard, self.cli.force);
-        let found = preview(&self.arguments(&fit), self.plan.manifest.clone())?;
-        self.console.note("");
-        found.text.lines().for_each(|line| self.console.note(line));
-        found.error.map_or(Ok(()), Err)
+        let mut failing = Ok(());
+        for fits in self.plan.fits() {
+            let fit = self.plan.fit(&fits, self.cli.shard, self.cli.force);
+            let found = preview(&self.arguments(&fit), fits.manifest.clone())?;
+            self.console.note("");
+            found.text.lines().for_each(|line| self.console.note(line));
+            failing = failing.and(found.error.map_or(Ok(()), Err));
+        }
+        failing
     }
 
     fn run(&mut self) -> Result<()> {
-        let failed = self.fit()?;
+        for fits in self.plan.fits() {
+            self.fit(&fits)?;
+        }
+        let outcomes = Outcomes::read(&self.plan.fits())?;
+        let rows = self.plan.manifest.rows.iter().filter_map(|row| outcomes.entry(&row.id));
+        let failed = rows.filter(|entry| entry.state == State::Failed);
+        let failed: Vec<_> = failed.map(|entry| (entry.id.clone(), entry.error.clone())).collect();
         if self.cli.shard.is_some() {
             return self.finish(&failed, &[]);
         }
-        let merged = self.merged()?;
-        let subjects = self.plan.subjects(&merged);
+        let subjects = self.plan.subjects(&outcomes);
         if subjects.len() < LEAST {
             bail!(
                 "{}: expected {LEAST} subjects or more that can be fitted, found {}; `spharm status {}` shows the reasons",
@@ -165,13 +182,13 @@ impl Call<'_> {
                 self.plan.status().display()
             );
         }
-        let removed = tidy::models(self.plan, &merged, &failed)?;
+        let removed: usize = self.plan.fits().iter().map(tidy::models).sum::<Result<_>>()?;
         if removed > 0 {
             let removed = counted(removed, "model");
             self.console.note(format!("removed {removed} of subjects no longer in the study, or now failing"));
         }
         self.plan.write_lists(&subjects)?;
-        self.plan.write_status(&merged)?;
+        self.plan.write_status(&outcomes)?;
         let stages = self.plan.stages(&subjects);
         tidy::stages(self.plan, &stages)?;
         let Some((page, stages)) = stages.split_last() else { return self.finish(&failed, &[]) };
@@ -220,45 +237,26 @@ impl Call<'_> {
         }
     }
 
-    /// Fits the subjects and returns those that failed, with the reasons.
-    fn fit(&mut self) -> Result<Vec<(String, String)>> {
-        let stage = self.plan.fit(self.cli.shard, self.cli.force);
+    /// Fits the subjects. Those that fail are listed at the end; any other error ends the study.
+    fn fit(&mut self, fits: &Fits<'_>) -> Result<()> {
+        let stage = self.plan.fit(fits, self.cli.shard, self.cli.force);
         let started = Instant::now();
         let shard = self.cli.shard.unwrap_or_default();
-        for id in tidy::damaged(self.plan, shard.of(&self.plan.manifest.rows), &self.merged()?)? {
+        for id in tidy::damaged(fits, shard.of(&fits.manifest.rows), &fits.merged()?)? {
             self.console.warn(format!("{id}: the model was damaged; fitting it again"));
         }
         self.console.note(format!("\n{}", stage.command()));
         let ran = (self.spharm)(&self.arguments(&stage));
-        // If the fits ended for a reason that concerns all of them, such as a full disk, report that reason.
-        if ran.as_ref().is_err_and(|error| concerns_all(error.as_ref())) {
-            ran?;
-            return Ok(Vec::new());
-        }
-        let merged = self.merged()?;
-        let failed: Vec<(String, String)> = self
-            .plan
-            .manifest
-            .rows
-            .iter()
-            .filter_map(|row| merged.entry(&row.id))
-            .filter(|entry| entry.state == State::Failed)
-            .map(|entry| (entry.id.clone(), entry.error.clone()))
-            .collect();
-        // Subjects that fail are listed at the end; any other error ends the study.
         if ran.as_ref().is_err_and(spharm_cli::exit::is_interrupted) {
             let again = format!("interrupted; resume with: spharm study {}", self.plan.file.display());
             return Err(anyhow::Error::from(spharm_monitor::Interrupted).context(again));
         }
-        if failed.is_empty() {
+        // An error that concerns all fits, such as a full disk, ends the study with its own reason.
+        if ran.as_ref().is_err_and(|error| concerns_all(error.as_ref())) || fits.failed(&fits.merged()?).is_empty() {
             ran?;
         }
-        self.row("fit", "done", started);
-        Ok(failed)
-    }
-
-    fn merged(&self) -> Result<Merged> {
-        Ok(Merged::read(&self.plan.status_files()?)?)
+        self.row(fits.name, "done", started);
+        Ok(())
     }
 
     /// Runs a stage, unless its outputs are up to date.
@@ -280,7 +278,7 @@ impl Call<'_> {
     fn arguments(&self, stage: &Stage) -> Vec<String> {
         let mut arguments = vec!["spharm".to_owned()];
         arguments.extend(stage.arguments.iter().cloned());
-        let later = stage.name == "fit" && matches!(self.plan.method, Method::Correspond | Method::Joint);
+        let later = stage.name == fits::SURFACES && matches!(self.plan.method, Method::Correspond | Method::Joint);
         arguments.extend(later.then(|| "--aligned-later".to_owned()));
         let threaded = !matches!(stage.arguments[0].as_str(), "picture" | "report");
         arguments.extend(self.plan.common.iter().filter(|_| threaded).cloned());

@@ -3,10 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use spharm_cohort::{Manifest, Merged, Row, State};
+use spharm_cohort::{Manifest, Row, State};
 use spharm_surface::io::write_new;
 
 use super::config::{Method, Study};
+use super::fits::{Fits, Outcomes, SIGNALS, SURFACES};
 use super::{exclusion, subjects, surfaces};
 
 /// Folder within the output folder for the records from which a study is resumed.
@@ -32,10 +33,12 @@ pub(super) struct Plan {
     pub(super) method: Method,
     /// Landmark file of each subject, in table order, if the study has landmarks.
     pub(super) landmarks: Option<Vec<PathBuf>>,
-    /// Signal files of each subject, in table order.
-    pub(super) signals: Vec<Vec<PathBuf>>,
+    /// Files of the signals that guide the correspondence, for each subject in table order.
+    pub(super) guides: Vec<Vec<PathBuf>>,
     /// The manifest's text, if the manifest isn't the table itself.
     made_text: Option<Vec<u8>>,
+    /// Manifest of the subjects' signals and its text, if the study has signals.
+    signals: Option<(Manifest, Vec<u8>)>,
     /// Arguments that all stages share, such as the number of threads.
     pub(super) common: Vec<String>,
 }
@@ -50,7 +53,8 @@ pub(super) struct Subject<'a> {
     /// Label in the volume.
     pub(super) label: Option<i64>,
     pub(super) landmarks: Option<PathBuf>,
-    pub(super) signals: &'a [PathBuf],
+    /// Files of the signals that guide the correspondence.
+    pub(super) guides: &'a [PathBuf],
 }
 
 impl Plan {
@@ -87,9 +91,11 @@ impl Plan {
             }
         }
         let landmarks = subjects::landmarks(&study.subjects, folder, &table, &manifest)?;
-        let signals = subjects::signals(&study.align.signals, folder, &table, &manifest)
-            .with_context(|| path.display().to_string())?;
-        let spheres = has_one_sphere(&study) || manifest.rows.iter().all(|row| row.sphere.is_some());
+        let named = || path.display().to_string();
+        let guides = subjects::guides(&study.align.signals, folder, &table, &manifest).with_context(named)?;
+        let made = output.join(RECORDS).join("signals.tsv");
+        let signals = subjects::signals(&study.subjects, folder, &table, &manifest, &made).with_context(named)?;
+        let spheres = study.fit.sphere().is_some() || manifest.rows.iter().all(|row| row.sphere.is_some());
         let method = study.align.method.unwrap_or(if spheres { Method::Fixed } else { Method::Correspond });
         let (file, folder) = (path.to_owned(), folder.to_owned());
         Ok(Self {
@@ -102,15 +108,16 @@ impl Plan {
             excluded,
             method,
             landmarks,
-            signals,
+            guides,
             made_text,
+            signals,
             common,
         })
     }
 
     /// Returns whether all subjects are fitted over one sphere.
     pub(super) fn has_one_sphere(&self) -> bool {
-        has_one_sphere(&self.study)
+        self.study.fit.sphere().is_some()
     }
 
     /// Returns the folder of the files for resuming a study: lists, tables for the tests, records of the stages.
@@ -169,17 +176,17 @@ impl Plan {
         self.output.join("report.html")
     }
 
-    /// Lists the tables of the subjects' outcomes, one per shard.
-    pub(super) fn status_files(&self) -> Result<Vec<PathBuf>> {
-        let folder = self.status();
-        let read = || format!("{}: cannot read the folder", folder.display());
-        let mut files = Vec::new();
-        for entry in std::fs::read_dir(&folder).with_context(read)? {
-            let path = entry.with_context(read)?.path();
-            files.extend(path.extension().is_some_and(|ending| ending == "tsv").then_some(path));
-        }
-        files.sort_unstable();
-        Ok(files)
+    /// Returns the fits, those of the surfaces first.
+    pub(super) fn fits(&self) -> Vec<Fits<'_>> {
+        let surfaces = Fits { name: SURFACES, manifest: &self.manifest, models: self.models(), status: self.status() };
+        let folder = self.output.join("signals");
+        let of_signals = |manifest| Fits { name: SIGNALS, manifest, status: folder.join("status"), models: folder };
+        std::iter::once(surfaces).chain(self.signals.as_ref().map(|(manifest, _)| of_signals(manifest))).collect()
+    }
+
+    /// Returns the fits of the signals, if the study has signals.
+    pub(super) fn signal_fits(&self) -> Option<Fits<'_>> {
+        self.fits().into_iter().nth(1)
     }
 
     pub(super) fn models(&self) -> PathBuf {
@@ -193,25 +200,26 @@ impl Plan {
             let model = row.model(&folder);
             let landmarks = self.landmarks.as_ref().and_then(|files| files.get(index).cloned());
             let (surface, label) = (row.surface.clone(), row.label);
-            let signals = &self.signals[index];
-            Subject { id: &row.id, cells: &row.extra, surface, label, model, landmarks, signals }
+            let guides = &self.guides[index];
+            Subject { id: &row.id, cells: &row.extra, surface, label, model, landmarks, guides }
         };
         self.manifest.rows.iter().enumerate().map(of).collect()
     }
 
     /// Returns the subjects that were fitted. A subject whose fit fails now is left out, even if its model of an
     /// earlier run exists.
-    pub(super) fn subjects(&self, merged: &Merged) -> Vec<Subject<'_>> {
-        let done = |id: &str| merged.entry(id).is_some_and(|entry| matches!(entry.state, State::Done | State::Skipped));
-        self.subjects_planned().into_iter().filter(|subject| done(subject.id) && subject.model.exists()).collect()
+    pub(super) fn subjects(&self, outcomes: &Outcomes) -> Vec<Subject<'_>> {
+        let fits = self.fits();
+        let done = |id: &str| outcomes.is_done(id) && fits.iter().all(|fits| fits.model(id).exists());
+        self.subjects_planned().into_iter().filter(|subject| done(subject.id)).collect()
     }
 
     /// Writes the outcome of each subject for the page. Times are left out, so that equal results give equal bytes.
-    pub(super) fn write_status(&self, merged: &Merged) -> Result<()> {
+    pub(super) fn write_status(&self, outcomes: &Outcomes) -> Result<()> {
         let mut writer = csv::WriterBuilder::new().delimiter(b'\t').from_writer(Vec::new());
         writer.write_record(["id", "state", "error", "accepted"].into_iter().chain(self.columns()))?;
         for row in &self.manifest.rows {
-            let entry = merged.entry(&row.id);
+            let entry = outcomes.entry(&row.id);
             let state = match entry.map(|entry| entry.state) {
                 Some(State::Done | State::Skipped) => "done",
                 Some(State::Failed) => "failed",
@@ -243,9 +251,11 @@ impl Plan {
         self.manifest.columns.iter().map(String::as_str)
     }
 
-    /// Writes the manifest, unless it is the table itself.
-    pub(super) fn write_manifest(&self) -> Result<()> {
-        self.made_text.as_deref().map_or(Ok(()), |text| self.write("manifest.tsv", std::str::from_utf8(text)?))
+    /// Writes the manifests, except one that is the table itself.
+    pub(super) fn write_manifests(&self) -> Result<()> {
+        let signals = self.signals.as_ref().map(|(_, text)| ("signals.tsv", text));
+        let made = self.made_text.as_ref().map(|text| ("manifest.tsv", text)).into_iter().chain(signals);
+        made.into_iter().try_for_each(|(name, text)| self.write(name, std::str::from_utf8(text)?))
     }
 
     /// Returns the paths of the models that are compared.
@@ -277,7 +287,7 @@ impl Plan {
                 surface: &subject.surface,
                 label: subject.label,
                 landmarks: subject.landmarks.as_deref(),
-                signals: subject.signals,
+                signals: subject.guides,
             };
             let members: Vec<_> = subjects.iter().map(of).collect();
             self.write("surfaces.tsv", &surfaces::table(&members, &self.records())?)?;
@@ -285,13 +295,21 @@ impl Plan {
                 self.write("landmarks.txt", &surfaces::landmarks(&members, &self.records())?)?;
             }
         }
+        self.write_tested("aligned.csv", subjects, &aligned)?;
+        let Some(fits) = self.signal_fits() else { return Ok(()) };
+        let signals: Vec<PathBuf> = subjects.iter().map(|subject| fits.model(subject.id)).collect();
+        self.write_tested("signals.csv", subjects, &signals)
+    }
+
+    /// Writes a table for the tests: each subject with a model and the columns of the study's table.
+    fn write_tested(&self, name: &str, subjects: &[Subject<'_>], models: &[PathBuf]) -> Result<()> {
         let mut writer = csv::Writer::from_writer(Vec::new());
         writer.write_record(["id", "model"].into_iter().chain(self.columns()))?;
-        for (subject, path) in subjects.iter().zip(&aligned) {
+        for (subject, path) in subjects.iter().zip(models) {
             let path = self.relative(path)?;
             writer.write_record([subject.id, &path].into_iter().chain(subject.cells.iter().map(String::as_str)))?;
         }
-        self.write("aligned.csv", &String::from_utf8(writer.into_inner()?)?)
+        self.write(name, &String::from_utf8(writer.into_inner()?)?)
     }
 
     /// Returns a path in the output relative to the folder of the lists.
@@ -308,11 +326,6 @@ impl Plan {
         write_new(&path, true, |out| out.write_all(text.as_bytes()))?;
         Ok(())
     }
-}
-
-/// Returns whether one sphere is given for the fits of all subjects.
-fn has_one_sphere(study: &Study) -> bool {
-    study.fit.arguments.iter().any(|argument| argument.split('=').next() == Some("--sphere"))
 }
 
 pub(super) fn text(path: &Path) -> String {

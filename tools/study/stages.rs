@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use spharm_cohort::Shard;
 
 use super::config::Method;
+use super::fits::{Fits, SURFACES};
 use super::plan::{PLAIN, Plan, Subject, text};
 use super::stage::Stage;
 use super::surfaces::signal_column;
@@ -15,23 +16,21 @@ use crate::shape::correspond::surfaces::With;
 pub(super) const CHECK: &str = "check";
 
 impl Plan {
-    /// Returns the stage of the fits. It has no inputs and outputs, because `fit` itself determines which models are up
-    /// to date.
-    pub(super) fn fit(&self, shard: Option<Shard>, force: bool) -> Stage {
-        let mut arguments =
-            words(&["fit", "--manifest", &text(&self.manifest.path), "--output", &text(&self.models())]);
+    /// Returns the stage of fits. It has no inputs and outputs, because `fit` itself determines which models are up to
+    /// date.
+    pub(super) fn fit(&self, fits: &Fits<'_>, shard: Option<Shard>, force: bool) -> Stage {
+        let mut arguments = words(&["fit", "--manifest", &text(&fits.manifest.path), "--output", &text(&fits.models)]);
         arguments.extend(words(&["--max-degree", &self.study.fit.max_degree.to_string(), "--keep-going"]));
-        arguments.extend(words(&["--status", &text(&self.status().join(status_name(shard)))]));
+        arguments.extend(words(&["--status", &text(&fits.status_file(shard))]));
         arguments.extend(words(&[if force { "--force" } else { "--update" }]));
         arguments.extend(shard.iter().flat_map(|shard| words(&["--shard", &shard.to_string()])));
-        arguments.extend(self.study.fit.arguments.iter().cloned());
-        Stage {
-            folder: self.folder.clone(),
-            name: "fit".to_owned(),
-            arguments,
-            inputs: Vec::new(),
-            outputs: Vec::new(),
+        match fits.name {
+            SURFACES => arguments.extend(self.study.fit.arguments.iter().cloned()),
+            // The other arguments are about surfaces.
+            _ => arguments.extend(self.study.fit.sphere().iter().flat_map(|sphere| words(&["--sphere", sphere]))),
         }
+        let (folder, name) = (self.folder.clone(), fits.name.to_owned());
+        Stage { folder, name, arguments, inputs: Vec::new(), outputs: Vec::new() }
     }
 
     /// Returns the stages after the fits, for the subjects that have models.
@@ -53,7 +52,7 @@ impl Plan {
         stages.push(self.stage("modes", arguments, &aligned, [modes, scores]));
         stages.push(self.check(&models, &aligned));
         for test in &study.test {
-            stages.extend(self.test(test, &aligned));
+            stages.extend(self.test(test, subjects, &aligned));
         }
         stages.extend(self.quality(subjects, &models, &aligned));
         stages.push(self.report(subjects));
@@ -96,7 +95,7 @@ impl Plan {
         }
         let files = subjects
             .iter()
-            .flat_map(|subject| std::iter::once(&subject.surface).chain(&subject.landmarks).chain(subject.signals));
+            .flat_map(|subject| std::iter::once(&subject.surface).chain(&subject.landmarks).chain(subject.guides));
         let inputs: Vec<PathBuf> = std::iter::once(&table).chain(files).cloned().collect();
         self.stage("correspond", arguments, &inputs, [folder, report, warnings])
     }
@@ -184,28 +183,36 @@ impl Plan {
     }
 
     /// Returns the stages of a test and of its picture.
-    fn test(&self, test: &Test, aligned: &[PathBuf]) -> [Stage; 2] {
+    fn test(&self, test: &Test, subjects: &[Subject<'_>], aligned: &[PathBuf]) -> [Stage; 2] {
         let (name, folder) = (format!("test.{}", test.name), self.output.join("tests").join(&test.name));
-        let table = self.records().join("aligned.csv");
-        let (table_text, folder_text) = (text(&table), text(&folder));
-        let (levels, covariates) = (test.levels.join(","), test.covariates.join(","));
-        let categorical = test.categorical.join(",");
-        let inference = test.inference();
-        let mut arguments = vec!["shape", "test", "--table", &table_text, "--effect", &test.effect, "-o", &folder_text];
-        for (flag, value) in [("--levels", &levels), ("--covariates", &covariates), ("--categorical", &categorical)] {
-            if !value.is_empty() {
-                arguments.extend([flag, value.as_str()]);
+        let of_signals = self.signal_fits().filter(|_| test.is_of_values());
+        let table = self.records().join(if of_signals.is_some() { "signals.csv" } else { "aligned.csv" });
+        let mut arguments = words(&["shape", "test", "--table", &text(&table)]);
+        arguments.extend(words(&["--effect", &test.effect, "-o", &text(&folder)]));
+        arguments.extend(test.question());
+        let mut inputs = vec![table];
+        match &of_signals {
+            Some(fits) => {
+                inputs.extend(subjects.iter().map(|subject| fits.model(subject.id)).chain([self.mean()]));
+                arguments.extend(words(&["--surface", &text(&self.mean())]));
             }
+            None => inputs.extend(aligned.iter().cloned()),
         }
-        arguments.extend(test.signal.iter().flat_map(|signal| ["--signal", signal.as_str()]));
-        arguments.extend(inference.iter().map(String::as_str));
-        let mut inputs: Vec<PathBuf> = std::iter::once(table.clone()).chain(aligned.iter().cloned()).collect();
-        let group = text(&self.group_file());
-        if self.method == Method::Correspond {
-            arguments.extend(["--mask", group.as_str()]);
-            inputs.push(self.group_file());
+        let (measures, scores) = (self.output.join("measures.csv"), self.output.join("scores.csv"));
+        arguments.extend(words(&[
+            "--measures",
+            &format!("{}:area,volume,sphericity", text(&measures)),
+            &text(&scores),
+        ]));
+        inputs.extend([measures, scores]);
+        let group = (self.method == Method::Correspond).then(|| self.group_file());
+        let mask = test.mask.as_ref().map(|mask| self.folder.join(mask)).or(group);
+        let sphere = test.sphere.as_ref().map(|sphere| self.folder.join(sphere));
+        for (flag, path) in [("--mask", mask), ("--sphere", sphere)] {
+            arguments.extend(path.iter().flat_map(|path| words(&[flag, &text(path)])));
+            inputs.extend(path);
         }
-        let tested = self.stage(&name, words(&arguments), &inputs, [folder.clone()]);
+        let tested = self.stage(&name, arguments, &inputs, [folder.clone()]);
         let (mean, map) = (folder.join("mean.surf.gii"), folder.join(format!("{}.shape.gii", test.map())));
         let picture = self.output.join("figures").join(format!("{}.png", test.name));
         let drawn = self.stage(
@@ -247,7 +254,9 @@ impl Plan {
             inputs.extend(measured);
             inputs.push(self.correspondence());
         }
-        inputs.extend(folders.iter().flat_map(|folder| ["test.csv", "test.json"].map(|name| folder.join(name))));
+        inputs.extend(
+            folders.iter().flat_map(|folder| ["test.csv", "test.json", "summary.csv"].map(|name| folder.join(name))),
+        );
         inputs.extend(subjects.iter().filter(|_| self.study.page.subjects).map(|subject| subject.model.clone()));
         let (folder, name) = (self.folder.clone(), "report".to_owned());
         Stage { folder, name, arguments, inputs, outputs: vec![self.page()] }
@@ -269,11 +278,6 @@ impl Plan {
         let (folder, name) = (self.folder.clone(), name.to_owned());
         Stage { folder, name, arguments, inputs: inputs.to_vec(), outputs: outputs.to_vec() }
     }
-}
-
-/// Returns the name of the status file of a shard; without a shard, of the entire study.
-fn status_name(shard: Option<Shard>) -> String {
-    shard.map_or("all.tsv".to_owned(), |shard| format!("{}.tsv", shard.to_string().replace('/', "-of-")))
 }
 
 fn words(words: &[&str]) -> Vec<String> {

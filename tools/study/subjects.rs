@@ -7,6 +7,7 @@ use anyhow::{Context, Result, bail};
 use spharm_cohort::Manifest;
 
 use super::config::Subjects;
+use super::fits::cortex;
 use crate::shape::correspond::surfaces::With;
 use crate::shape::table::{LANDMARKS, files_of};
 
@@ -61,27 +62,71 @@ pub(super) fn landmarks(
     files_of(manifest, LANDMARKS, table)
 }
 
-/// Returns the signal files of each subject, one list per subject; they are found in the same way as in [`landmarks`].
+/// Returns the files of the signals that guide the correspondence, one list per subject. Each signal is a column of the
+/// table or a pattern.
 ///
 /// # Errors
 ///
 /// If a signal is neither a pattern with `{id}` nor a column of the table, or a cell is empty.
-pub(super) fn signals(signals: &[With], folder: &Path, table: &Path, manifest: &Manifest) -> Result<Vec<Vec<PathBuf>>> {
+pub(super) fn guides(signals: &[With], folder: &Path, table: &Path, manifest: &Manifest) -> Result<Vec<Vec<PathBuf>>> {
     let mut files = vec![Vec::new(); manifest.rows.len()];
     for With { name, .. } in signals {
-        let of_column = if name.contains(ID) { None } else { files_of(manifest, name, table)? };
-        if of_column.is_none() && !name.contains(ID) {
-            bail!(
-                "`signals` in [align]: expected a column of {} or a pattern with {ID}, found {name:?}",
-                table.display()
-            );
-        }
-        for (index, row) in manifest.rows.iter().enumerate() {
-            let by_pattern = || folder.join(name.replace(ID, &row.id));
-            files[index].push(of_column.as_ref().map_or_else(by_pattern, |files| files[index].clone()));
-        }
+        let found = of_name("`signals` in [align]", name, folder, table, manifest)?;
+        files.iter_mut().zip(found).for_each(|(files, file)| files.push(file));
     }
     Ok(files)
+}
+
+/// Returns the file of each subject that a key gives, by a pattern relative to `folder` or by a column of the table.
+fn of_name(key: &str, name: &str, folder: &Path, table: &Path, manifest: &Manifest) -> Result<Vec<PathBuf>> {
+    if name.contains(ID) {
+        return Ok(manifest.rows.iter().map(|row| folder.join(name.replace(ID, &row.id))).collect());
+    }
+    files_of(manifest, name, table)?.with_context(|| {
+        format!("{key}: expected a column of {} or a pattern with {ID}, found {name:?}", table.display())
+    })
+}
+
+/// Value of the key `mask` for no mask.
+const NO_MASK: &str = "none";
+
+/// Returns the manifest of the subjects' signals, which is to be written to the path `made`, and its text. Returns
+/// `None` if the study has no signal. The default mask is FreeSurfer's label of the cortex.
+///
+/// # Errors
+///
+/// If a file is given neither by a pattern with `{id}` nor by a column of the table, or a cell is empty.
+pub(super) fn signals(
+    subjects: &Subjects,
+    folder: &Path,
+    table: &Path,
+    manifest: &Manifest,
+    made: &Path,
+) -> Result<Option<(Manifest, Vec<u8>)>> {
+    let Some(signal) = &subjects.signal else {
+        if subjects.mask.is_some() {
+            bail!("`mask` in [subjects] limits the values that are read of `signal`, but there is no `signal`");
+        }
+        return Ok(None);
+    };
+    let signals = of_name("`signal` in [subjects]", signal, folder, table, manifest)?;
+    let masks: Vec<Option<PathBuf>> = match subjects.mask.as_deref() {
+        Some(NO_MASK) => vec![None; signals.len()],
+        Some(mask) => {
+            let masks = of_name("`mask` in [subjects]", mask, folder, table, manifest)?;
+            masks.into_iter().map(Some).collect()
+        }
+        None => signals.iter().map(|signal| cortex(signal)).collect(),
+    };
+    let mut writer = csv::WriterBuilder::new().delimiter(b'\t').from_writer(Vec::new());
+    writer.write_record(["id", "surface", "sphere", "signal_mask"])?;
+    let path = |path: &Path| -> Result<String> { Ok(std::path::absolute(path)?.display().to_string()) };
+    for ((row, signal), mask) in manifest.rows.iter().zip(&signals).zip(&masks) {
+        let given = |file: Option<&PathBuf>| file.map_or(Ok(String::new()), |file| path(file));
+        writer.write_record([row.id.clone(), path(signal)?, given(row.sphere.as_ref())?, given(mask.as_ref())?])?;
+    }
+    let text = writer.into_inner()?;
+    Ok(Some((Manifest::parse(made, &text)?, text)))
 }
 
 fn has_id(key: &str, pattern: &str) -> Result<()> {
@@ -103,7 +148,7 @@ fn text(subjects: &Subjects, folder: &Path, table: &Path, surface: &str) -> Resu
     let Some(id) = header.iter().position(|name| name == subjects.id) else {
         bail!("expected a column {:?}, found {}", subjects.id, header.iter().collect::<Vec<_>>().join(", "));
     };
-    let reserved = ["id", "surface", "sphere", "weights", "output", "label"];
+    let reserved = ["id", "surface", "sphere", "weights", "output", "label", "signal_mask"];
     if let Some(taken) = header.iter().enumerate().find(|(at, name)| *at != id && reserved.contains(name)) {
         bail!("column {:?} cannot be used with a pattern `surface` in [subjects]", taken.1);
     }

@@ -1,17 +1,21 @@
 //! A test of a study: the keys of `[[test]]`.
 
+use std::path::PathBuf;
+
 use anyhow::{Result, bail};
 use serde::Deserialize;
 use spharm::shape::stats::{MAX_RELABELLINGS, Resampling};
 
 /// Keys of `[[test]]`, the two required ones first.
-pub(super) const KEYS: [&str; 14] = [
+pub(super) const KEYS: [&str; 16] = [
     "name",
     "effect",
     "levels",
     "covariates",
     "categorical",
     "signal",
+    "mask",
+    "sphere",
     "welch",
     "blocks",
     "whole_blocks",
@@ -22,6 +26,9 @@ pub(super) const KEYS: [&str; 14] = [
     "permutations",
 ];
 
+/// Name of the values of a signal, as a quantity that is tested.
+const VALUE: &str = "value";
+
 #[derive(Debug, Clone, PartialEq, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct Test {
@@ -31,7 +38,11 @@ pub(super) struct Test {
     pub(super) covariates: Vec<String>,
     /// Columns whose numbers are levels of a factor.
     pub(super) categorical: Vec<String>,
+    /// Quantity that is tested at a vertex.
     pub(super) signal: Option<String>,
+    /// Vertices of the sampling that are tested, and the sampling.
+    pub(super) mask: Option<PathBuf>,
+    pub(super) sphere: Option<PathBuf>,
     pub(super) welch: bool,
     /// Columns of exchangeability blocks and of variance groups.
     pub(super) blocks: Option<String>,
@@ -55,8 +66,8 @@ impl Test {
         if let Some(count) = self.permutations.filter(|count| *count > MAX_RELABELLINGS) {
             bail!("permutations: expected at most {MAX_RELABELLINGS}, found {count}");
         }
-        if let Some(signal) = self.signal.as_deref().filter(|signal| !["normal", "position"].contains(signal)) {
-            bail!("signal: expected \"normal\" or \"position\", found {signal:?}");
+        if let Some(signal) = self.signal.as_deref().filter(|signal| !["normal", "position", VALUE].contains(signal)) {
+            bail!("signal: expected \"normal\", \"position\" or \"value\", found {signal:?}");
         }
         if let Some(Err(error)) = self.errors.as_ref().map(|errors| errors.parse::<Resampling>()) {
             bail!("errors: {error}, found {:?}", self.errors.as_deref().unwrap_or_default());
@@ -88,20 +99,29 @@ impl Test {
         Ok(())
     }
 
-    /// Returns the arguments of `shape test` that choose its statistics and relabellings.
-    pub(super) fn inference(&self) -> Vec<String> {
+    /// Returns whether the values of the subjects' signals are tested.
+    pub(super) fn is_of_values(&self) -> bool {
+        self.signal.as_deref() == Some(VALUE)
+    }
+
+    /// Returns the arguments of `shape test` that choose the tested quantity, design, statistics and relabellings.
+    pub(super) fn question(&self) -> Vec<String> {
         let flags = [("--welch", self.welch), ("--whole-blocks", self.whole_blocks), ("--tfce", self.tfce)];
         let flags = flags.into_iter().filter(|(_, given)| *given).map(|(flag, _)| flag.to_owned());
+        let list = |names: &[String]| (!names.is_empty()).then(|| names.join(","));
         let values = [
+            ("--levels", list(&self.levels)),
+            ("--covariates", list(&self.covariates)),
+            ("--categorical", list(&self.categorical)),
+            ("--signal", self.signal.clone()),
             ("--blocks", self.blocks.clone()),
             ("--variance-groups", self.variance_groups.clone()),
             ("--errors", self.errors.clone()),
             ("--cluster", self.cluster.map(|p| p.to_string())),
             ("--permutations", self.permutations.map(|count| count.to_string())),
         ];
-        flags
-            .chain(values.into_iter().flat_map(|(flag, value)| value.map(|value| [flag.to_owned(), value])).flatten())
-            .collect()
+        let values = values.into_iter().filter_map(|(flag, value)| Some([flag.to_owned(), value?]));
+        values.flatten().chain(flags).collect()
     }
 
     /// Returns the map of p values to draw.

@@ -11,6 +11,7 @@ use spharm_cohort::files::ModelFiles;
 use spharm_cohort::{Merged, Row, check_id};
 use spharm_surface::io::{remove_leftovers, write_new};
 
+use super::fits::Fits;
 use super::plan::{PLAIN, Plan};
 use super::stage::{Stage, retire};
 
@@ -18,7 +19,8 @@ use super::stage::{Stage, retire};
 pub(super) fn leftovers(plan: &Plan) {
     let mut folders = vec![plan.output.clone(), plan.records()];
     folders.extend(["warnings", "reports"].map(|name| plan.records().join(name)));
-    folders.extend(["models", "aligned", "status", "figures", "quality", PLAIN].map(|name| plan.output.join(name)));
+    folders.extend(plan.fits().into_iter().flat_map(|fits| [fits.models, fits.status]));
+    folders.extend(["aligned", "figures", "quality", PLAIN].map(|name| plan.output.join(name)));
     folders.extend(["", "places", "members"].map(|name| plan.output.join("group").join(name)));
     folders.extend(plan.study.test.iter().map(|test| plan.output.join("tests").join(&test.name)));
     // Ignore errors: leftovers that can't be listed or removed do no harm.
@@ -27,10 +29,14 @@ pub(super) fn leftovers(plan: &Plan) {
 
 /// Removes models that the study has made for these rows and that can no longer be read, so that they are made again.
 /// Returns their ids.
-pub(super) fn damaged<'a>(plan: &Plan, rows: impl Iterator<Item = &'a Row>, merged: &Merged) -> Result<Vec<&'a str>> {
+pub(super) fn damaged<'a>(
+    fits: &Fits<'_>,
+    rows: impl Iterator<Item = &'a Row>,
+    merged: &Merged,
+) -> Result<Vec<&'a str>> {
     let mut removed = Vec::new();
     for row in rows.filter(|row| merged.entry(&row.id).is_some()) {
-        let model = row.model(&plan.models());
+        let model = fits.model(&row.id);
         if model.is_file() && Model::read(&model).is_err() {
             std::fs::remove_file(&model).with_context(|| model.display().to_string())?;
             removed.push(row.id.as_str());
@@ -39,21 +45,22 @@ pub(super) fn damaged<'a>(plan: &Plan, rows: impl Iterator<Item = &'a Row>, merg
     Ok(removed)
 }
 
-/// Removes the models of subjects that are no longer in the table, and of subjects whose surface exists but can no
-/// longer be fitted. Returns the number of models removed. If a surface doesn't exist, its disk may be missing: then
-/// the model is kept, but isn't part of the group.
-pub(super) fn models(plan: &Plan, merged: &Merged, failed: &[(String, String)]) -> Result<usize> {
-    let there: HashSet<&str> = plan.manifest.rows.iter().map(|row| row.id.as_str()).collect();
+/// Removes the models of subjects that are no longer in the table, and of subjects whose file exists but can no longer
+/// be fitted. Returns the number of models removed. If a file doesn't exist, its disk may be missing: then the model is
+/// kept, but isn't part of the group.
+pub(super) fn models(fits: &Fits<'_>) -> Result<usize> {
+    let merged = fits.merged()?;
+    let there: HashSet<&str> = fits.manifest.rows.iter().map(|row| row.id.as_str()).collect();
     let gone: HashSet<&str> =
         merged.entries().iter().map(|entry| entry.id.as_str()).filter(|id| !there.contains(id)).collect();
     let mut count = 0;
-    let failed: HashSet<&str> = failed.iter().map(|(id, _)| id.as_str()).collect();
-    let broken = plan.manifest.rows.iter().filter(|row| failed.contains(row.id.as_str()) && row.surface.is_file());
+    let failed: HashSet<String> = fits.failed(&merged).into_iter().map(|(id, _)| id).collect();
+    let broken = fits.manifest.rows.iter().filter(|row| failed.contains(&row.id) && row.surface.is_file());
     for id in gone.iter().copied().chain(broken.map(|row| row.id.as_str())) {
-        count += usize::from(model(&plan.models(), id)?);
+        count += usize::from(model(&fits.models, id)?);
     }
     if !gone.is_empty() {
-        for path in plan.status_files()? {
+        for path in fits.status_files()? {
             forget(&path, &gone).with_context(|| path.display().to_string())?;
         }
     }

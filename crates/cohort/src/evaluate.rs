@@ -14,6 +14,8 @@ use crate::files::{ModelFiles, make_folder_of};
 pub struct Evaluate {
     /// The sphere on which models are evaluated.
     pub sphere: Sphere,
+    /// The sphere for models of right hemispheres, if it isn't [`sphere`](Self::sphere).
+    pub right: Option<Sphere>,
     /// Name of the sphere in file names, such as `ico6`.
     pub name: String,
 }
@@ -38,17 +40,18 @@ impl Evaluate {
         let model = fit.clone().into_model(sphere.clone());
         let (path, degree) = (self.path(files, kind), model.coefficients.max_degree());
         let options = WriteOptions { overwrite, double: false };
-        let cortex =
-            Hemisphere::of(sphere.anatomical_structure.as_deref(), sphere.path.as_deref()).map(Hemisphere::cortex);
+        let hemisphere = Hemisphere::of(sphere.anatomical_structure.as_deref(), sphere.path.as_deref());
+        let on = self.right.as_ref().filter(|_| hemisphere == Some(Hemisphere::Right)).unwrap_or(&self.sphere);
+        let cortex = hemisphere.map(Hemisphere::cortex);
         make_folder_of(&path)?;
         match kind {
             Kind::Surface => {
-                let mut mesh = model.reconstruct(&self.sphere, degree)?;
+                let mut mesh = model.reconstruct(on, degree)?;
                 let structure = &mut mesh.meta.anatomical_structure_primary;
                 *structure = structure.take().or(cortex.map(str::to_owned));
                 write_mesh(&path, &mesh, &options)?;
             }
-            _ => write_signal_of(&path, &model.reconstruct_signal(&self.sphere, degree)?, cortex, &options)?,
+            _ => write_signal_of(&path, &model.reconstruct_signal(on, degree)?, cortex, &options)?,
         }
         Ok(())
     }

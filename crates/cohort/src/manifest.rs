@@ -15,8 +15,9 @@ const SPHERE: &str = "sphere";
 const WEIGHTS: &str = "weights";
 const OUTPUT: &str = "output";
 const LABEL: &str = "label";
+const SIGNAL_MASK: &str = "signal_mask";
 /// Names of the columns with a defined meaning.
-const OWN: [&str; 6] = [ID, SURFACE, SPHERE, WEIGHTS, OUTPUT, LABEL];
+const OWN: [&str; 7] = [ID, SURFACE, SPHERE, WEIGHTS, OUTPUT, LABEL, SIGNAL_MASK];
 /// Largest length of an id in bytes. With a file-name extension, an id is a file name, whose length is limited to 255
 /// bytes.
 const LONGEST_ID: usize = 200;
@@ -96,9 +97,10 @@ pub fn check_id(text: &str) -> Result<(), &'static str> {
 
 impl Manifest {
     /// Reads a manifest: UTF-8 text with a header, separated by commas if the file name ends in `.csv` and by tabs
-    /// otherwise. The columns `id` and `surface` are required. The columns `sphere`, `weights`, `output` and `label`
-    /// are optional, and their cells may be empty. Paths of inputs are relative to the manifest's folder. A byte-order
-    /// mark, any line ends, blank lines, lines that begin with `#`, and further columns are allowed.
+    /// otherwise. The columns `id` and `surface` are required. The columns `sphere`, `weights`, `output`, `label` and
+    /// `signal_mask` ([`Row::region`]) are optional, and their cells may be empty. Paths of inputs are relative to the
+    /// manifest's folder. A byte-order mark, any line ends, blank lines, lines that begin with `#`, and further columns
+    /// are allowed.
     ///
     /// # Errors
     ///
@@ -159,7 +161,7 @@ impl Manifest {
         let mut moved: Vec<bool> = Vec::new();
         table.records(|_, record| {
             let Some(row) = number else {
-                moved = record.iter().map(|name| [SURFACE, SPHERE, WEIGHTS].contains(&name)).collect();
+                moved = record.iter().map(|name| [SURFACE, SPHERE, WEIGHTS, SIGNAL_MASK].contains(&name)).collect();
                 number = Some(0);
                 writer.write_record(record).map_err(|error| io(std::io::Error::other(error)))?;
                 return Ok(true);
@@ -209,7 +211,7 @@ fn tidy(path: &Path) -> PathBuf {
 struct Columns {
     cells: usize,
     /// Indices of the columns [`OWN`]; `None` for a missing column.
-    own: [Option<usize>; 6],
+    own: [Option<usize>; 7],
     extra: Vec<(String, usize)>,
 }
 
@@ -279,7 +281,7 @@ impl Columns {
             surface: folder.join(surface),
             sphere: input(2),
             weights,
-            region: None,
+            region: input(6),
             output: Some(output).filter(|output| !output.is_empty()).map(PathBuf::from),
             label: label.map_err(|_| refuse(LABEL, "a whole number", cell(5)))?,
             extra: self.extra.iter().map(|&(_, at)| record[at].to_owned()).collect(),

@@ -21,6 +21,9 @@ fn paths_are_relative_to_the_manifest_and_other_columns_are_kept() {
                 a\tpatient\tsurf/a b.ply\t../s.ply\tarea\t\t\r\nb\t\t/d/b.nii\t\tw.csv\tx/b\t17\r\n";
     let manifest = parse(text).expect("a manifest");
     assert_eq!(manifest.columns, ["group"]);
+    let masked = parse("id\tsurface\tsignal_mask\na\tlh.thickness\t../lh.cortex.label\nb\tc\t\n").expect("a manifest");
+    let regions: Vec<_> = masked.rows.iter().map(|row| row.region.clone()).collect();
+    assert_eq!(regions, [Some("study/../lh.cortex.label".into()), None]);
     let weight = parse("id\tsurface\tweight\tsite\na\tb\t71\tx\n").expect("a body's weight is a covariate");
     assert_eq!(weight.columns, ["weight", "site"]);
     let [a, b] = &manifest.rows[..] else { panic!("{:?}", manifest.rows) };

@@ -27,7 +27,7 @@ enum Message {
 }
 
 /// A row of a cohort as passed from Python: id, surface, sphere, weights, output, label.
-type RowGiven = (String, PathBuf, Option<PathBuf>, Option<PathBuf>, Option<PathBuf>, Option<i64>);
+type RowGiven = (String, PathBuf, Option<PathBuf>, Option<PathBuf>, Option<PathBuf>, Option<i64>, Option<PathBuf>);
 
 /// A run in progress. Dropping it cancels the run.
 #[pyclass(frozen)]
@@ -126,13 +126,14 @@ impl CohortRun {
                     check_id(id)
                         .map_err(|expected| PyValueError::new_err(format!("table: id {id:?}: expected {expected}")))?;
                 }
-                let row = |(id, surface, sphere, weights, output, label): RowGiven| Row {
+                let row = |(id, surface, sphere, weights, output, label, region): RowGiven| Row {
                     id,
                     surface,
                     sphere,
                     weights,
                     output,
                     label,
+                    region,
                     ..Row::default()
                 };
                 let rows: Vec<Row> = rows.unwrap_or_default().into_iter().map(row).collect();

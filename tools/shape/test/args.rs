@@ -1,6 +1,6 @@
 //! Arguments of `shape test`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use spharm::shape::stats::{MAX_RELABELLINGS, Resampling};
@@ -24,7 +24,8 @@ use super::super::args::{ReportArgs, Resources};
         "spharm shape test --table study.csv --effect group --covariates age,sex -o test",
         "spharm shape test --table subjects.csv --models aligned --effect group -o test",
         "spharm shape test --table study.csv --effect age --signal position --permutations 50000 -o test",
-        "spharm shape test --a thick/a* --b thick/b* --signal value --welch -o test",
+        "spharm shape test --a thick/a* --b thick/b* --signal value --surface mean.spharm.npz --welch -o test",
+        "spharm shape test --table study.csv --effect group --measures measures.csv:area,volume scores.csv -o test",
         "spharm shape test --a year2/* --b year1/* --paired -o change",
         "spharm shape test --table study.csv --models year2 --minus year1 --mean --covariates age -o change",
         "spharm shape test --table visits.csv --effect dose --covariates subject --blocks subject --tfce -o test",
@@ -33,7 +34,7 @@ use super::super::args::{ReportArgs, Resources};
     &[
         "The folder gets mean.surf.gii and, as NAME.shape.gii, statistic, p, q (false-discovery rate), p-fwe (family-wise), \
          p-permutation (by relabelling, uncorrected), effect, its margin of confidence, and size; with --tfce also tfce and p-tfce, with --cluster also \
-         cluster (numbers) and p-cluster, and clusters.csv; all maps in test.csv, and in test.json what was tested.",
+         cluster (numbers) and p-cluster, and clusters.csv; with --measures summary.csv; all maps in test.csv, and in test.json what was tested.",
         "A table has a column `model` with paths relative to it, or a column `id` and --models, and a column for each variable: \
          numbers, or levels; --categorical takes numbers as levels.",
     ],
@@ -85,9 +86,22 @@ pub(crate) struct Cli {
     /// out the places that exist only on the template, such as lids of its holes.
     #[arg(long, value_name = "FILE", help_heading = INPUT)]
     pub(super) mask: Option<PathBuf>,
+    /// Tables of further measures to test alike, such as `spharm shape measure -o` and `shape pca --scores` write them,
+    /// all columns of numbers or the named ones; their first column has the models' names
+    ///
+    /// summary.csv gets their numbers of subjects, means, standard deviations, effects with confidence intervals, p
+    /// values, and q and family-wise p values over all measures.
+    #[arg(long, value_name = "FILE[:COLUMNS]", num_args = 1.., value_parser = source, conflicts_with_all = ["paired", "minus"], help_heading = INPUT)]
+    pub(super) measures: Vec<Source>,
     /// Quantity at a vertex: displacement along the mean's normal, position, or the value of a signal
     #[arg(long, value_enum, default_value_t = What::Normal, help_heading = METHOD)]
     pub(super) signal: What,
+    /// With --signal value, the model of a surface on which the results are shown, such as the group's mean
+    ///
+    /// Its areas count for --tfce and --cluster, which otherwise use those of the sphere. It must correspond to the
+    /// signals.
+    #[arg(long, value_name = "MODEL", help_heading = INPUT)]
+    pub(super) surface: Option<PathBuf>,
     /// Welch's test, for two groups of unequal variance
     #[arg(long, help_heading = METHOD)]
     pub(super) welch: bool,
@@ -139,6 +153,9 @@ pub(crate) struct Cli {
     /// Output folder
     #[arg(short, long, value_name = "DIR", help_heading = OUTPUT)]
     pub(super) output: PathBuf,
+    /// Format of the maps: GIfTI, or FreeSurfer's .mgh
+    #[arg(long, value_enum, value_name = "gii|mgh", hide_possible_values = true, default_value_t = Maps::Gii, help_heading = OUTPUT)]
+    pub(super) maps: Maps,
     #[command(flatten)]
     pub(super) report: ReportArgs,
     #[command(flatten)]
@@ -152,7 +169,31 @@ pub(super) enum What {
     Value,
 }
 
+/// Format of the maps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum Maps {
+    Gii,
+    Mgh,
+}
+
+impl Maps {
+    const ALL: [Self; 2] = [Self::Gii, Self::Mgh];
+
+    const fn ending(self) -> &'static str {
+        match self {
+            Self::Gii => "shape.gii",
+            Self::Mgh => "mgh",
+        }
+    }
+}
+
 impl Cli {
+    /// Returns the path of a map in the output folder, and those of the same map in the other formats.
+    pub(super) fn map_files(&self, name: &str) -> (PathBuf, impl Iterator<Item = PathBuf>) {
+        let path = move |format: Maps| self.file(&format!("{name}.{}", format.ending()));
+        (path(self.maps), Maps::ALL.into_iter().filter(move |other| *other != self.maps).map(path))
+    }
+
     /// Returns the path of a file in the output folder.
     pub(super) fn file(&self, name: &str) -> PathBuf {
         self.output.join(name)
@@ -172,5 +213,31 @@ fn probability(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(p) if p > 0.0 && p < 1.0 => Ok(p),
         _ => Err("expected a number above 0 and below 1".to_owned()),
+    }
+}
+
+/// A table of measures with the columns to test; all columns of numbers if there is none.
+pub(super) type Source = (PathBuf, Vec<String>);
+
+/// Parses `FILE` or `FILE:COLUMN,...`.
+fn source(text: &str) -> Result<Source, std::convert::Infallible> {
+    let (file, columns) = match text.rsplit_once(':') {
+        Some((file, columns)) if !file.is_empty() && !Path::new(text).exists() => (file, columns),
+        _ => (text, ""),
+    };
+    let columns: Vec<String> =
+        columns.split(',').map(str::trim).filter(|name| !name.is_empty()).map(str::to_owned).collect();
+    Ok((file.into(), columns))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sources_name_files_and_columns() {
+        assert_eq!(source("a/b.csv"), Ok(("a/b.csv".into(), Vec::new())));
+        let columns = vec!["area".to_owned(), "volume".to_owned()];
+        assert_eq!(source("a/b.csv:area, volume"), Ok(("a/b.csv".into(), columns)));
     }
 }

@@ -1,27 +1,30 @@
 //! `shape test`: tests groups, covariates and means at every vertex of a common sampling.
 
 mod args;
+mod measures;
 mod question;
 mod regions;
 mod results;
 
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use spharm::shape::memory::regions_bytes;
 use spharm::shape::stats::{PermutationParams, SpatialParams, SurfaceGraph, TestParams, TestWarning, test};
 use spharm::shape::{Measurement, measure_group};
-use spharm::{Kind, Sphere};
+use spharm::{Kind, Model, Sphere};
 use spharm_cli::Usage;
 use spharm_cli::inputs::read_sphere;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::check_outputs;
 use spharm_cli::output::{OutputFile, prepare};
-use spharm_surface::Signal;
-use spharm_surface::io::{Output, WriteOptions, write_mesh, write_signal};
+use spharm_surface::io::{Output, WriteOptions, write_mesh, write_signal_of};
+use spharm_surface::{Hemisphere, Signal};
 
 pub(super) use self::args::Cli;
 use self::args::What;
+use self::measures::{Measures, Tested};
 use self::results::MAPS;
 use super::groups::read_group;
 use super::masks;
@@ -39,12 +42,13 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         What::Value => (Kind::Signal, Measurement::Value),
     };
     let about_file = cli.file("test.json");
-    let map_files = MAPS.map(|name| cli.file(&format!("{name}.shape.gii")));
+    let map_files = MAPS.map(|name| cli.map_files(name).0);
     let mean_file = cli.file("mean.surf.gii");
     let table_file = cli.file("test.csv");
     let maps_out = map_files.iter().map(|path| OutputFile::holding(path, "--output", Output::Signal));
-    let clusters_file = cli.file("clusters.csv");
+    let (clusters_file, summary_file) = (cli.file("clusters.csv"), cli.file("summary.csv"));
     let more = [
+        OutputFile::new(&summary_file, "--output"),
         OutputFile::new(&clusters_file, "--output"),
         OutputFile::new(&mean_file, "--output"),
         OutputFile::new(&table_file, "--output"),
@@ -65,6 +69,20 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         let text = "--blocks, --errors, --tfce and --cluster need relabellings: --permutations 1 or more";
         return Err(Usage::conflict(text).into());
     }
+    if cli.surface.is_some() && cli.signal != What::Value {
+        return Err(Usage::conflict("--surface needs --signal value; surfaces are shown on their own mean").into());
+    }
+    let shown_on = match &cli.surface {
+        Some(path) => {
+            plan.budget.check_inputs("shape test", [path.as_path()])?;
+            let model = Model::read(path)?;
+            if model.kind() != Kind::Surface {
+                bail!("{}: expected a model of a surface for --surface, found one of a signal", path.display());
+            }
+            Some(model)
+        }
+        None => None,
+    };
     let components = if cli.signal == What::Position { 3 } else { 1 };
     let of = |vertices: u64| plan.group.test(vertices, components, cli.permutations, plan.threads);
     let needed = |[vertices, faces]: [u64; 2]| {
@@ -79,6 +97,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         Some(sphere) => sphere,
         None => Sphere::icosphere(cli.icosphere),
     };
+    let measures = (!cli.measures.is_empty()).then(|| Measures::read(&cli.measures, &study.paths)).transpose()?;
     let mask = cli.mask.as_deref().map(|path| masks::read(path, &sphere)).transpose()?;
     let permutations = PermutationParams { count: cli.permutations, seed: cli.seed, ..PermutationParams::default() };
     let mut params = TestParams {
@@ -95,7 +114,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
             Usage::conflict("--tfce and --cluster need the triangles of the sampling: give a sphere mesh").into()
         );
     }
-    let (group, mean, found) = cli.resources.threads.pool()?.install(|| -> Result<_> {
+    let (group, mut mean, found, measured) = cli.resources.threads.pool()?.install(|| -> Result<_> {
         let group = read_group(&study.paths, kind, cli.max_degree, monitor, console)?;
         let field = measure_group(&group.members, &sphere.directions, measurement, monitor)?;
         let field = if study.pairs { field.differences()? } else { field };
@@ -103,10 +122,12 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
             Some(kept) => field.at(kept)?,
             None => field,
         };
-        let mean = (kind == Kind::Surface && !sphere.faces.is_empty()).then(|| {
-            spharm::Model::without_sphere(field.mean.clone(), Kind::Surface).reconstruct(&sphere, group.degree)
-        });
-        let mean = mean.transpose()?;
+        let mean = match kind {
+            Kind::Surface => Some((Model::without_sphere(field.mean.clone(), Kind::Surface), group.degree)),
+            _ => shown_on.as_ref().map(|model| (model.clone(), model.coefficients.max_degree())),
+        };
+        let mean = mean.filter(|_| !sphere.faces.is_empty());
+        let mean = mean.map(|(model, degree)| model.reconstruct(&sphere, degree)).transpose()?;
         if spatial {
             // A signal has no surface of its own, and is tested over the sphere.
             let vertices = mean.as_ref().map_or(sphere.directions.as_slice(), |mean| &mean.vertices);
@@ -119,7 +140,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         }
         let (design, contrast) = (&study.question.design, &study.question.contrast);
         let found = test(field.values.view(), field.components, design, contrast, &params, monitor)?;
-        Ok((group, mean, found))
+        let measured = measures.map(|measures| measures.test(&study, &params, monitor)).transpose()?;
+        Ok((group, mean, found, measured))
     })?;
     let positions = cli.signal == What::Position;
     study.notes().iter().for_each(|note| console.note(note));
@@ -129,31 +151,55 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let options = WriteOptions { overwrite: cli.report.force, double: false };
     let maps = results::maps(&found, mask.as_deref());
     prepare(&table_file)?;
-    for (name, file) in MAPS.iter().zip(&map_files) {
-        match maps.iter().find(|(written, _)| written == name) {
-            Some((_, values)) => write_signal(file, &Signal::new(values.clone(), values.len(), 1), &options)?,
-            // Remove a map that an earlier test wrote and this test doesn't; --force allows it.
-            None if file.exists() => std::fs::remove_file(file).with_context(|| file.display().to_string())?,
-            None => {}
+    let structure = structure(&sphere, &study.paths);
+    // Files that an earlier test wrote and this test doesn't; --force allows their removal.
+    let mut stale: Vec<PathBuf> = Vec::new();
+    for name in MAPS {
+        let (file, others) = cli.map_files(name);
+        stale.extend(others);
+        match maps.iter().find(|(written, _)| *written == name) {
+            Some((_, values)) => {
+                write_signal_of(&file, &Signal::new(values.clone(), values.len(), 1), structure, &options)?
+            }
+            None => stale.push(file),
         }
     }
-    if let Some(mean) = &mean {
+    if let Some(mean) = &mut mean {
+        mean.meta.anatomical_structure_primary = structure.map(str::to_owned);
         write_mesh(&mean_file, mean, &options)?;
     }
     match regions::clusters(&found, &sphere, mean.as_ref(), mask.as_deref()) {
         Some(table) => write_text(&clusters_file, cli.report.force, &table)?,
-        None if clusters_file.exists() => {
-            std::fs::remove_file(&clusters_file).with_context(|| clusters_file.display().to_string())?
-        }
-        None => {}
+        None => stale.push(clusters_file),
+    }
+    match &measured {
+        Some(measured) => write_text(&summary_file, cli.report.force, &measured.table())?,
+        None => stale.push(summary_file),
+    }
+    for file in stale.iter().filter(|file| cli.report.force && file.exists()) {
+        std::fs::remove_file(file).with_context(|| file.display().to_string())?;
     }
     write_text(&table_file, cli.report.force, &results::table(&sphere, &maps, mask.as_deref()))?;
     let about = results::about(&found, &study, cli, &tested);
     write_text(&about_file, cli.report.force, &(serde_json::to_string_pretty(&about)? + "\n"))?;
     let warnings: Vec<String> = group.warnings.iter().cloned().chain(tested).collect();
     let mut report = results::report(&found, &study, cli, group.degree, &warnings);
+    report["measures"] = measured.as_ref().map(Tested::report).into();
     report["seconds"] = started.elapsed().as_secs_f64().into();
-    finish("test", &report, &results::lines(&found, &study, cli), &cli.report)
+    let mut lines = results::lines(&found, &study, cli);
+    lines.extend(measured.iter().flat_map(Tested::lines));
+    finish("test", &report, &lines, &cli.report)
+}
+
+/// Returns the anatomical structure of the vertices, such as `CortexLeft`: that of the sampling, otherwise that of the
+/// first model.
+fn structure(sphere: &Sphere, models: &[PathBuf]) -> Option<&'static str> {
+    let of_model = || {
+        let made = Model::read(models.first()?).ok()?.provenance;
+        Hemisphere::of(made.anatomical_structure_primary.as_deref(), made.sphere.as_deref().map(Path::new))
+    };
+    let of_sphere = Hemisphere::of(sphere.anatomical_structure.as_deref(), sphere.path.as_deref());
+    of_sphere.or_else(of_model).map(Hemisphere::cortex)
 }
 
 /// Returns a warning's text, with the option that remedies it if there is one.

@@ -19,6 +19,8 @@ pub(super) struct Study {
     /// Whether models are pairs, whose differences are tested.
     pub(super) pairs: bool,
     pub(super) question: Question,
+    /// Level of each subject in the tested column; empty if it has no levels.
+    pub(super) groups: Vec<String>,
     /// Name of the tested column, or `mean` if a mean is tested.
     pub(super) of: String,
     /// Names of the covariates; a covariate with levels also shows their number.
@@ -42,6 +44,7 @@ impl Cli {
         }
         let (a, b) = (files(&self.a)?, files(&self.b)?);
         distinct(&a, &b)?;
+        let mut groups = Vec::new();
         let (question, of) = if self.paired {
             if a.len() != b.len() {
                 bail!("--paired: expected as many models in --b as in --a, {}, found {}", a.len(), b.len());
@@ -50,12 +53,14 @@ impl Cli {
             (Question { meaning: "mean of a - b".to_owned(), ..question }, "mean")
         } else {
             let levels = std::iter::repeat_n("a", a.len()).chain(std::iter::repeat_n("b", b.len()));
+            groups = levels.clone().map(str::to_owned).collect();
             (question(("group", &Column::of(levels)), &[], &[])?, "group")
         };
         Ok(Study {
             paths: a.into_iter().chain(b).collect(),
             pairs: self.paired,
             question,
+            groups,
             of: of.to_owned(),
             covariates: Vec::new(),
             blocks: None,
@@ -95,11 +100,15 @@ impl Cli {
         };
         let covariates = self.covariates.iter().map(|name| Ok((name.clone(), column(name)?)));
         let covariates = covariates.collect::<Result<Vec<_>>>()?;
+        let mut groups = Vec::new();
         let (mut question, of) = match &self.effect {
             Some(effect) => {
                 // With --levels, the column's numbers are names of levels.
                 let column = if self.levels.is_empty() { column(effect)? } else { table.levels(effect)? };
                 let question = question((effect, &column), &self.levels, &covariates);
+                if let Column::Levels(levels) = column {
+                    groups = levels;
+                }
                 (question.with_context(|| path.display().to_string())?, effect.clone())
             }
             None if self.mean => (mean_question(table.len(), &covariates)?, "mean".to_owned()),
@@ -118,6 +127,7 @@ impl Cli {
             paths,
             pairs: self.minus.is_some(),
             question,
+            groups,
             of,
             covariates: covariates.iter().map(with_levels).collect(),
             blocks,

@@ -81,7 +81,7 @@ pub(super) fn about(found: &Test, study: &Study, cli: &Cli, warnings: &[String])
         "levels": levels.collect::<Vec<_>>(),
         "covariates": study.covariates,
         "numbers_that_may_be_codes": codes(study),
-        "statistic": kind_of(&found.kind),
+        "statistic": kind_of(&found.kind, cli),
         "welch": cli.welch,
         "blocks": cli.blocks,
         "whole_blocks": cli.whole_blocks,
@@ -93,6 +93,9 @@ pub(super) fn about(found: &Test, study: &Study, cli: &Cli, warnings: &[String])
         "level": cli.level,
         "vertices": found.p.len(),
         "mask": cli.mask.as_ref().map(shown),
+        "surface": cli.surface.as_ref().map(shown),
+        "tfce": cli.tfce,
+        "cluster": cli.cluster,
         "warnings": warnings,
     })
 }
@@ -111,13 +114,14 @@ pub(super) fn report(found: &Test, study: &Study, cli: &Cli, degree: usize, warn
         "numbers_that_may_be_codes": codes(study),
         "design": { "columns": question.design.names(), "rows": rows_of(question.design.matrix()) },
         "contrast": rows_of(question.contrast.weights.view()),
-        "statistic": kind_of(&found.kind),
+        "statistic": kind_of(&found.kind, cli),
         "welch": cli.welch,
         "blocks": cli.blocks,
         "whole_blocks": cli.whole_blocks,
         "variance_groups": cli.variance_groups,
         "vertices": found.p.len(),
         "mask": cli.mask.as_ref().map(shown),
+        "surface": cli.surface.as_ref().map(shown),
         "relabellings": relabellings(found),
         "exact": found.family_wise.as_ref().map(|found| found.exact),
         "resampling": found.family_wise.as_ref().map(|found| found.resampling.name()),
@@ -143,10 +147,12 @@ fn rows_of(matrix: ndarray::ArrayView2<'_, f64>) -> Vec<Vec<f64>> {
     matrix.rows().into_iter().map(|row| row.to_vec()).collect()
 }
 
-fn kind_of(kind: &Statistic) -> Value {
+fn kind_of(kind: &Statistic, cli: &Cli) -> Value {
+    // Aspin and Welch's v and G are t and F with variances by group.
+    let of = |name, by_group| if cli.variance_groups.is_some() { by_group } else { name };
     match *kind {
-        Statistic::T { freedom } => json!({ "name": "t", "freedom": freedom }),
-        Statistic::F { between, within } => json!({ "name": "F", "freedom": [between, within] }),
+        Statistic::T { freedom } => json!({ "name": of("t", "v"), "freedom": freedom }),
+        Statistic::F { between, within } => json!({ "name": of("F", "G"), "freedom": [between, within] }),
         Statistic::TSquared { components, freedom } => {
             json!({ "name": "T2", "components": components, "freedom": freedom })
         }
@@ -180,9 +186,17 @@ pub(super) fn lines(found: &Test, study: &Study, cli: &Cli) -> Vec<Vec<String>> 
     let Study { question, covariates, .. } = study;
     let pair = |name: &str, value: String| vec![name.to_owned(), value];
     let largest = found.statistic.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
+    let by_group = cli.variance_groups.is_some();
+    // With variances by group the number differs between vertices.
+    let freedom_of = |freedom: f64| match by_group || cli.welch {
+        true => format!("{freedom:.1} or more"),
+        false => format!("{freedom:.0}"),
+    };
     let (name, freedom) = match found.kind {
-        Statistic::T { freedom } => ("|t|", format!("{freedom:.4}")),
-        Statistic::F { between, within } => ("F", format!("{between:.0}, {within:.0}")),
+        Statistic::T { freedom } => (if by_group { "|v|" } else { "|t|" }, freedom_of(freedom)),
+        Statistic::F { between, within } => {
+            (if by_group { "G" } else { "F" }, format!("{between:.0}, {}", freedom_of(within)))
+        }
         Statistic::TSquared { freedom, .. } => ("T-squared", format!("{freedom:.0}")),
         _ => ("statistic", String::new()),
     };

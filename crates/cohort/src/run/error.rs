@@ -41,6 +41,18 @@ pub enum RunError {
         /// Description of the volume and its label.
         input: String,
     },
+    /// A mask of a signal is given for a surface.
+    #[error(
+        "{}: this is a surface, and a signal_mask ({}) limits the values that are read of a signal; --mask leaves \
+         vertices of surfaces out",
+        .path.display(), .mask.display()
+    )]
+    MaskedSurface {
+        /// Path of the surface's file.
+        path: PathBuf,
+        /// Path of the mask.
+        mask: PathBuf,
+    },
     /// The weights given in the table aren't an existing file.
     #[error("column weights: expected uniform, area or a file, found {}: no such file", .path.display())]
     NoWeights {

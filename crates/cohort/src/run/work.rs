@@ -151,6 +151,10 @@ impl<'a> Work<'a> {
     /// Returns the label from which a row's surface is extracted; `None` for a mesh.
     fn label(&self, row: &Row, on_sphere: bool) -> Result<Option<i64>, RunError> {
         let volume = is_volume(&row.surface) && !on_sphere;
+        if let Some(mask) = row.region.as_ref().filter(|_| !on_sphere) {
+            // What is mapped to a sphere is a surface.
+            return Err(RunError::MaskedSurface { path: row.surface.clone(), mask: mask.clone() });
+        }
         match row.label {
             Some(label) if self.cohort.check_first => Ok(Some(label)),
             Some(_) if !volume => Err(RunError::LabelOfMesh { path: row.surface.clone() }),
@@ -264,7 +268,10 @@ impl<'a> Work<'a> {
             None => target,
         };
         let mut target = target.map_err(NoFit::Row)?;
-        if let Some(region) = row.region.as_ref().filter(|_| target.kind == Kind::Signal) {
+        if let Some(region) = &row.region {
+            if target.kind != Kind::Signal {
+                return Err(NoFit::Row(RunError::MaskedSurface { path: row.surface.clone(), mask: region.clone() }));
+            }
             mask::continue_from(region, &mut target, sphere, self.monitor).map_err(NoFit::Row)?;
         }
         for warning in &target.warnings {

@@ -68,12 +68,16 @@ fn surface_metadata(mesh: &Mesh) -> Vec<(String, String)> {
 pub(in crate::io) fn write_signal(out: &mut dyn Write, signal: &Signal, context: &Context<'_>) -> io::Result<()> {
     let structure = context.structure.map(|structure| (STRUCTURE.to_owned(), structure.to_owned()));
     open(out, signal.channels, structure.as_slice())?;
+    let name = context.name.trim_end_matches(".gii");
+    let name = [".shape", ".func"].iter().find_map(|ending| name.strip_suffix(ending)).unwrap_or(name);
     for channel in 0..signal.channels {
+        let number = if signal.channels > 1 { format!(" {}", channel + 1) } else { String::new() };
         let array = Heading {
             intent: if context.name.ends_with(".shape.gii") { SHAPE } else { NONE },
             data_type: float_type(context.double),
             dimensions: &[signal.vertices],
-            metadata: &[],
+            // Workbench and FreeView show this name in their lists of maps.
+            metadata: &[("Name".to_owned(), format!("{name}{number}"))],
             system: None,
         };
         let column = signal.values.iter().skip(channel).step_by(signal.channels).copied();

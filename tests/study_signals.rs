@@ -1,0 +1,199 @@
+//! Studies of signals on the subjects' surfaces.
+
+use std::fs;
+use std::path::Path;
+
+use spharm_model::Model;
+use spharm_surface::Signal;
+use spharm_surface::generate::{Cortex, cortex};
+use spharm_surface::io::{read_mesh, read_signal, write_mesh, write_signal};
+
+use crate::common::{error_line, finish, succeed, text, tool};
+use crate::first_users::OPTIONS;
+
+/// Directions with x above this are the medial wall.
+const WALL: f64 = 0.8;
+
+const STUDY: &str = r#"
+output = "out"
+[subjects]
+table = "participants.tsv"
+id = "participant_id"
+surface = "subjects/{id}/surf/lh.white"
+sphere = "subjects/{id}/surf/lh.sphere.reg"
+signal = "subjects/{id}/surf/lh.thickness"
+[fit]
+max_degree = 6
+[modes]
+count = 2
+[[test]]
+name = "thickness"
+effect = "group"
+signal = "value"
+permutations = 100
+"#;
+
+/// Creates a SUBJECTS_DIR of eight subjects. The cortex is thicker by 1 in group a where y is positive; the medial wall
+/// has zeros.
+fn site() -> tempfile::TempDir {
+    let site = tempfile::tempdir().expect("a folder");
+    let mut table = "participant_id\tgroup\n".to_owned();
+    for subject in 0..8 {
+        let id = format!("s{subject}");
+        let group = if subject < 4 { "a" } else { "b" };
+        table += &format!("{id}\t{group}\n");
+        let at = |name: &str| site.path().join("subjects").join(&id).join(name);
+        fs::create_dir_all(at("surf")).expect("a folder");
+        fs::create_dir_all(at("label")).expect("a folder");
+        let (surface, sphere) = cortex(&Cortex { subdivisions: 3, variant: subject });
+        write_mesh(at("surf/lh.white"), &surface, &OPTIONS).expect("a mesh");
+        write_mesh(at("surf/lh.sphere.reg"), &sphere, &OPTIONS).expect("a mesh");
+        let units: Vec<[f64; 3]> = sphere.vertices.iter().map(unit).collect();
+        let thicker = if group == "a" { 1.0 } else { 0.0 };
+        let of = |p: &[f64; 3]| match p[0] > WALL {
+            true => 0.0,
+            false => 2.5 + 0.01 * subject as f64 + if p[1] > 0.0 { thicker * p[1] } else { 0.0 },
+        };
+        let values: Vec<f64> = units.iter().map(of).collect();
+        write_signal(at("surf/lh.thickness"), &Signal::new(values, units.len(), 1), &OPTIONS).expect("values");
+        let kept: Vec<usize> = (0..units.len()).filter(|v| units[*v][0] <= WALL).collect();
+        let lines: String = kept.iter().map(|v| format!("{v} 0 0 0 0\n")).collect();
+        fs::write(at("label/lh.cortex.label"), format!("#!ascii label\n{}\n{lines}", kept.len())).expect("a label");
+    }
+    fs::write(site.path().join("participants.tsv"), table).expect("a table");
+    fs::write(site.path().join("study.toml"), STUDY).expect("a study");
+    site
+}
+
+fn unit(p: &[f64; 3]) -> [f64; 3] {
+    let length = p.iter().map(|x| x * x).sum::<f64>().sqrt();
+    p.map(|x| x / length)
+}
+
+fn study(site: &Path, more: &[&str]) -> std::process::Output {
+    finish(tool("study").args(["study.toml", "--threads", "2"]).args(more).current_dir(site))
+}
+
+fn edit(site: &Path, from: &str, to: &str) {
+    assert!(STUDY.contains(from), "{from}");
+    fs::write(site.join("study.toml"), STUDY.replace(from, to)).expect("a study");
+}
+
+fn map(site: &Path, name: &str) -> Vec<f64> {
+    read_signal(site.join(format!("out/tests/thickness/{name}.shape.gii"))).expect("a map").values
+}
+
+#[test]
+fn the_thickness_of_groups_is_tested_on_the_mean_surface() {
+    let site = site();
+    let site = site.path();
+    let preview = study(site, &["--dry-run"]);
+    assert!(text(&preview).contains(".study/signals.tsv") && preview.status.success(), "{}", text(&preview));
+    let output = study(site, &[]);
+    assert!(output.status.success(), "{}", text(&output));
+    // The zeros of the medial wall weren't read: the default mask is FreeSurfer's label of the cortex.
+    let model = Model::read(site.join("out/signals/s0.spharm.npz")).expect("a model");
+    assert!(model.provenance.region.is_some_and(|region| region.path.ends_with("lh.cortex.label")));
+    let mean = read_mesh(site.join("out/tests/thickness/mean.surf.gii")).expect("the mean surface");
+    assert_eq!(mean.meta.anatomical_structure_primary.as_deref(), Some("CortexLeft"));
+    let directions = spharm::Sphere::icosphere(5).directions;
+    let (effect, p) = (map(site, "effect"), map(site, "p"));
+    assert_eq!((mean.vertices.len(), effect.len()), (directions.len(), directions.len()));
+    let there = |y: f64| {
+        (0..effect.len())
+            .filter(|v| {
+                let u = directions.as_slice()[*v];
+                u[0] < 0.0 && (u[1] - y).abs() < 0.05
+            })
+            .collect::<Vec<_>>()
+    };
+    // Groups differ by 1 at y = 1, minus the trend of 0.04, and by the trend at y = -1.
+    assert!(there(0.95).iter().all(|v| (effect[*v] - 0.91).abs() < 0.1 && p[*v] < 0.01));
+    assert!(there(-0.95).iter().all(|v| (effect[*v] + 0.04).abs() < 0.1));
+    let table = fs::read_to_string(site.join("out/tests/thickness/summary.csv")).expect("a table");
+    assert!(table.starts_with("measure,n,mean,sd,n a,mean a,sd a,n b,") && table.contains("\nvolume,8,"), "{table}");
+    let page = fs::read_to_string(site.join("out/report.html")).expect("a page");
+    for shown in ["thickness: measures", "exchangeable errors", "sphericity", "value"] {
+        assert!(page.contains(shown), "{shown}");
+    }
+    // Nothing is made again; after a change of a signal the tests of values are made again, but not the alignment.
+    let state = |output: &str, stage: &str| {
+        let line = output.lines().find(|line| line.split_whitespace().next() == Some(stage));
+        line.is_some_and(|line| line.contains("up to date"))
+    };
+    let again = text(&study(site, &[]));
+    assert!(state(&again, "test.thickness") && state(&again, "align"), "{again}");
+    fs::copy(site.join("subjects/s1/surf/lh.thickness"), site.join("subjects/s0/surf/lh.thickness")).expect("a copy");
+    let again = text(&study(site, &[]));
+    assert!(state(&again, "align") && !state(&again, "test.thickness"), "{again}");
+}
+
+#[test]
+fn a_subject_without_its_signal_is_left_out_of_everything() {
+    let site = site();
+    let site = site.path();
+    fs::remove_file(site.join("subjects/s3/surf/lh.thickness")).expect("a file");
+    let output = study(site, &[]);
+    assert!(!output.status.success() && text(&output).contains("warning: s3: "), "{}", text(&output));
+    let table = fs::read_to_string(site.join("out/tests/thickness/summary.csv")).expect("a table");
+    assert!(table.contains("\nvolume,7,"), "{table}");
+    let subjects = fs::read_to_string(site.join("out/.study/subjects.tsv")).expect("a table");
+    assert!(subjects.lines().any(|line| line.starts_with("s3\tfailed\t")), "{subjects}");
+    assert!(site.join("out/models/s3.spharm.npz").is_file(), "the surface's model is good");
+}
+
+#[test]
+fn tests_leave_out_the_medial_wall_of_a_given_sphere() {
+    let site = site();
+    let site = site.path();
+    let keys =
+        "signal = \"value\"\nsphere = \"subjects/s0/surf/lh.sphere.reg\"\nmask = \"subjects/s0/label/lh.cortex.label\"";
+    edit(site, "signal = \"value\"", keys);
+    let output = study(site, &[]);
+    assert!(output.status.success(), "{}", text(&output));
+    let sphere = read_mesh(site.join("subjects/s0/surf/lh.sphere.reg")).expect("a sphere");
+    let p = map(site, "p");
+    assert_eq!(p.len(), sphere.vertices.len());
+    for (p, vertex) in p.iter().zip(&sphere.vertices) {
+        assert!((*p == 1.0) == (unit(vertex)[0] > WALL), "{p} at {vertex:?}");
+    }
+}
+
+#[test]
+fn studies_of_signals_that_would_mislead_are_refused() {
+    let site = site();
+    let site = site.path();
+    let signal = "signal = \"subjects/{id}/surf/lh.thickness\"\n";
+    for (from, to, expected) in [
+        (signal, "", "\"value\" needs `signal` in [subjects]"),
+        (signal, "mask = \"x\"\n", "there is no `signal`"),
+        (
+            "lh.thickness\"",
+            "lh.thickness\"\nmask = \"lh.cortex.label\"",
+            "a column of participants.tsv or a pattern with {id}",
+        ),
+        ("{id}/surf/lh.thickness", "s1/surf/lh.thickness", "expected a column of participants.tsv or a pattern"),
+        ("[modes]", "[align]\nmethod = \"joint\"\n[modes]", "needs spheres that correspond"),
+        ("permutations", "mask = \"nowhere\"\npermutations", "nowhere: no such file"),
+        ("\"value\"", "\"values\"", "or \"value\", found \"values\""),
+    ] {
+        edit(site, from, to);
+        let output = study(site, &[]);
+        assert!(!output.status.success() && error_line(&output).contains(expected), "{to}: {}", text(&output));
+    }
+    assert!(!site.join("out").exists());
+}
+
+#[test]
+fn a_mask_of_a_signal_is_refused_for_a_surface() {
+    let site = site();
+    let folder = site.path().join("subjects/s0");
+    let row = "a\tsurf/lh.white\tsurf/lh.sphere.reg\tlabel/lh.cortex.label\n";
+    fs::write(folder.join("rows.tsv"), format!("id\tsurface\tsphere\tsignal_mask\n{row}")).expect("a table");
+    let fit = ["--manifest", "rows.tsv", "--max-degree", "3", "-o", "out"];
+    let output = finish(tool("fit").args(fit).current_dir(&folder));
+    assert!(!output.status.success() && text(&output).contains("this is a surface"), "{}", text(&output));
+    let row = row.replace("lh.white", "lh.thickness");
+    fs::write(folder.join("rows.tsv"), format!("id\tsurface\tsphere\tsignal_mask\n{row}")).expect("a table");
+    succeed(tool("fit").args(fit).current_dir(&folder));
+}

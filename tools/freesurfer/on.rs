@@ -1,0 +1,101 @@
+//! The vertices at which models are evaluated: those of an icosphere, of a sphere's file, or of a subject's spheres.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use spharm::{Model, Sphere};
+use spharm_cli::console::Console;
+use spharm_cli::inputs::read_sphere;
+use spharm_cli::memory::Memory;
+use spharm_cohort::evaluate::Evaluate;
+
+use super::args::{Cli, Hemi, On};
+use super::other_hemisphere;
+use crate::rows::icosphere_within;
+
+/// Reads the spheres at whose vertices models are evaluated.
+pub(super) fn evaluate(cli: &Cli, on: &On, console: &Console) -> Result<Evaluate> {
+    let budget = Memory { memory: cli.memory }.budget(cli.threads.count());
+    let named = match on {
+        On::Icosphere(subdivisions) => {
+            let option = "freesurfer --evaluate-on icosphere:";
+            let sphere = icosphere_within(budget, option, *subdivisions, cli.max_degree)?;
+            return Ok(Evaluate { sphere, right: None, name: format!("ico{subdivisions}") });
+        }
+        On::Named(named) => named,
+    };
+    let Files { sphere, right, name } = files(cli, named)?;
+    budget.check_inputs("freesurfer --evaluate-on", std::iter::once(&sphere).chain(&right).map(PathBuf::as_path))?;
+    let read = |path: &PathBuf| -> Result<Sphere> {
+        let sphere = read_sphere(path, cli.strict, console)?;
+        let needed =
+            Model::bytes_to_evaluate(sphere.directions.len() as u64, sphere.faces.len() as u64, 3, cli.max_degree);
+        budget.check(format_args!("freesurfer --evaluate-on {}", path.display()), needed)?;
+        Ok(sphere)
+    };
+    Ok(Evaluate { sphere: read(&sphere)?, right: right.as_ref().map(read).transpose()?, name })
+}
+
+/// The spheres' files.
+struct Files {
+    sphere: PathBuf,
+    /// The right hemisphere's sphere, if it has another.
+    right: Option<PathBuf>,
+    /// Name of the sampling in the names of outputs.
+    name: String,
+}
+
+/// Finds the spheres of both hemispheres: a sphere's file and, beside it, that of the other hemisphere; or those of a
+/// subject in SUBJECTS_DIR or among FreeSurfer's own, such as fsaverage5.
+fn files(cli: &Cli, named: &Path) -> Result<Files> {
+    if named.is_file() {
+        let Some((hemi, other)) = other_hemisphere(named) else {
+            return Ok(Files { sphere: named.to_owned(), right: None, name: stem(named)? });
+        };
+        let name = match named.parent().filter(|folder| folder.file_name().is_some_and(|name| name == "surf")) {
+            Some(surf) => stem(surf.parent().unwrap_or(surf))?,
+            None => stem(named)?.split_off("lh.".len()),
+        };
+        let both = cli.hemi.iter().any(|of| *of != hemi);
+        if both && !other.is_file() {
+            bail!(
+                "--evaluate-on {}: expected the sphere of the other hemisphere beside it, found no {}",
+                named.display(),
+                other.display()
+            );
+        }
+        let [left, right] = if hemi == Hemi::Lh { [named.to_owned(), other] } else { [other, named.to_owned()] };
+        return Ok(match both {
+            true => Files { sphere: left, right: Some(right), name },
+            false => Files { sphere: named.to_owned(), right: None, name },
+        });
+    }
+    let own = std::env::var_os("FREESURFER_HOME").map(|home| Path::new(&home).join("subjects"));
+    let folders: Vec<PathBuf> = std::iter::once(cli.subjects_dir.clone()).chain(own).collect();
+    let at =
+        |folder: &PathBuf, hemi: Hemi| folder.join(named).join("surf").join(format!("{}.{}", hemi.name(), cli.sphere));
+    let found = folders.iter().find(|folder| cli.hemi.iter().all(|hemi| at(folder, *hemi).is_file()));
+    let Some(folder) = found else {
+        let places: Vec<String> = folders.iter().map(|folder| at(folder, cli.hemi[0]).display().to_string()).collect();
+        let home = if folders.len() < 2 { "; FREESURFER_HOME is not set" } else { "" };
+        bail!(
+            "--evaluate-on {}: expected icosphere:N, the file of a sphere, or a subject; found no {}{home}",
+            named.display(),
+            places.join(", no ")
+        );
+    };
+    let has = |hemi: Hemi| cli.hemi.contains(&hemi);
+    let (first, right) = match (has(Hemi::Lh), has(Hemi::Rh)) {
+        (true, true) => (Hemi::Lh, Some(at(folder, Hemi::Rh))),
+        (true, false) => (Hemi::Lh, None),
+        _ => (Hemi::Rh, None),
+    };
+    Ok(Files { sphere: at(folder, first), right, name: stem(named)? })
+}
+
+/// Returns a file's name without its endings.
+fn stem(path: &Path) -> Result<String> {
+    let name = path.file_name().and_then(|name| name.to_str());
+    let name = name.with_context(|| format!("{}: expected a name in UTF-8", path.display()))?;
+    Ok(name.trim_end_matches(".gii").trim_end_matches(".surf").to_owned())
+}

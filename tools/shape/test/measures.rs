@@ -1,0 +1,210 @@
+//! Tests further measures of the subjects, such as volumes and scores, with the design of the vertices' test, and
+//! writes them as a table of a paper: numbers of subjects, means, standard deviations, effects, p values.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use ndarray::{Array2, ArrayView1};
+use serde_json::{Value, json};
+use spharm::Monitor;
+use spharm::shape::stats::{Test, TestParams, test};
+use spharm_cli::paths::model_name;
+
+use super::super::outputs::csv;
+use super::super::table::Table;
+use super::args::Source;
+use super::question::Study;
+
+/// Measures of all subjects.
+pub(super) struct Measures {
+    names: Vec<String>,
+    /// Values, (subjects, measures).
+    values: Array2<f64>,
+}
+
+impl Measures {
+    /// Reads the measures of the subjects whose models have these paths. A table's first column has the models' names
+    /// or paths. Columns that are text, and columns whose numbers are all equal, are left out unless they are named.
+    ///
+    /// # Errors
+    ///
+    /// If a subject has no row, or a named column isn't one of numbers.
+    pub(super) fn read(sources: &[Source], models: &[PathBuf]) -> Result<Self> {
+        let (mut names, mut columns) = (Vec::new(), Vec::new());
+        for (path, wanted) in sources {
+            let table = Table::read(path)?;
+            let key = table.names().next().unwrap_or_default().to_owned();
+            let rows: HashMap<String, usize> = table
+                .different(&key)?
+                .into_iter()
+                .enumerate()
+                .map(|(row, id)| (model_name(Path::new(id)), row))
+                .collect();
+            let row = |model: &PathBuf| {
+                let name = model_name(model);
+                rows.get(&name).copied().with_context(|| {
+                    format!("{}: no row {name:?} in the column {key:?}, the name of a tested model", path.display())
+                })
+            };
+            let order = models.iter().map(row).collect::<Result<Vec<_>>>()?;
+            let all: Vec<String> = table.names().skip(1).map(str::to_owned).collect();
+            for name in if wanted.is_empty() { &all } else { wanted } {
+                let found = table.numbers(name);
+                if found.is_err() && wanted.is_empty() {
+                    continue;
+                }
+                let found = found?;
+                let values: Vec<f64> = order.iter().map(|row| found[*row]).collect();
+                if wanted.is_empty() && values.iter().all(|value| *value == values[0]) {
+                    continue;
+                }
+                if names.contains(name) {
+                    bail!("{}: the measure {name:?} is also in another table", path.display());
+                }
+                names.push(name.clone());
+                columns.push(values);
+            }
+        }
+        if names.is_empty() {
+            bail!("--measures: expected columns of numbers, found none");
+        }
+        let values = Array2::from_shape_fn((models.len(), names.len()), |(row, column)| columns[column][row]);
+        Ok(Self { names, values })
+    }
+
+    /// Tests the measures.
+    pub(super) fn test(self, study: &Study, params: &TestParams, monitor: &dyn Monitor) -> Result<Tested> {
+        let params = TestParams { spatial: None, ..params.clone() };
+        let (design, contrast) = (&study.question.design, &study.question.contrast);
+        let found = test(self.values.view(), 1, design, contrast, &params, monitor)?;
+        let levels = study.question.levels.iter().map(|(level, _)| level.clone()).collect();
+        Ok(Tested { measures: self, found, levels, groups: study.groups.clone() })
+    }
+}
+
+/// Measures with the outcome of their test.
+pub(super) struct Tested {
+    measures: Measures,
+    found: Test,
+    /// Levels of the tested column, in the order of the difference.
+    levels: Vec<String>,
+    /// Level of each subject; empty if the tested column has no levels.
+    groups: Vec<String>,
+}
+
+/// Number, mean and standard deviation of values.
+struct Spread {
+    count: usize,
+    mean: f64,
+    deviation: f64,
+}
+
+impl Spread {
+    fn of(values: impl Iterator<Item = f64> + Clone) -> Self {
+        let count = values.clone().count();
+        let mean = values.clone().sum::<f64>() / count as f64;
+        let squares: f64 = values.map(|value| (value - mean).powi(2)).sum();
+        Self { count, mean, deviation: (squares / (count as f64 - 1.0)).sqrt() }
+    }
+}
+
+impl Tested {
+    fn of_level(&self, values: ArrayView1<'_, f64>, level: &str) -> Spread {
+        let of = values.iter().zip(&self.groups).filter(|(_, group)| *group == level);
+        Spread::of(of.map(|(value, _)| *value))
+    }
+
+    /// Returns the estimate of an effect and the limits of its confidence interval; `None` for effects of more than two
+    /// levels.
+    fn effect(&self, at: usize) -> Option<[f64; 3]> {
+        let effect = self.found.effect.as_ref()?;
+        let (estimate, margin) = (effect.estimate[[at, 0]], effect.margin[[at, 0]]);
+        Some([estimate, estimate - margin, estimate + margin])
+    }
+
+    fn size(&self, at: usize) -> Option<f64> {
+        self.found.effect.as_ref().map(|effect| effect.size[at])
+    }
+
+    fn family_wise(&self, at: usize) -> Option<f64> {
+        self.found.family_wise.as_ref().map(|found| found.p[at])
+    }
+
+    /// Returns the table, with a row for each measure.
+    pub(super) fn table(&self) -> String {
+        let own = |level: &String| ["n", "mean", "sd"].map(|name| format!("{name} {level}"));
+        let mut header: Vec<String> = ["measure", "n", "mean", "sd"].map(str::to_owned).to_vec();
+        header.extend(self.levels.iter().flat_map(own));
+        let of_effect = ["effect", "low", "high", "size"];
+        let columns = of_effect.into_iter().filter(|_| self.found.effect.is_some()).chain(["statistic", "p", "q"]);
+        header.extend(columns.chain(self.found.family_wise.as_ref().map(|_| "p-fwe")).map(str::to_owned));
+        let row = |at: usize| -> Vec<String> {
+            let values = self.measures.values.column(at);
+            let cells = |spread: Spread| [spread.count.to_string(), short(spread.mean), short(spread.deviation)];
+            let mut row = vec![self.measures.names[at].clone()];
+            row.extend(cells(Spread::of(values.iter().copied())));
+            row.extend(self.levels.iter().flat_map(|level| cells(self.of_level(values, level))));
+            row.extend(self.effect(at).into_iter().flatten().chain(self.size(at)).map(short));
+            let tested = [self.found.statistic[at], self.found.p[at], self.found.q[at]];
+            row.extend(tested.into_iter().chain(self.family_wise(at)).map(short));
+            row
+        };
+        let rows: Vec<Vec<String>> = (0..self.measures.names.len()).map(row).collect();
+        let header: Vec<&str> = header.iter().map(String::as_str).collect();
+        csv(&header, rows.iter().map(Vec::as_slice))
+    }
+
+    /// Returns the measures as JSON.
+    pub(super) fn report(&self) -> Value {
+        let of = |at: usize| {
+            let values = self.measures.values.column(at);
+            let spread = |of: Spread| json!({ "n": of.count, "mean": of.mean, "sd": of.deviation });
+            let levels = self.levels.iter().map(|level| (level.clone(), spread(self.of_level(values, level))));
+            json!({
+                "measure": self.measures.names[at],
+                "all": spread(Spread::of(values.iter().copied())),
+                "levels": levels.collect::<serde_json::Map<_, _>>(),
+                "effect": self.effect(at).map(|[estimate, low, high]| json!({ "estimate": estimate, "interval": [low, high] })),
+                "size": self.size(at),
+                "statistic": self.found.statistic[at],
+                "p": self.found.p[at],
+                "q": self.found.q[at],
+                "p_fwe": self.family_wise(at),
+            })
+        };
+        (0..self.measures.names.len()).map(of).collect()
+    }
+
+    /// Returns the printed lines.
+    pub(super) fn lines(&self) -> Vec<Vec<String>> {
+        let line = |at: usize| {
+            let effect = self
+                .effect(at)
+                .map(|[estimate, low, high]| format!("{} ({} to {}), ", short(estimate), short(low), short(high)));
+            let [p, q] = [self.found.p[at], self.found.q[at]].map(short);
+            vec![self.measures.names[at].clone(), format!("{}p {p}, q {q}", effect.unwrap_or_default())]
+        };
+        (0..self.measures.names.len()).map(line).collect()
+    }
+}
+
+/// Formats a number with at most six significant digits.
+fn short(value: f64) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return if value.is_nan() { String::new() } else { value.to_string() };
+    }
+    let rounded: f64 = format!("{value:.5e}").parse().unwrap_or(value);
+    if (1e-4..1e9).contains(&rounded.abs()) { rounded.to_string() } else { format!("{rounded:e}") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_have_six_digits() {
+        let found = [0.1 + 0.2, 1_234.567_891, 1.0 / 3e6, -2e12, 0.0, 50.0].map(short);
+        assert_eq!(found, ["0.3", "1234.57", "3.33333e-7", "-2e12", "0", "50"]);
+    }
+}

@@ -1,0 +1,102 @@
+//! The fits of a study: of the subjects' surfaces and, if the study has signals, of the signals on them.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use spharm_cohort::{Entry, Manifest, Merged, Shard, State};
+
+/// Name of the stage that fits the surfaces.
+pub(super) const SURFACES: &str = "fit";
+/// Name of the stage that fits the signals.
+pub(super) const SIGNALS: &str = "fit.signal";
+
+/// Fits of one file per subject.
+pub(super) struct Fits<'a> {
+    /// Name of the stage.
+    pub(super) name: &'static str,
+    pub(super) manifest: &'a Manifest,
+    /// Folder of the models, ID.spharm.npz.
+    pub(super) models: PathBuf,
+    /// Folder of the tables of the outcomes, one per shard.
+    pub(super) status: PathBuf,
+}
+
+impl Fits<'_> {
+    /// Lists the tables of the outcomes.
+    pub(super) fn status_files(&self) -> Result<Vec<PathBuf>> {
+        let folder = &self.status;
+        let read = || format!("{}: cannot read the folder", folder.display());
+        let mut files = Vec::new();
+        for entry in std::fs::read_dir(folder).with_context(read)? {
+            let path = entry.with_context(read)?.path();
+            files.extend(path.extension().is_some_and(|ending| ending == "tsv").then_some(path));
+        }
+        files.sort_unstable();
+        Ok(files)
+    }
+
+    /// Returns the path of the table of the outcomes of a shard; without a shard, of all subjects.
+    pub(super) fn status_file(&self, shard: Option<Shard>) -> PathBuf {
+        let name =
+            shard.map_or("all.tsv".to_owned(), |shard| format!("{}.tsv", shard.to_string().replace('/', "-of-")));
+        self.status.join(name)
+    }
+
+    /// Reads the outcomes.
+    pub(super) fn merged(&self) -> Result<Merged> {
+        Ok(Merged::read(&self.status_files()?)?)
+    }
+
+    /// Returns the subjects that failed, with the reasons.
+    pub(super) fn failed(&self, merged: &Merged) -> Vec<(String, String)> {
+        let entries = self.manifest.rows.iter().filter_map(|row| merged.entry(&row.id));
+        let failed = entries.filter(|entry| entry.state == State::Failed);
+        failed.map(|entry| (entry.id.clone(), entry.error.clone())).collect()
+    }
+
+    /// Returns the path of a subject's model.
+    pub(super) fn model(&self, id: &str) -> PathBuf {
+        self.models.join(format!("{id}.spharm.npz"))
+    }
+}
+
+/// The outcomes of all fits of a study.
+pub(super) struct Outcomes(Vec<Merged>);
+
+impl Outcomes {
+    /// Reads the outcomes.
+    pub(super) fn read(fits: &[Fits<'_>]) -> Result<Self> {
+        fits.iter().map(Fits::merged).collect::<Result<_>>().map(Self)
+    }
+
+    /// Returns the outcome of a subject: the first that isn't a finished model, if there is one. `None` if a fit has no
+    /// outcome yet.
+    pub(super) fn entry(&self, id: &str) -> Option<&Entry> {
+        let entries: Vec<&Entry> = self.0.iter().map(|merged| merged.entry(id)).collect::<Option<_>>()?;
+        let unfinished = entries.iter().find(|entry| !is_there(entry));
+        unfinished.or(entries.first()).copied()
+    }
+
+    /// Returns whether all models of a subject are finished.
+    pub(super) fn is_done(&self, id: &str) -> bool {
+        self.entry(id).is_some_and(is_there)
+    }
+}
+
+fn is_there(entry: &Entry) -> bool {
+    matches!(entry.state, State::Done | State::Skipped)
+}
+
+/// Name of the default mask of a signal, the label that FreeSurfer writes of the cortex.
+const CORTEX: &str = "cortex.label";
+
+/// Returns the label of the cortex that belongs to a signal in FreeSurfer's folders: `label/lh.cortex.label` beside
+/// `surf/lh.NAME`, if it exists.
+pub(super) fn cortex(signal: &Path) -> Option<PathBuf> {
+    let surf = signal.parent().filter(|folder| folder.file_name().is_some_and(|name| name == "surf"))?;
+    let hemisphere = ["lh", "rh"].into_iter().find(|hemi| {
+        let name = signal.file_name().and_then(|name| name.to_str()).and_then(|name| name.strip_prefix(hemi));
+        name.is_some_and(|rest| rest.starts_with('.'))
+    })?;
+    Some(surf.with_file_name("label").join(format!("{hemisphere}.{CORTEX}"))).filter(|label| label.is_file())
+}
