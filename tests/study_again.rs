@@ -211,3 +211,59 @@ fn study_init(site: &Path, table: &str) -> Command {
     init.args(["init", "mine.toml", "--table", table]).current_dir(site);
     init
 }
+
+/// A study is run again from its record alone, in a folder that was copied elsewhere, with the same results.
+#[test]
+fn a_study_is_run_again_from_its_provenance() {
+    let site = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| site.path().join(name);
+    succeed(tool("generate").args(["--study", "meshes", "--subjects", "6", "-q"]).current_dir(site.path()));
+    let study = "output = \"out\"\n[subjects]\ntable = \"meshes/study.csv\"\nexclude = [{ id = \"a02\", reason = \"moved\" }]\n\
+                 [fit]\nmax_degree = 4\n[modes]\ncount = 2\n[[test]]\nname = \"bump\"\neffect = \"group\"\npermutations = 20\n";
+    fs::write(at("study.toml"), study).expect("a study");
+    succeed(tool("study").args(["study.toml", "--threads", "2"]).current_dir(site.path()));
+    let made: serde_json::Value =
+        serde_json::from_str(&fs::read_to_string(at("out/provenance.json")).expect("a record")).expect("JSON");
+    assert_eq!((made["threads"].as_u64(), made["excluded"]["a02"].as_str()), (Some(2), Some("moved")));
+    assert_eq!(made["inputs"].as_array().map(Vec::len), Some(5));
+    assert!(made["inputs"][0]["path"].as_str().is_some_and(|path| path.starts_with("meshes/")), "{}", made["inputs"]);
+    let commands = made["commands"].as_array().expect("commands").iter().filter_map(|command| command.as_str());
+    let typed: Vec<&str> = commands.collect();
+    assert!(typed[0].starts_with("spharm fit --manifest out/.study/manifest.tsv --output out/models"), "{typed:?}");
+    let methods = fs::read_to_string(at("out/methods.md")).expect("a text");
+    for said in
+        ["surfaces of 5 subjects", "degree 4", "1 subject was excluded (a02: moved)", "- L. Shen and M. K. Chung"]
+    {
+        assert!(methods.contains(said), "{said}: {methods}");
+    }
+    let page = fs::read_to_string(at("out/report.html")).expect("a page");
+    assert!(
+        page.contains("<h2>Methods</h2>") && page.contains("spharm fit --manifest out/.study"),
+        "the page says so too"
+    );
+
+    // The study's file isn't needed, and the folder may be elsewhere.
+    fs::remove_file(at("study.toml")).expect("a file");
+    let elsewhere = tempfile::tempdir().expect("a folder");
+    let moved = elsewhere.path().join("moved");
+    fs::rename(site.path(), &moved).expect("it is moved");
+    let again = |more: &[&str]| {
+        finish(tool("study").args(["--again", "moved/out/provenance.json"]).args(more).current_dir(elsewhere.path()))
+    };
+    let output = again(&[]);
+    assert!(output.status.success() && text(&output).contains("the same bytes as recorded"), "{}", text(&output));
+    assert!(moved.join("out-again/report.html").is_file());
+    let output = again(&["--threads", "1", "--output", "other"]);
+    assert!(elsewhere.path().join("other/report.html").is_file(), "{}", text(&output));
+
+    let mesh = moved.join("meshes/a03.ply");
+    let kept = fs::read(&mesh).expect("a mesh");
+    fs::copy(moved.join("meshes/b01.ply"), &mesh).expect("a copy");
+    let output = again(&[]);
+    let expected = "1 of the recorded 6 inputs missing or changed, so the results couldn't be the same; the first: \
+                    meshes/a03.ply: the file has changed";
+    assert!(!output.status.success() && text(&output).contains(expected), "{}", text(&output));
+    fs::write(&mesh, kept).expect("a mesh");
+    fs::write(moved.join("out/provenance.json"), "{}").expect("a file");
+    assert!(text(&again(&[])).contains("expected provenance.json of `spharm study`"));
+}

@@ -51,6 +51,8 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         tests: read::tests(&cli.test)?,
         quality,
         tables,
+        methods: cli.methods.as_deref().map(read::methods).transpose()?.unwrap_or_default(),
+        provenance: cli.provenance.as_deref().map(read::provenance).transpose()?.unwrap_or_default(),
         version: env!("CARGO_PKG_VERSION").to_owned(),
         ..Contents::default()
     };
@@ -70,6 +72,7 @@ fn check_inputs(cli: &Cli, budget: Budget) -> Result<()> {
     let files = models.iter().chain(&surfaces).chain(&maps);
     let files = files.chain(&cli.modes).chain(&cli.status).chain(&cli.fit_report).chain(&cli.warnings);
     let files = files.chain(&cli.quality).chain(&cli.correspondence).chain(&cli.check);
+    let files = files.chain(&cli.methods).chain(&cli.provenance);
     budget.check_inputs("report", files.map(PathBuf::as_path))
 }
 

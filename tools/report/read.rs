@@ -283,3 +283,35 @@ pub(crate) fn warnings(path: &Path) -> Result<Vec<String>> {
     let text = read_text(path, "list of warnings", LARGEST_TABLE)?;
     serde_json::from_str(&text).with_context(|| format!("{}: expected a JSON list of texts", path.display()))
 }
+
+/// Reads a text on methods, and returns its paragraphs.
+pub(super) fn methods(path: &Path) -> Result<Vec<String>> {
+    let text = read_text(path, "text on methods", LARGEST_TABLE)?;
+    let lines = text.split("\n\n").flat_map(|part| match part.starts_with("- ") {
+        true => part.lines().map(str::to_owned).collect(),
+        false => vec![part.replace('\n', " ")],
+    });
+    Ok(lines.filter(|line| !line.trim().is_empty()).collect())
+}
+
+/// Reads the provenance of a study, as rows of a table.
+pub(super) fn provenance(path: &Path) -> Result<Vec<(String, String)>> {
+    let text = read_text(path, "provenance", LARGEST_REPORT)?;
+    let made: Value = serde_json::from_str(&text).with_context(|| format!("{}: not JSON", path.display()))?;
+    let Some(version) = made["versions"]["spharm"].as_str() else {
+        bail!("{}: expected provenance.json of `spharm study`, found JSON without versions", path.display());
+    };
+    let table = &made["table"];
+    let named = |value: &Value| value.as_str().unwrap_or_default().to_owned();
+    let inputs = made["inputs"].as_array().map_or(0, Vec::len);
+    let mut rows = vec![
+        ("Version".to_owned(), version.to_owned()),
+        ("Study".to_owned(), named(&made["file"])),
+        ("Table".to_owned(), format!("{}, BLAKE3 {}", named(&table["path"]), named(&table["blake3"]))),
+        ("Inputs".to_owned(), format!("{}; their hashes are in {}", counted(inputs, "file"), shown(path))),
+        ("Threads".to_owned(), made["threads"].to_string()),
+    ];
+    let commands = made["commands"].as_array().into_iter().flatten().enumerate();
+    rows.extend(commands.map(|(at, command)| (format!("Command {}", at + 1), named(command))));
+    Ok(rows)
+}

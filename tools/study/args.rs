@@ -22,6 +22,7 @@ use spharm_cohort::Shard;
             "spharm study init --table subjects.tsv",
             "spharm study study.toml --dry-run",
             "spharm study study.toml",
+            "spharm study --again study/provenance.json",
             "spharm study study.toml --shard 3/10    # only fits a tenth of the subjects",
         ],
         &["A subject that can't be fitted is left out and listed at the end and on the page; the exit status is then 1."],
@@ -31,8 +32,17 @@ pub(crate) struct Cli {
     #[command(subcommand)]
     pub(super) command: Option<Command>,
     /// The study
-    #[arg(value_name = "STUDY.toml", required = true)]
+    #[arg(value_name = "STUDY.toml", required_unless_present = "again")]
     pub(super) study: Option<PathBuf>,
+    /// Run the study of a provenance.json again, and compare the results
+    ///
+    /// The table and all inputs must have the recorded contents. The number of threads and the memory are the recorded
+    /// ones unless given. The exit status is 1 if a result differs.
+    #[arg(long, value_name = "provenance.json", conflicts_with_all = ["study", "shard"], help_heading = METHOD)]
+    pub(super) again: Option<PathBuf>,
+    /// Folder for all outputs [default: `output` in the study; with --again, the same with -again]
+    #[arg(short, long, value_name = "DIR", help_heading = OUTPUT)]
+    pub(super) output: Option<PathBuf>,
     /// Fit one part of the subjects: I/N, counted from 0, or slurm
     #[arg(long, value_name = "I/N|slurm", help_heading = METHOD)]
     pub(super) shard: Option<Shard>,

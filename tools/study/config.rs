@@ -210,17 +210,21 @@ const SECTIONS: [(&str, usize, &[&str]); 8] = [
 const LARGEST: u64 = 1 << 20;
 
 impl Study {
-    /// Reads a study file.
+    /// Reads the text of a study file.
     ///
     /// # Errors
     ///
-    /// If it can't be read, has an unknown key, lacks a required key, or has a value of the wrong type.
-    pub(super) fn read(path: &Path) -> Result<Self> {
-        let named = || path.display().to_string();
-        Self::parse(&read_text(path, "study", LARGEST)?).with_context(named)
+    /// If the file can't be read.
+    pub(super) fn text(path: &Path) -> Result<String> {
+        read_text(path, "study", LARGEST)
     }
 
-    fn parse(text: &str) -> Result<Self> {
+    /// Parses the text of a study file.
+    ///
+    /// # Errors
+    ///
+    /// If it has an unknown key, lacks a required key, or has a value of the wrong type.
+    pub(super) fn parse(text: &str) -> Result<Self> {
         let table: Table = text.parse().map_err(|error: toml::de::Error| told(text, &error))?;
         check_keys(&table)?;
         let study: Self = toml::from_str(text).map_err(|error| told(text, &error))?;

@@ -54,6 +54,11 @@ impl Fits<'_> {
         failed.map(|entry| (entry.id.clone(), entry.error.clone())).collect()
     }
 
+    /// Returns whether the fits are of the surfaces.
+    pub(super) fn is_of_surfaces(&self) -> bool {
+        self.name == SURFACES
+    }
+
     /// Returns the path of a subject's model.
     pub(super) fn model(&self, id: &str) -> PathBuf {
         self.models.join(format!("{id}.spharm.npz"))

@@ -6,6 +6,7 @@
 //! | `surfaces` | the table of meshes that are made to correspond |
 //! | `fits` | the fits of the subjects' surfaces and signals |
 //! | `plan` | the study's files and their locations |
+//! | `provenance`, `methods` | the record of the study, and the paragraph for a paper |
 //! | `stages` | the commands of the study |
 //! | `check` | checks before any command is run |
 //! | `stage` | one command, and the decision whether it must run |
@@ -17,7 +18,9 @@ mod check;
 mod config;
 mod exclusion;
 mod fits;
+mod methods;
 mod plan;
+mod provenance;
 mod stage;
 mod stages;
 mod subjects;
@@ -32,7 +35,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 use spharm_cli::console::Console;
-use spharm_cli::output::{counted, print, print_line, table};
+use spharm_cli::output::{counted, first_of, print, print_line, table};
 use spharm_cli::paths::utf8;
 use spharm_cohort::run::concerns_all;
 use spharm_cohort::{Manifest, State};
@@ -43,6 +46,7 @@ use self::args::Command;
 use self::config::Method;
 use self::fits::{Fits, Outcomes};
 use self::plan::Plan;
+use self::provenance::Provenance;
 use self::stage::Stage;
 use self::warnings::Flagged;
 
@@ -75,13 +79,31 @@ pub(crate) fn run(
             file.display()
         ));
     }
-    let study = cli.study.as_ref().context("give the path of STUDY.toml; spharm study init writes a template of it")?;
-    // The other verbs get their arguments as text, so the path must be UTF-8.
-    utf8(study)?;
-    let plan = Plan::read(study, common(cli))?;
+    let (plan, recorded) = match (&cli.again, &cli.study) {
+        (Some(path), _) => {
+            utf8(path)?;
+            let recorded = Provenance::read(path)?;
+            let common = if common(cli).is_empty() { recorded.arguments() } else { common(cli) };
+            (recorded.plan(path, cli.output.as_deref(), common)?, Some(recorded))
+        }
+        (None, Some(study)) => {
+            // The other verbs get their arguments as text, so the path must be UTF-8.
+            utf8(study)?;
+            (Plan::read(study, cli.output.clone(), common(cli))?, None)
+        }
+        (None, None) => bail!("give the path of STUDY.toml; spharm study init writes a template of it"),
+    };
+    let study = &plan.file;
     check::check(&plan)?;
-    let mut call =
-        Call { cli, plan: &plan, spharm, console: cli.common.console(), rows: Vec::new(), flagged: Vec::new() };
+    let mut call = Call {
+        cli,
+        plan: &plan,
+        recorded: recorded.as_ref(),
+        spharm,
+        console: cli.common.console(),
+        rows: Vec::new(),
+        flagged: Vec::new(),
+    };
     let (count, table) = (plan.manifest.rows.len(), plan.table.display());
     let subjects = match plan.excluded.len() {
         0 => counted(count, "subject"),
@@ -105,6 +127,23 @@ pub(crate) fn run(
     let done = call.run();
     drop(lock);
     done
+}
+
+/// Prints whether the results are those of an earlier run; an error names those that differ.
+fn compare(recorded: &Provenance, made: &Provenance) -> Result<()> {
+    const NAMED: usize = 5;
+    let (count, differ) = recorded.compare(made);
+    if differ.is_empty() {
+        return print_line(&format!("{}: the same bytes as recorded", counted(count, "result")));
+    }
+    let names: Vec<String> = differ.iter().map(|path| path.display().to_string()).collect();
+    bail!(
+        "{} of {} differ from the recorded ones: {}; the version, the number of threads, the memory or the processor may \
+         differ",
+        differ.len(),
+        counted(count, "result"),
+        first_of(names.iter().map(String::as_str), NAMED)
+    )
 }
 
 /// Locks the study for this process; jobs that fit shards share the lock. If the file system doesn't support locks, the
@@ -132,6 +171,8 @@ fn common(cli: &Cli) -> Vec<String> {
 struct Call<'a> {
     cli: &'a Cli,
     plan: &'a Plan,
+    /// The record of an earlier run, with which the results are compared.
+    recorded: Option<&'a Provenance>,
     spharm: &'a dyn Fn(&[String]) -> Result<()>,
     console: Console,
     /// Name, outcome and time of each stage.
@@ -204,9 +245,25 @@ impl Call<'_> {
         }
         warnings.extend(warnings::of_group(self.plan, &subjects)?);
         self.plan.write_warnings(&warnings)?;
+        let made = self.record(subjects.len(), stages.iter().chain([page]))?;
         self.stage(page)?;
         self.finish(&failed, &warnings)?;
-        print_line(&format!("page: {}", self.plan.page().display()))
+        print_line(&format!("page: {}", self.plan.page().display()))?;
+        self.recorded.map_or(Ok(()), |recorded| compare(recorded, &made))
+    }
+
+    /// Writes the paragraph on methods and the record of the study.
+    fn record<'s>(&self, subjects: usize, stages: impl Iterator<Item = &'s Stage>) -> Result<Provenance> {
+        let (plan, output) = (self.plan, &self.plan.output);
+        let fits: Vec<Stage> = plan.fits().iter().map(|fits| plan.fit(fits, None, false)).collect();
+        let fits = fits.iter().map(Stage::command_in_folder);
+        let commands = fits.chain(stages.map(Stage::command_in_folder)).collect();
+        let made = Provenance::of(plan, self.cli.resources.threads.count(), commands)?;
+        let methods = methods::text(plan, subjects);
+        for (name, text) in [(methods::FILE, methods), (provenance::FILE, made.text()?)] {
+            plan::write_changed(&output.join(name), &text)?;
+        }
+        Ok(made)
     }
 
     /// Ends a strict study at a flag, before the tests. Removes the outputs of the later stages, which are of an

@@ -19,6 +19,8 @@ pub(super) const PLAIN: &str = "plain";
 pub(super) struct Plan {
     /// The study's file.
     pub(super) file: PathBuf,
+    /// Text of the file.
+    pub(super) text: String,
     pub(super) study: Study,
     /// The folder that contains the study's file.
     pub(super) folder: PathBuf,
@@ -58,12 +60,17 @@ pub(super) struct Subject<'a> {
 }
 
 impl Plan {
-    /// Reads a study file and its table.
-    pub(super) fn read(path: &Path, common: Vec<String>) -> Result<Self> {
-        let study = Study::read(path)?;
+    /// Reads a study file and its table. `output` replaces the folder of the outputs.
+    pub(super) fn read(path: &Path, output: Option<PathBuf>, common: Vec<String>) -> Result<Self> {
+        Self::of_text(path, Study::text(path)?, output, common)
+    }
+
+    /// Reads the table of a study, as if `text` were the contents of the file at `path`.
+    pub(super) fn of_text(path: &Path, text: String, output: Option<PathBuf>, common: Vec<String>) -> Result<Self> {
+        let study = Study::parse(&text).with_context(|| path.display().to_string())?;
         let folder = path.parent().unwrap_or(Path::new(""));
         let table = folder.join(&study.subjects.table);
-        let output = folder.join(&study.output);
+        let output = output.unwrap_or_else(|| folder.join(&study.output));
         let made = output.join(RECORDS).join("manifest.tsv");
         let (mut manifest, mut made_text) = subjects::manifest(&study.subjects, folder, &table, &made)?;
         exclusion::check_ids(&study.subjects.accept, &manifest)
@@ -100,6 +107,7 @@ impl Plan {
         let (file, folder) = (path.to_owned(), folder.to_owned());
         Ok(Self {
             file,
+            text,
             folder,
             output,
             study,
@@ -318,14 +326,19 @@ impl Plan {
         Ok(Path::new("..").join(path).display().to_string())
     }
 
+    /// Writes a file of the records.
     pub(super) fn write(&self, name: &str, text: &str) -> Result<()> {
-        let path = self.records().join(name);
-        if spharm_files::read(&path, text.len() as u64).is_ok_and(|found| found == text.as_bytes()) {
-            return Ok(());
-        }
-        write_new(&path, true, |out| out.write_all(text.as_bytes()))?;
-        Ok(())
+        write_changed(&self.records().join(name), text)
     }
+}
+
+/// Writes a file, unless its text hasn't changed.
+pub(super) fn write_changed(path: &Path, text: &str) -> Result<()> {
+    if spharm_files::read(path, text.len() as u64).is_ok_and(|found| found == text.as_bytes()) {
+        return Ok(());
+    }
+    write_new(path, true, |out| out.write_all(text.as_bytes()))?;
+    Ok(())
 }
 
 pub(super) fn text(path: &Path) -> String {

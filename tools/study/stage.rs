@@ -35,13 +35,16 @@ struct Record {
 impl Stage {
     /// Returns the command as typed in a shell, with quotes where needed.
     pub(super) fn command(&self) -> String {
-        let plain = |c: char| c.is_alphanumeric() || "-_./@=,:+".contains(c);
-        let quote = |argument: &String| match argument {
-            text if !text.is_empty() && text.chars().all(plain) => text.clone(),
-            text => format!("'{}'", text.replace('\'', "'\\''")),
+        typed(self.arguments.iter())
+    }
+
+    /// Returns the command as typed in the study's folder, wherever the study was called from.
+    pub(super) fn command_in_folder(&self) -> String {
+        let relative = |argument: &String| match argument.strip_prefix('@') {
+            Some(list) => format!("@{}", self.relative(Path::new(list)).display()),
+            None => self.relative(Path::new(argument)).display().to_string(),
         };
-        let arguments: Vec<String> = self.arguments.iter().map(quote).collect();
-        format!("spharm {}", arguments.join(" "))
+        typed(self.arguments.iter().map(relative).collect::<Vec<_>>().iter())
     }
 
     /// Returns whether the current outputs were made from the current inputs.
@@ -109,6 +112,16 @@ impl Stage {
     fn relative<'a>(&self, path: &'a Path) -> &'a Path {
         path.strip_prefix(&self.folder).ok().filter(|path| !path.as_os_str().is_empty()).unwrap_or(path)
     }
+}
+
+/// Returns a command as typed in a shell, with quotes where needed.
+fn typed<'a>(arguments: impl Iterator<Item = &'a String>) -> String {
+    let plain = |c: char| c.is_alphanumeric() || "-_./@=,:+".contains(c);
+    let quote = |argument: &String| match argument {
+        text if !text.is_empty() && text.chars().all(plain) => text.clone(),
+        text => format!("'{}'", text.replace('\'', "'\\''")),
+    };
+    format!("spharm {}", arguments.map(quote).collect::<Vec<_>>().join(" "))
 }
 
 /// Removes the outputs of a stage that is no longer part of the study, the folders that become empty, and the stage's

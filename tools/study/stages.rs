@@ -6,7 +6,9 @@ use spharm_cohort::Shard;
 
 use super::config::Method;
 use super::fits::{Fits, SURFACES};
+use super::methods;
 use super::plan::{PLAIN, Plan, Subject, text};
+use super::provenance;
 use super::stage::Stage;
 use super::surfaces::signal_column;
 use super::test::Test;
@@ -238,12 +240,14 @@ impl Plan {
         let (check, pictures) = (self.check_report(), self.thumbnails());
         arguments.extend(words(&["--warnings", &text(&warnings), "--check", &text(&check)]));
         arguments.extend(words(&["--thumbnails", &text(&pictures)]));
+        let (methods, made) = (self.output.join(methods::FILE), self.output.join(provenance::FILE));
+        arguments.extend(words(&["--methods", &text(&methods), "--provenance", &text(&made)]));
         if !folders.is_empty() {
             arguments.push("--test".to_owned());
             arguments.extend(folders.iter().map(|folder| text(folder)));
         }
         arguments.extend(words(&["--title", &self.study.title, "-o", &text(&self.page()), "--force"]));
-        let mut inputs = vec![modes, status, warnings, check];
+        let mut inputs = vec![modes, status, warnings, check, methods, made];
         inputs.extend(subjects.iter().map(|subject| pictures.join(format!("{}.png", subject.id))));
         if self.method == Method::Correspond {
             let measured = [Some(Method::Correspond), self.study.quality.plain.then_some(Method::Joint)];

@@ -28,6 +28,10 @@ pub struct Contents {
     pub quality: Vec<Quality>,
     /// Tables shown as they are, such as the status of a study's subjects.
     pub tables: Vec<Table>,
+    /// Paragraphs on methods, for a paper.
+    pub methods: Vec<String>,
+    /// What is needed to make the contents again, such as commands: name and text.
+    pub provenance: Vec<(String, String)>,
     /// The version of the program, for the page's footer.
     pub version: String,
 }

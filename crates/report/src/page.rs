@@ -61,7 +61,7 @@ enum Item {
 /// [`ReportError`]: no contents; a model of a signal; maps that don't match their mesh; an interruption by the monitor,
 /// as an error of the surface.
 pub fn page(contents: &Contents, params: Params, monitor: &dyn Monitor) -> Result<String, ReportError> {
-    let Contents { title, warnings, check, models, modes, tests, quality: measured, tables, version } = contents;
+    let Contents { title, warnings, check, models, modes, tests, quality: measured, tables, version, .. } = contents;
     if [models.len(), modes.len(), tests.len(), measured.len(), tables.len()] == [0; 5] && check.is_none() {
         return Err(ReportError::Empty);
     }
@@ -100,6 +100,7 @@ pub fn page(contents: &Contents, params: Params, monitor: &dyn Monitor) -> Resul
     for table in tables {
         rows += &table.html()?;
     }
+    rows += &origin(contents);
 
     let stops = (0..=16).map(|i| viridis(f64::from(i) / 16.0)).collect();
     let info = json(&Info { items: &items, viridis: stops, diverging: DIVERGING })?;
@@ -127,6 +128,20 @@ pub fn page(contents: &Contents, params: Params, monitor: &dyn Monitor) -> Resul
          <script type=\"application/json\" id=\"info\">{info}</script>\n\
          <script type=\"application/octet-stream\" id=\"wasm\">{wasm}</script>\n{data}<script>{script}</script>\n</body>\n</html>\n"
     ))
+}
+
+/// Returns the sections on methods and provenance.
+fn origin(contents: &Contents) -> String {
+    let paragraphs: String = contents.methods.iter().map(|text| format!("<p>{}</p>\n", escape(text))).collect();
+    let methods = match paragraphs.is_empty() {
+        true => String::new(),
+        false => format!("<section class=\"methods\"><h2>Methods</h2>\n{paragraphs}</section>\n"),
+    };
+    let provenance = match contents.provenance.is_empty() {
+        true => String::new(),
+        false => format!("<section class=\"methods\">{}</section>\n", pairs("Provenance", &contents.provenance)),
+    };
+    methods + &provenance
 }
 
 /// Returns the list of warnings at the top of the page.

@@ -1,0 +1,242 @@
+//! The record of a study, provenance.json: what is needed to run the study again and to see whether its results are the
+//! same.
+
+use std::collections::{BTreeMap, HashMap};
+use std::path::{Component, Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use spharm::Model;
+use spharm_cli::inputs::{MOST_OWN, read_text};
+use spharm_cli::output::counted;
+use spharm_model::FileRecord;
+
+use super::fits::Fits;
+use super::plan::Plan;
+
+/// Name of the record in the study's output.
+pub(super) const FILE: &str = "provenance.json";
+
+/// The record. Paths of inputs are relative to the study's folder if they lie in it.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct Provenance {
+    tool: String,
+    versions: Value,
+    /// Name of the study's file, and its text.
+    file: String,
+    study: String,
+    /// Path of the study's folder from the output, and of the output from the study's folder.
+    folder: PathBuf,
+    output: PathBuf,
+    threads: usize,
+    /// Arguments of the study that are passed to its commands, such as the memory.
+    arguments: Vec<String>,
+    table: FileRecord,
+    inputs: Vec<Input>,
+    excluded: BTreeMap<String, String>,
+    accepted: BTreeMap<String, String>,
+    commands: Vec<String>,
+    /// BLAKE3 hashes of the results by their paths in the output; of a model, that of its coefficients.
+    outputs: BTreeMap<PathBuf, String>,
+}
+
+/// A subject's file.
+#[derive(Debug, Serialize, Deserialize)]
+struct Input {
+    id: String,
+    #[serde(flatten)]
+    file: FileRecord,
+}
+
+/// Endings of the results that are the same in every run with the same inputs, threads and memory. Reports aren't,
+/// because they contain times.
+const COMPARED: [&str; 5] = ["npz", "csv", "tsv", "gii", "png"];
+
+impl Provenance {
+    /// Describes a study whose fits and stages, but for the page, have been run.
+    pub(super) fn of(plan: &Plan, threads: usize, commands: Vec<String>) -> Result<Self> {
+        let (folder, output) = (absolute(&plan.folder)?, absolute(&plan.output)?);
+        let relative = |path: &Path| {
+            let inner = path.strip_prefix(&folder).or_else(|_| path.strip_prefix(&plan.folder));
+            inner.unwrap_or(path).to_string_lossy().into_owned()
+        };
+        let record =
+            |path: &Path| -> Result<FileRecord> { Ok(FileRecord { path: relative(path), ..FileRecord::of(path)? }) };
+        let mut inputs = Vec::new();
+        for fits in plan.fits() {
+            for row in &fits.manifest.rows {
+                // The models record the hashes of the files that they were made from.
+                let model = Model::read(fits.model(&row.id)).ok().map(|model| model.provenance);
+                let of_model = |file: Option<FileRecord>, path: &Path| match file {
+                    Some(file) => Some(FileRecord { path: relative(path), ..file }),
+                    None => record(path).ok(),
+                };
+                let (input, region) = model.map_or((None, None), |made| (made.input, made.region));
+                let mut files = vec![of_model(input, &row.surface)];
+                files.extend(row.region.as_ref().map(|path| of_model(region, path)));
+                if fits.is_of_surfaces() {
+                    files.extend(row.sphere.as_ref().map(|path| record(path).ok()));
+                }
+                inputs.extend(files.into_iter().flatten().map(|file| Input { id: row.id.clone(), file }));
+            }
+        }
+        for subject in plan.subjects_planned() {
+            for path in subject.landmarks.iter().chain(subject.guides) {
+                inputs.push(Input { id: subject.id.to_owned(), file: record(path)? });
+            }
+        }
+        let reasons = |named: &[super::exclusion::Named]| {
+            named.iter().map(|of| (of.id.clone(), of.reason.clone())).collect::<BTreeMap<_, _>>()
+        };
+        let (folder, output) = match output.strip_prefix(&folder) {
+            Ok(inner) => (inner.components().map(|_| "..").collect(), inner.to_owned()),
+            Err(_) => (folder.clone(), output),
+        };
+        Ok(Self {
+            tool: "study".to_owned(),
+            versions: serde_json::to_value(spharm::versions())?,
+            file: plan.file.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+            study: plan.text.clone(),
+            folder,
+            output,
+            threads,
+            arguments: plan.common.clone(),
+            table: record(&plan.table)?,
+            inputs,
+            excluded: reasons(&plan.study.subjects.exclude),
+            accepted: reasons(&plan.study.subjects.accept),
+            commands,
+            outputs: outputs(plan)?,
+        })
+    }
+
+    /// Reads a record.
+    pub(super) fn read(path: &Path) -> Result<Self> {
+        let text = read_text(path, "provenance of a study", MOST_OWN)?;
+        serde_json::from_str(&text)
+            .with_context(|| format!("{}: expected provenance.json of `spharm study`", path.display()))
+    }
+
+    pub(super) fn text(&self) -> Result<String> {
+        Ok(serde_json::to_string_pretty(self)? + "\n")
+    }
+
+    /// Returns the plan of the same study with another output. `path` is the record's own path, from which the inputs
+    /// are found.
+    ///
+    /// # Errors
+    ///
+    /// If the table or an input is missing or has changed.
+    pub(super) fn plan(&self, path: &Path, output: Option<&Path>, common: Vec<String>) -> Result<Plan> {
+        let folder = ascend(path.parent().unwrap_or(Path::new("")), &self.folder);
+        let output = match output {
+            Some(output) => output.to_owned(),
+            None => folder.join(format!("{}-again", self.output.display())),
+        };
+        let inputs = self.inputs.iter().map(|input| &input.file);
+        let mut known: HashMap<&str, Result<FileRecord, String>> = HashMap::new();
+        let mut changed = Vec::new();
+        for file in inputs.chain([&self.table]) {
+            let found = known.entry(file.path.as_str());
+            let found =
+                found.or_insert_with(|| FileRecord::of(&folder.join(&file.path)).map_err(|error| error.to_string()));
+            match found {
+                Ok(found) if found.blake3 == file.blake3 => {}
+                Ok(_) => changed.push(format!("{}: the file has changed", file.path)),
+                Err(error) => changed.push(error.clone()),
+            }
+        }
+        if let Some(first) = changed.first() {
+            bail!(
+                "{}: {} of the recorded {} missing or changed, so the results couldn't be the same; the first: {first}",
+                path.display(),
+                changed.len(),
+                counted(self.inputs.len() + 1, "input"),
+            );
+        }
+        Plan::of_text(&folder.join(&self.file), self.study.clone(), Some(output), common)
+    }
+
+    /// Returns the arguments with which the study was run.
+    pub(super) fn arguments(&self) -> Vec<String> {
+        let threads = ["--threads".to_owned(), self.threads.to_string()];
+        if self.arguments.contains(&threads[0]) {
+            self.arguments.clone()
+        } else {
+            [&threads[..], &self.arguments].concat()
+        }
+    }
+
+    /// Compares the results of this record with those of a later run. Returns the number of results and the paths of
+    /// those that differ or are missing.
+    pub(super) fn compare<'a>(&'a self, later: &Self) -> (usize, Vec<&'a Path>) {
+        let differ =
+            |(path, hash): (&'a PathBuf, &String)| (later.outputs.get(path) != Some(hash)).then_some(path.as_path());
+        (self.outputs.len(), self.outputs.iter().filter_map(differ).collect())
+    }
+}
+
+fn absolute(path: &Path) -> std::io::Result<PathBuf> {
+    // The empty path stands for the current folder.
+    std::path::absolute(if path.as_os_str().is_empty() { Path::new(".") } else { path })
+}
+
+/// Returns the hashes of the results.
+fn outputs(plan: &Plan) -> Result<BTreeMap<PathBuf, String>> {
+    let mut files = Vec::new();
+    list(&plan.output, &mut files)?;
+    let status: Vec<PathBuf> = plan.fits().into_iter().map(|Fits { status, .. }| status).collect();
+    let is_compared = |path: &Path| {
+        let ending = path.extension().and_then(|ending| ending.to_str());
+        ending.is_some_and(|ending| COMPARED.contains(&ending)) && !status.iter().any(|folder| path.starts_with(folder))
+    };
+    let files = files.into_iter().filter(|path| is_compared(path));
+    files
+        .map(|path| {
+            let inner = path.strip_prefix(&plan.output).unwrap_or(&path).to_owned();
+            Ok((inner, hash(&path)?))
+        })
+        .collect()
+}
+
+/// Returns the hash of a result: of a model's coefficients, without the paths of its provenance, otherwise of the file.
+fn hash(path: &Path) -> Result<String> {
+    if !path.to_string_lossy().ends_with(".spharm.npz") {
+        return Ok(FileRecord::of(path)?.blake3);
+    }
+    let model = Model::read(path)?;
+    let mut hasher = blake3::Hasher::new();
+    for value in model.coefficients.values() {
+        hasher.update(&value.to_le_bytes());
+    }
+    Ok(hasher.finalize().to_hex().to_string())
+}
+
+/// Returns the path from `place` by `way`. Each `..` removes a folder's name, if there is one, so that equal files get
+/// the same paths as in the first run.
+fn ascend(place: &Path, way: &Path) -> PathBuf {
+    let mut path = place.to_owned();
+    for part in way.components() {
+        let named = matches!(path.components().next_back(), Some(Component::Normal(_)));
+        if part == Component::ParentDir && named {
+            path.pop();
+        } else {
+            path.push(part);
+        }
+    }
+    path
+}
+
+/// Appends the files in a folder and in its folders, without hidden ones.
+fn list(folder: &Path, files: &mut Vec<PathBuf>) -> Result<()> {
+    let read = || format!("{}: cannot read the folder", folder.display());
+    for entry in std::fs::read_dir(folder).with_context(read)? {
+        let path = entry.with_context(read)?.path();
+        if path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.')) {
+            continue;
+        }
+        if path.is_dir() { list(&path, files)? } else { files.push(path) }
+    }
+    Ok(())
+}
