@@ -125,6 +125,14 @@ fn a_study_finds_the_bump_of_its_second_group() {
     let picture =
         ["picture", "test/mean.surf.gii", "--map", "test/effect.shape.gii", "test/p-fwe.shape.gii", "-o", "study.png"];
     succeed(&mut run(site.path(), &picture));
+    let sides = ["--view", "left", "right", "top", "bottom", "--size", "100", "-o", "sides.png"];
+    let drawn = succeed(
+        tool("picture")
+            .args(["test/mean.surf.gii", "--map", "test/effect.shape.gii"])
+            .args(sides)
+            .current_dir(site.path()),
+    );
+    assert!(drawn.contains("8 panels"), "{drawn}");
     let wrong = ["picture", "meshes/a01.ply", "--map", "test/test.csv", "-o", "other.png"];
     fail(&mut run(site.path(), &wrong));
     succeed(run(site.path(), &["shape", "morph"]).args([&a[0], &b[0]]).args([

@@ -10,7 +10,7 @@ use spharm_render::View;
 
 /// Draw surfaces side by side, and their distance in colour
 ///
-/// All panels have the same scale and view.
+/// All panels have the same scale.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -39,8 +39,9 @@ pub(crate) struct Cli {
     /// For each map, add a panel with the first surface coloured by values on its vertices
     ///
     /// Files of one value per vertex, such as the maps of `spharm shape measure` and `test`. Colours are symmetric
-    /// about 0 if values have both signs, and otherwise range from the minimum to the maximum; --range overrides this.
-    /// For p values, in files called p, q or p-NAME, -log10 is shown: significant values have the last colours.
+    /// about 0, from blue to red, if values have both signs, and otherwise range from the minimum to the maximum;
+    /// --range overrides this. For p values, in files called p, q or p-NAME, -log10 is shown: significant values have
+    /// the last colours.
     #[arg(long, value_name = "MAP", num_args = 1.., help_heading = INPUT)]
     pub(super) map: Vec<PathBuf>,
     /// Values with the first and the last colour of the maps
@@ -49,10 +50,12 @@ pub(crate) struct Cli {
     /// Text beneath each panel, in order [default: the files' names]
     #[arg(long, value_name = "TEXT", help_heading = OUTPUT)]
     pub(super) caption: Vec<String>,
-    /// Side from which to look
-    #[arg(long, value_enum, default_value_t = Side::Left, help_heading = OUTPUT)]
-    pub(super) view: Side,
-    /// Number of panels in a row; 0 for all
+    /// Sides from which to look; with several, each panel becomes a row of views
+    ///
+    /// Sides are those of the coordinates: left is -x, front +y, top +z, as in RAS.
+    #[arg(long, value_enum, num_args = 1.., default_values_t = [Side::Left], help_heading = OUTPUT)]
+    pub(super) view: Vec<Side>,
+    /// Number of panels in a row; 0 for all or, with several sides, for these
     #[arg(long, value_name = "N", default_value_t = 0, help_heading = OUTPUT)]
     pub(super) columns: usize,
     /// Width and height of a panel in pixels
@@ -84,7 +87,7 @@ fn range(text: &str) -> Result<(f64, f64), String> {
     }
 }
 
-#[derive(Debug, Clone, Copy, ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum Side {
     Left,
     Right,
@@ -95,7 +98,27 @@ pub(super) enum Side {
     Corner,
 }
 
+impl std::fmt::Display for Side {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let name = self.to_possible_value();
+        f.write_str(name.as_ref().map_or("", |name| name.get_name()))
+    }
+}
+
 impl Side {
+    /// Returns the name of the side as an axis of the coordinates, which after an alignment are no longer anatomical.
+    pub(super) fn axis(self) -> &'static str {
+        match self {
+            Self::Left => "from -x",
+            Self::Right => "from +x",
+            Self::Front => "from +y",
+            Self::Back => "from -y",
+            Self::Top => "from +z",
+            Self::Bottom => "from -z",
+            Self::Corner => "from a corner",
+        }
+    }
+
     pub(super) fn view(self) -> View {
         match self {
             Self::Left => View::LEFT,

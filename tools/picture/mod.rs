@@ -19,6 +19,7 @@ use spharm_surface::io::{WriteOptions, read_mesh, read_signal};
 use spharm_surface::metrics::{correspond, distances_to_surface, distances_to_surface_bytes, vertex_distances};
 
 pub(crate) use self::args::Cli;
+use self::args::Side;
 
 /// Runs the verb.
 pub(crate) fn run(cli: &Cli) -> Result<()> {
@@ -76,16 +77,36 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         panels.push(Panel { paint, ..Panel::new(&meshes[0], name) });
     }
     panels.iter_mut().zip(&cli.caption).for_each(|(panel, caption)| panel.caption = caption);
+    let captions: Vec<String> = match &cli.view[..] {
+        [_] => Vec::new(),
+        views => panels.iter().flat_map(|panel| views.iter().map(|view| caption(panel.caption, *view))).collect(),
+    };
+    if !captions.is_empty() {
+        let views = panels.iter().flat_map(|panel| cli.view.iter().map(|side| (*panel, *side)));
+        let mut rows: Vec<Panel<'_>> = views.map(|(panel, side)| Panel { view: Some(side.view()), ..panel }).collect();
+        rows.iter_mut().zip(&captions).for_each(|(panel, caption)| panel.caption = caption);
+        panels = rows;
+    }
     let settings = settings(cli, cli.size);
     prepare(&cli.output)?;
     write_png(&cli.output, &render(&panels, &settings)?, &WriteOptions { overwrite: cli.force, double: false })?;
     print_line(&format!("{}: {}", cli.output.display(), counted(panels.len(), "panel")))
 }
 
+/// Returns the text beneath a panel that is shown from several sides.
+fn caption(name: &str, view: Side) -> String {
+    if name.is_empty() { view.axis().to_owned() } else { format!("{name}, {}", view.axis()) }
+}
+
 /// Returns the settings for panels of a given size.
 fn settings(cli: &Cli, size: u16) -> Settings {
     let size = usize::from(size);
-    Settings { width: size, height: size, columns: cli.columns, view: cli.view.view(), ..Settings::default() }
+    let columns = match (cli.columns, cli.view.len()) {
+        (0, views) if views > 1 => views,
+        (columns, _) => columns,
+    };
+    let view = cli.view.first().copied().unwrap_or(Side::Left).view();
+    Settings { width: size, height: size, columns, view, ..Settings::default() }
 }
 
 /// Refuses pictures that don't fit into memory. `meshes` is empty when this is called before the surfaces are read.
@@ -102,7 +123,7 @@ fn check_memory(cli: &Cli, meshes: &[Mesh], panels: usize, budget: Budget) -> Re
         _ => 0,
     };
     let needed = |size: u16| {
-        let drawing = settings(cli, size).bytes(panels, vertices);
+        let drawing = settings(cli, size).bytes(panels * cli.view.len(), vertices);
         (held + spheres + values) as u64 + drawing.max(painting)
     };
     let smaller = [2048, 1024, 512, 256, 128, 64].into_iter().filter(|size| *size < cli.size);

@@ -215,14 +215,12 @@ impl Plan {
             inputs.extend(path);
         }
         let tested = self.stage(&name, arguments, &inputs, [folder.clone()]);
-        let (mean, map) = (folder.join("mean.surf.gii"), folder.join(format!("{}.shape.gii", test.map())));
+        let map = |name: &str| folder.join(format!("{name}.shape.gii"));
+        let (mean, statistic, map) = (folder.join("mean.surf.gii"), map("statistic"), map(test.map()));
         let picture = self.output.join("figures").join(format!("{}.png", test.name));
-        let drawn = self.stage(
-            &format!("picture.{}", test.name),
-            words(&["picture", &text(&mean), "--map", &text(&map), "-o", &text(&picture)]),
-            &[mean.clone(), map.clone()],
-            [picture],
-        );
+        let mut drawing = words(&["picture", &text(&mean), "--map", &text(&statistic), &text(&map), "--view"]);
+        drawing.extend(words(&["left", "right", "top", "bottom", "-o", &text(&picture)]));
+        let drawn = self.stage(&format!("picture.{}", test.name), drawing, &[mean, statistic, map], [picture]);
         [tested, drawn]
     }
 

@@ -28,7 +28,7 @@ mod scale;
 mod text;
 
 use spharm_surface::Mesh;
-use spharm_surface::metrics::{colors, viridis};
+use spharm_surface::metrics::{diverging, viridis};
 
 pub use animation::{render_frames, write_gif};
 use camera::Camera;
@@ -45,7 +45,8 @@ use text::Label;
 pub enum Paint<'a> {
     /// One colour (sRGB).
     Plain([u8; 3]),
-    /// A value per vertex, mapped through [`viridis`], with a colour bar beneath.
+    /// A value per vertex, with a colour bar beneath: mapped through [`diverging`] if the range is symmetric about 0,
+    /// otherwise through [`viridis`].
     Scalar {
         /// One value per vertex.
         values: &'a [f64],
@@ -67,13 +68,15 @@ pub struct Panel<'a> {
     pub caption: &'a str,
     /// The colours of the mesh.
     pub paint: Paint<'a>,
+    /// The camera's position, in place of that of the [`Settings`].
+    pub view: Option<View>,
 }
 
 impl<'a> Panel<'a> {
     /// Returns a panel with the mesh in a plain warm grey.
     #[must_use]
     pub fn new(mesh: &'a Mesh, caption: &'a str) -> Self {
-        Self { mesh, caption, paint: Paint::Plain([222, 208, 196]) }
+        Self { mesh, caption, paint: Paint::Plain([222, 208, 196]), view: None }
     }
 }
 
@@ -155,16 +158,20 @@ pub fn render(panels: &[Panel<'_>], settings: &Settings) -> Result<Image, Render
     for (i, panel) in panels.iter().enumerate() {
         let (x, y) = ((i % columns) * settings.width, (i / columns) * settings.height);
         let framed = if settings.common_scale { panels } else { std::slice::from_ref(panel) };
+        let view = panel.view.unwrap_or(settings.view);
         let camera = match settings.frame {
-            Some(corners) => Camera::framing(settings.view, &box_corners(corners), settings.width, mesh_height),
+            Some(corners) => Camera::framing(view, &box_corners(corners), settings.width, mesh_height),
             None => {
                 let points = framed.iter().flat_map(|p| &p.mesh.vertices);
-                Camera::framing(settings.view, points, settings.width, mesh_height)
+                Camera::framing(view, points, settings.width, mesh_height)
             }
         };
         let painted = match panel.paint {
             Paint::Plain(color) => vec![color; panel.mesh.vertices.len()],
-            Paint::Scalar { values, range, .. } => colors(values, range.0, range.1),
+            Paint::Scalar { values, range, .. } => {
+                let span = if range.1 > range.0 { range.1 - range.0 } else { f64::INFINITY };
+                values.iter().map(|x| colors_of(range)((x - range.0) / span)).collect()
+            }
             Paint::Vertices(colors) => colors.to_vec(),
         };
         let mut raster = Raster::new(settings.width, mesh_height);
@@ -181,6 +188,11 @@ pub fn render(panels: &[Panel<'_>], settings: &Settings) -> Result<Image, Render
         );
     }
     Ok(picture)
+}
+
+/// Returns the colours for values in a range.
+fn colors_of((low, high): (f64, f64)) -> fn(f64) -> [u8; 3] {
+    if low < 0.0 && low == -high { diverging } else { viridis }
 }
 
 /// Returns the eight corners of a box.
@@ -220,7 +232,7 @@ fn bar(picture: &mut Image, x: usize, y: usize, width: usize, line: usize, range
     let (left, length) = (x + width / 4, width / 2);
     let thickness = line / 2;
     for column in 0..length {
-        let color = viridis(column as f64 / (length.max(2) - 1) as f64);
+        let color = colors_of(range)(column as f64 / (length.max(2) - 1) as f64);
         for row in 0..thickness {
             picture.set(left + column, y + line / 4 + row, color);
         }

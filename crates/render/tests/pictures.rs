@@ -36,7 +36,7 @@ fn a_ball_covers_a_disc() {
 fn a_thumbnail_has_few_colours_near_those_of_the_picture() {
     let ball = icosphere(4);
     let height: Vec<[u8; 3]> = ball.vertices.iter().map(|v| [(127.0 + 120.0 * v[2]) as u8, 150, 90]).collect();
-    let panel = Panel { mesh: &ball, caption: "", paint: Paint::Vertices(&height) };
+    let panel = Panel { paint: Paint::Vertices(&height), ..Panel::new(&ball, "") };
     let image = render(&[panel], &small()).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let [plain, thumbnail] = ["plain.png", "thumbnail.png"].map(|name| folder.path().join(name));
@@ -72,7 +72,7 @@ fn what_is_nearer_hides_what_is_farther_in_any_order() {
     let paint = Paint::Scalar { values: &values, range: (0.0, 1.0), label: "" };
     for faces in [[far, near].concat(), [near, far].concat()] {
         let mesh = Mesh::new(vertices.clone(), faces);
-        let image = render(&[Panel { mesh: &mesh, caption: "", paint }], &small()).unwrap();
+        let image = render(&[Panel { paint, ..Panel::new(&mesh, "") }], &small()).unwrap();
         let yellow = |p: [u8; 3]| p[0] / 2 > p[2];
         let middle = (0..100).rev().find(|&y| yellow(at(&image, 50, y)) && y < 70);
         assert!(middle.is_some(), "the near square shows");
@@ -117,10 +117,34 @@ fn senseless_requests_are_told() {
     assert!(render(&[Panel::new(&ball, "")], &Settings { width: 0, ..small() }).is_err());
     assert!(render(&[Panel::new(&ball, "")], &Settings { height: usize::MAX, ..small() }).is_err());
     let paint = Paint::Scalar { values: &[1.0], range: (0.0, 1.0), label: "" };
-    let error = render(&[Panel { mesh: &ball, caption: "", paint }], &small()).unwrap_err();
+    let error = render(&[Panel { paint, ..Panel::new(&ball, "") }], &small()).unwrap_err();
     assert!(matches!(error, RenderError::ValueCount { expected: 12, found: 1 }), "{error}");
     // Triangles with vertices that aren't finite aren't drawn.
     let mut broken = ball.clone();
     broken.vertices[3] = [f64::NAN; 3];
     render(&[Panel::new(&broken, "")], &small()).unwrap();
+}
+
+/// Values of both signs are blue and red with grey at 0, and each panel may have a view of its own.
+#[test]
+fn signed_values_are_blue_and_red_and_panels_have_their_own_views() {
+    let ball = icosphere(3);
+    let values: Vec<f64> = ball.vertices.iter().map(|p| p[0]).collect();
+    let panel = |range, view| {
+        let paint = Paint::Scalar { values: &values, range, label: "" };
+        Panel { paint, view: Some(view), ..Panel::new(&ball, "") }
+    };
+    let centre = |range, view| {
+        let image = render(&[panel(range, view)], &small()).expect("a picture");
+        at(&image, image.width / 2, image.height / 3)
+    };
+    // The ball is seen from the side where x is least or greatest.
+    let ([red, _, blue], [more_red, _, less_blue]) =
+        (centre((-1.0, 1.0), View::LEFT), centre((-1.0, 1.0), View::RIGHT));
+    assert!(blue > red && more_red > less_blue, "{blue} {red}, {more_red} {less_blue}");
+    let [red, green, blue] = centre((-1.0, 1.0), View::FRONT);
+    assert!(red.abs_diff(blue) < 30 && red.abs_diff(green) < 30, "{red} {green} {blue}");
+    // A range of one sign keeps the colours from dark blue to yellow.
+    let [red, green, blue] = centre((-1.0, 0.5), View::RIGHT);
+    assert!(red > blue && green > blue, "{red} {green} {blue}");
 }

@@ -8,7 +8,7 @@ use base64::engine::general_purpose::STANDARD;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 use spharm_monitor::{Monitor, Stage};
-use spharm_surface::metrics::viridis;
+use spharm_surface::metrics::{DIVERGING, viridis};
 
 use crate::ReportError;
 use crate::assets::{STYLE, VIEW, WASM, script};
@@ -23,19 +23,6 @@ use crate::provenance;
 use crate::quality;
 use crate::table::{Table, pairs};
 use crate::text::{escape, json, name, number};
-
-/// Colours from blue through grey to red, of symmetric lightness, for values on both sides of 0.
-const DIVERGING: [[u8; 3]; 9] = [
-    [33, 75, 155],
-    [74, 118, 189],
-    [125, 161, 213],
-    [181, 201, 229],
-    [228, 226, 224],
-    [236, 190, 172],
-    [221, 139, 117],
-    [193, 84, 72],
-    [152, 27, 43],
-];
 
 /// Data read by the script.
 #[derive(Serialize)]

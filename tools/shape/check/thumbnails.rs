@@ -90,7 +90,7 @@ pub(super) fn draw(
         let (mesh, colours, missing) = coloured(path, red_at, monitor).with_context(|| path.display().to_string())?;
         let mesh = moved(&mesh, &inputs.pose(index));
         let (own_frame, scale) = around(&mesh, frame);
-        let panel = Panel { mesh: &mesh, caption: "", paint: Paint::Vertices(&colours) };
+        let panel = Panel { paint: Paint::Vertices(&colours), ..Panel::new(&mesh, "") };
         let image = render(&[panel], &Settings { frame: Some(own_frame), ..settings })?;
         write_thumbnail(picture, &image, &options)?;
         monitor.step(1);

@@ -22,17 +22,43 @@ const VIRIDIS: [[u8; 3]; 17] = [
     [253, 231, 37],
 ];
 
+/// Colours from blue through grey to red, of symmetric lightness, for values on both sides of 0.
+pub const DIVERGING: [[u8; 3]; 9] = [
+    [33, 75, 155],
+    [74, 118, 189],
+    [125, 161, 213],
+    [181, 201, 229],
+    [228, 226, 224],
+    [236, 190, 172],
+    [221, 139, 117],
+    [193, 84, 72],
+    [152, 27, 43],
+];
+
 /// Returns red, green and blue (sRGB) for a value from 0 to 1. Values outside are clamped; NaN is grey.
 #[must_use]
 pub fn viridis(value: f64) -> [u8; 3] {
+    between(&VIRIDIS, value)
+}
+
+/// Returns the colour of [`DIVERGING`] for a value from 0 to 1, with grey at 0.5. Values outside are clamped; NaN is
+/// grey.
+#[must_use]
+pub fn diverging(value: f64) -> [u8; 3] {
+    between(&DIVERGING, value)
+}
+
+/// Returns the colour at a value from 0 to 1 between colours at equal steps.
+fn between(stops: &[[u8; 3]], value: f64) -> [u8; 3] {
     if value.is_nan() {
         return [128; 3];
     }
-    let x = value.clamp(0.0, 1.0) * 16.0;
-    let cell = (x as usize).min(15);
+    let last = stops.len() - 1;
+    let x = value.clamp(0.0, 1.0) * last as f64;
+    let cell = (x as usize).min(last - 1);
     let t = x - cell as f64;
     std::array::from_fn(|i| {
-        let (a, b) = (f64::from(VIRIDIS[cell][i]), f64::from(VIRIDIS[cell + 1][i]));
+        let (a, b) = (f64::from(stops[cell][i]), f64::from(stops[cell + 1][i]));
         (a + t * (b - a)).round() as u8
     })
 }
@@ -43,4 +69,20 @@ pub fn viridis(value: f64) -> [u8; 3] {
 pub fn colors(values: &[f64], low: f64, high: f64) -> Vec<[u8; 3]> {
     let span = if high > low { high - low } else { f64::INFINITY };
     values.iter().map(|x| viridis((x - low) / span)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_diverging_colours_are_grey_at_the_middle_and_blue_and_red_at_the_ends() {
+        assert_eq!([0.0, 0.5, 1.0].map(diverging), [DIVERGING[0], DIVERGING[4], DIVERGING[8]]);
+        assert_eq!([-3.0, 4.0].map(diverging), [DIVERGING[0], DIVERGING[8]]);
+        // Between two colours, and for no value.
+        assert_eq!(diverging(1.0 / 16.0), [54, 97, 172]);
+        assert_eq!(diverging(f64::NAN), [128; 3]);
+        let [low, .., high] = DIVERGING;
+        assert!(low[2] > low[0] && high[0] > high[2]);
+    }
 }
