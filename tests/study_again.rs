@@ -221,12 +221,17 @@ fn a_study_is_run_again_from_its_provenance() {
     let study = "output = \"out\"\n[subjects]\ntable = \"meshes/study.csv\"\nexclude = [{ id = \"a02\", reason = \"moved\" }]\n\
                  [fit]\nmax_degree = 4\n[modes]\ncount = 2\n[[test]]\nname = \"bump\"\neffect = \"group\"\npermutations = 20\n";
     fs::write(at("study.toml"), study).expect("a study");
+    fs::create_dir(at("out")).expect("a folder");
+    fs::write(at("out/notes.csv"), "of somebody else\n").expect("a file");
     succeed(tool("study").args(["study.toml", "--threads", "2"]).current_dir(site.path()));
     let made: serde_json::Value =
         serde_json::from_str(&fs::read_to_string(at("out/provenance.json")).expect("a record")).expect("JSON");
     assert_eq!((made["threads"].as_u64(), made["excluded"]["a02"].as_str()), (Some(2), Some("moved")));
     assert_eq!(made["inputs"].as_array().map(Vec::len), Some(5));
     assert!(made["inputs"][0]["path"].as_str().is_some_and(|path| path.starts_with("meshes/")), "{}", made["inputs"]);
+    let outputs = made["outputs"].as_object().expect("results");
+    assert!(outputs.contains_key("models/a03.spharm.npz") && outputs.contains_key("tests/bump/summary.csv"));
+    assert!(!outputs.contains_key("notes.csv") && !outputs.keys().any(|name| name.contains("a02")), "{outputs:?}");
     let commands = made["commands"].as_array().expect("commands").iter().filter_map(|command| command.as_str());
     let typed: Vec<&str> = commands.collect();
     assert!(typed[0].starts_with("spharm fit --manifest out/.study/manifest.tsv --output out/models"), "{typed:?}");

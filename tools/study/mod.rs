@@ -245,7 +245,7 @@ impl Call<'_> {
         }
         warnings.extend(warnings::of_group(self.plan, &subjects)?);
         self.plan.write_warnings(&warnings)?;
-        let made = self.record(subjects.len(), stages.iter().chain([page]))?;
+        let made = self.record(subjects.len(), &stages.iter().chain([page]).collect::<Vec<_>>())?;
         self.stage(page)?;
         self.finish(&failed, &warnings)?;
         print_line(&format!("page: {}", self.plan.page().display()))?;
@@ -253,12 +253,9 @@ impl Call<'_> {
     }
 
     /// Writes the paragraph on methods and the record of the study.
-    fn record<'s>(&self, subjects: usize, stages: impl Iterator<Item = &'s Stage>) -> Result<Provenance> {
+    fn record(&self, subjects: usize, stages: &[&Stage]) -> Result<Provenance> {
         let (plan, output) = (self.plan, &self.plan.output);
-        let fits: Vec<Stage> = plan.fits().iter().map(|fits| plan.fit(fits, None, false)).collect();
-        let fits = fits.iter().map(Stage::command_in_folder);
-        let commands = fits.chain(stages.map(Stage::command_in_folder)).collect();
-        let made = Provenance::of(plan, self.cli.resources.threads.count(), commands)?;
+        let made = Provenance::of(plan, self.cli.resources.threads.count(), stages)?;
         let methods = methods::text(plan, subjects);
         for (name, text) in [(methods::FILE, methods), (provenance::FILE, made.text()?)] {
             plan::write_changed(&output.join(name), &text)?;

@@ -12,8 +12,8 @@ use spharm_cli::inputs::{MOST_OWN, read_text};
 use spharm_cli::output::counted;
 use spharm_model::FileRecord;
 
-use super::fits::Fits;
 use super::plan::Plan;
+use super::stage::{Stage, list};
 
 /// Name of the record in the study's output.
 pub(super) const FILE: &str = "provenance.json";
@@ -55,7 +55,7 @@ const COMPARED: [&str; 5] = ["npz", "csv", "tsv", "gii", "png"];
 
 impl Provenance {
     /// Describes a study whose fits and stages, but for the page, have been run.
-    pub(super) fn of(plan: &Plan, threads: usize, commands: Vec<String>) -> Result<Self> {
+    pub(super) fn of(plan: &Plan, threads: usize, stages: &[&Stage]) -> Result<Self> {
         let (folder, output) = (absolute(&plan.folder)?, absolute(&plan.output)?);
         let relative = |path: &Path| {
             let inner = path.strip_prefix(&folder).or_else(|_| path.strip_prefix(&plan.folder));
@@ -86,6 +86,9 @@ impl Provenance {
                 inputs.push(Input { id: subject.id.to_owned(), file: record(path)? });
             }
         }
+        let fits: Vec<Stage> = plan.fits().iter().map(|fits| plan.fit(fits, None, false)).collect();
+        let commands = fits.iter().chain(stages.iter().copied()).map(Stage::command_in_folder).collect();
+        let made: Vec<PathBuf> = stages.iter().flat_map(|stage| stage.outputs.iter().cloned()).collect();
         let reasons = |named: &[super::exclusion::Named]| {
             named.iter().map(|of| (of.id.clone(), of.reason.clone())).collect::<BTreeMap<_, _>>()
         };
@@ -107,7 +110,7 @@ impl Provenance {
             excluded: reasons(&plan.study.subjects.exclude),
             accepted: reasons(&plan.study.subjects.accept),
             commands,
-            outputs: outputs(plan)?,
+            outputs: outputs(plan, &made)?,
         })
     }
 
@@ -182,22 +185,21 @@ fn absolute(path: &Path) -> std::io::Result<PathBuf> {
     std::path::absolute(if path.as_os_str().is_empty() { Path::new(".") } else { path })
 }
 
-/// Returns the hashes of the results.
-fn outputs(plan: &Plan) -> Result<BTreeMap<PathBuf, String>> {
+/// Returns the hashes of the results of the fits and of stages with these outputs. Other files in the folder, such as
+/// those of an earlier version of the study, don't count.
+fn outputs(plan: &Plan, made: &[PathBuf]) -> Result<BTreeMap<PathBuf, String>> {
     let mut files = Vec::new();
-    list(&plan.output, &mut files)?;
-    let status: Vec<PathBuf> = plan.fits().into_iter().map(|Fits { status, .. }| status).collect();
-    let is_compared = |path: &Path| {
+    for fits in plan.fits() {
+        let models = fits.manifest.rows.iter().map(|row| fits.model(&row.id));
+        files.extend(models.filter(|model| model.is_file()));
+    }
+    made.iter().filter(|path| path.exists()).try_for_each(|path| list(path, &mut files))?;
+    let is_compared = |path: &PathBuf| {
         let ending = path.extension().and_then(|ending| ending.to_str());
-        ending.is_some_and(|ending| COMPARED.contains(&ending)) && !status.iter().any(|folder| path.starts_with(folder))
+        ending.is_some_and(|ending| COMPARED.contains(&ending))
     };
-    let files = files.into_iter().filter(|path| is_compared(path));
-    files
-        .map(|path| {
-            let inner = path.strip_prefix(&plan.output).unwrap_or(&path).to_owned();
-            Ok((inner, hash(&path)?))
-        })
-        .collect()
+    let of = |path: PathBuf| Ok((path.strip_prefix(&plan.output).unwrap_or(&path).to_owned(), hash(&path)?));
+    files.into_iter().filter(is_compared).map(of).collect()
 }
 
 /// Returns the hash of a result: of a model's coefficients, without the paths of its provenance, otherwise of the file.
@@ -226,17 +228,4 @@ fn ascend(place: &Path, way: &Path) -> PathBuf {
         }
     }
     path
-}
-
-/// Appends the files in a folder and in its folders, without hidden ones.
-fn list(folder: &Path, files: &mut Vec<PathBuf>) -> Result<()> {
-    let read = || format!("{}: cannot read the folder", folder.display());
-    for entry in std::fs::read_dir(folder).with_context(read)? {
-        let path = entry.with_context(read)?.path();
-        if path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.')) {
-            continue;
-        }
-        if path.is_dir() { list(&path, files)? } else { files.push(path) }
-    }
-    Ok(())
 }

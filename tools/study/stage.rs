@@ -148,7 +148,7 @@ pub(super) fn retire(record: &Path, folder: &Path, output: &Path) -> Result<()> 
 }
 
 /// Appends a file, or all files in a folder, to `files`.
-fn list(path: &Path, files: &mut Vec<PathBuf>) -> Result<()> {
+pub(super) fn list(path: &Path, files: &mut Vec<PathBuf>) -> Result<()> {
     if !path.is_dir() {
         files.push(path.to_owned());
         return Ok(());
