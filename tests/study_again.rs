@@ -219,7 +219,7 @@ fn a_study_is_run_again_from_its_provenance() {
     let at = |name: &str| site.path().join(name);
     succeed(tool("generate").args(["--study", "meshes", "--subjects", "6", "-q"]).current_dir(site.path()));
     let study = "output = \"out\"\n[subjects]\ntable = \"meshes/study.csv\"\nexclude = [{ id = \"a02\", reason = \"moved\" }]\n\
-                 [fit]\nmax_degree = 4\n[modes]\ncount = 2\n[[test]]\nname = \"bump\"\neffect = \"group\"\npermutations = 20\n";
+                 [fit]\nmax_degree = 4\n[align]\nmethod = \"joint\"\n[modes]\ncount = 2\n[[test]]\nname = \"bump\"\neffect = \"group\"\npermutations = 20\n";
     fs::write(at("study.toml"), study).expect("a study");
     fs::create_dir(at("out")).expect("a folder");
     fs::write(at("out/notes.csv"), "of somebody else\n").expect("a file");

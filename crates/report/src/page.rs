@@ -119,10 +119,13 @@ pub fn page(contents: &Contents, params: Params, monitor: &dyn Monitor) -> Resul
 
 /// Returns the sections on methods and provenance.
 fn origin(contents: &Contents) -> String {
-    let paragraphs: String = contents.methods.iter().map(|text| format!("<p>{}</p>\n", escape(text))).collect();
-    let methods = match paragraphs.is_empty() {
+    let (cited, said): (Vec<&String>, Vec<&String>) = contents.methods.iter().partition(|text| text.starts_with("- "));
+    let said: String = said.iter().map(|text| format!("<p>{}</p>\n", escape(text))).collect();
+    let cited: String = cited.iter().map(|text| format!("<li>{}</li>\n", escape(&text[2..]))).collect();
+    let cited = if cited.is_empty() { cited } else { format!("<ul>\n{cited}</ul>\n") };
+    let methods = match said.is_empty() && cited.is_empty() {
         true => String::new(),
-        false => format!("<section class=\"methods\"><h2>Methods</h2>\n{paragraphs}</section>\n"),
+        false => format!("<section class=\"methods\"><h2>Methods</h2>\n{said}{cited}</section>\n"),
     };
     let provenance = match contents.provenance.is_empty() {
         true => String::new(),

@@ -105,7 +105,10 @@ impl Spread {
         let count = values.clone().count();
         let mean = values.clone().sum::<f64>() / count as f64;
         let squares: f64 = values.map(|value| (value - mean).powi(2)).sum();
-        Self { count, mean, deviation: (squares / (count as f64 - 1.0)).sqrt() }
+        let deviation = (squares / (count as f64 - 1.0)).sqrt();
+        // The mean of scores is zero but for rounding.
+        let mean = if mean.abs() < 1e-12 * deviation { 0.0 } else { mean };
+        Self { count, mean, deviation }
     }
 }
 
