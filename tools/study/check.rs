@@ -110,6 +110,9 @@ fn tested(plan: &Plan, test: &Test) -> Result<()> {
             bail!("{key}: {}: no such file", path.display());
         }
     }
+    if test.mask.is_some() && test.sphere.is_none() {
+        bail!("mask: also give `sphere`, the sphere to whose vertices the mask belongs");
+    }
     let effect = cells(plan, &test.effect)?;
     let column = |name: &str, cells: &[&str]| {
         if test.categorical.iter().any(|of| of == name) {

@@ -116,7 +116,19 @@ pub(super) fn signals(
             let masks = of_name("`mask` in [subjects]", mask, folder, table, manifest)?;
             masks.into_iter().map(Some).collect()
         }
-        None => signals.iter().map(|signal| cortex(signal)).collect(),
+        None => {
+            let masks: Vec<Option<PathBuf>> = signals.iter().map(|signal| cortex(signal)).collect();
+            // Read with a mask in some subjects and without one in others, values would differ by it.
+            let without = masks.iter().zip(&manifest.rows).find(|(mask, _)| mask.is_none());
+            if let Some((_, row)) = without.filter(|_| masks.iter().any(Option::is_some)) {
+                bail!(
+                    "{} has no label of the cortex for its signal, and other subjects have one; give `mask` in [subjects], \
+                     which may be \"none\"",
+                    row.id
+                );
+            }
+            masks
+        }
     };
     let mut writer = csv::WriterBuilder::new().delimiter(b'\t').from_writer(Vec::new());
     writer.write_record(["id", "surface", "sphere", "signal_mask"])?;

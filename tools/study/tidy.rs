@@ -45,17 +45,20 @@ pub(super) fn damaged<'a>(
     Ok(removed)
 }
 
-/// Removes the models of subjects that are no longer in the table, and of subjects whose file exists but can no longer
+/// Removes the models of subjects that are no longer in the table, and of subjects whose files exist but can no longer
 /// be fitted. Returns the number of models removed. If a file doesn't exist, its disk may be missing: then the model is
 /// kept, but isn't part of the group.
 pub(super) fn models(fits: &Fits<'_>) -> Result<usize> {
     let merged = fits.merged()?;
-    let there: HashSet<&str> = fits.manifest.rows.iter().map(|row| row.id.as_str()).collect();
+    let listed: HashSet<&str> = fits.manifest.rows.iter().map(|row| row.id.as_str()).collect();
     let gone: HashSet<&str> =
-        merged.entries().iter().map(|entry| entry.id.as_str()).filter(|id| !there.contains(id)).collect();
+        merged.entries().iter().map(|entry| entry.id.as_str()).filter(|id| !listed.contains(id)).collect();
     let mut count = 0;
     let failed: HashSet<String> = fits.failed(&merged).into_iter().map(|(id, _)| id).collect();
-    let broken = fits.manifest.rows.iter().filter(|row| failed.contains(&row.id) && row.surface.is_file());
+    let there = |row: &&Row| {
+        [Some(&row.surface), row.sphere.as_ref(), row.region.as_ref()].into_iter().flatten().all(|file| file.is_file())
+    };
+    let broken = fits.manifest.rows.iter().filter(|row| failed.contains(&row.id)).filter(there);
     for id in gone.iter().copied().chain(broken.map(|row| row.id.as_str())) {
         count += usize::from(model(&fits.models, id)?);
     }

@@ -35,19 +35,8 @@ impl Measures {
         for (path, wanted) in sources {
             let table = Table::read(path)?;
             let key = table.names().next().unwrap_or_default().to_owned();
-            let rows: HashMap<String, usize> = table
-                .different(&key)?
-                .into_iter()
-                .enumerate()
-                .map(|(row, id)| (model_name(Path::new(id)), row))
-                .collect();
-            let row = |model: &PathBuf| {
-                let name = model_name(model);
-                rows.get(&name).copied().with_context(|| {
-                    format!("{}: no row {name:?} in the column {key:?}, the name of a tested model", path.display())
-                })
-            };
-            let order = models.iter().map(row).collect::<Result<Vec<_>>>()?;
+            let order = rows_of(table.different(&key)?, models)
+                .with_context(|| format!("{}: column {key:?}", path.display()))?;
             let all: Vec<String> = table.names().skip(1).map(str::to_owned).collect();
             for name in if wanted.is_empty() { &all } else { wanted } {
                 let found = table.numbers(name);
@@ -81,6 +70,37 @@ impl Measures {
         let levels = study.question.levels.iter().map(|(level, _)| level.clone()).collect();
         Ok(Tested { measures: self, found, levels, groups: study.groups.clone() })
     }
+}
+
+/// Returns the row of each model, by the cell that is its path or, if no cell is, by its name.
+///
+/// # Errors
+///
+/// If a model has no row, or several rows or models have its name.
+fn rows_of(cells: Vec<&str>, models: &[PathBuf]) -> Result<Vec<usize>> {
+    let paths: HashMap<&Path, usize> = cells.iter().enumerate().map(|(row, cell)| (Path::new(*cell), row)).collect();
+    let mut names: HashMap<String, Vec<usize>> = HashMap::new();
+    for (row, cell) in cells.iter().enumerate() {
+        names.entry(model_name(Path::new(cell))).or_default().push(row);
+    }
+    let mut taken: HashMap<usize, &Path> = HashMap::new();
+    let row = |model: &PathBuf| match paths.get(model.as_path()) {
+        Some(row) => Ok(*row),
+        None => match names.get(&model_name(model)).map(Vec::as_slice) {
+            Some([row]) => Ok(*row),
+            Some(_) => bail!("several rows are named {:?}; give the models' paths there", model_name(model)),
+            None => bail!("no row {:?}, the name of a tested model", model_name(model)),
+        },
+    };
+    let mut rows = Vec::with_capacity(models.len());
+    for model in models {
+        let row = row(model)?;
+        if let Some(other) = taken.insert(row, model) {
+            bail!("{} and {} have one row; give the models' paths there", other.display(), model.display());
+        }
+        rows.push(row);
+    }
+    Ok(rows)
 }
 
 /// Measures with the outcome of their test.
@@ -204,6 +224,16 @@ fn short(value: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn models_of_one_name_have_rows_of_their_own_or_are_refused() {
+        let models = ["a/s0.spharm.npz", "b/s0.spharm.npz"].map(PathBuf::from);
+        assert_eq!(rows_of(vec!["b/s0.spharm.npz", "a/s0.spharm.npz"], &models).unwrap(), [1, 0]);
+        let error = |cells: &[&str]| rows_of(cells.to_vec(), &models).unwrap_err().to_string();
+        assert!(error(&["s0", "s1"]).contains("have one row"));
+        assert!(error(&["c/s0", "d/s0"]).contains("several rows are named \"s0\""));
+        assert!(error(&["s1"]).contains("no row \"s0\""));
+    }
 
     #[test]
     fn numbers_have_six_digits() {

@@ -167,6 +167,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     if let Some(mean) = &mut mean {
         mean.meta.anatomical_structure_primary = structure.map(str::to_owned);
         write_mesh(&mean_file, mean, &options)?;
+    } else {
+        stale.push(mean_file);
     }
     match regions::clusters(&found, &sphere, mean.as_ref(), mask.as_deref()) {
         Some(table) => write_text(&clusters_file, cli.report.force, &table)?,
