@@ -1,6 +1,6 @@
 //! Draws pictures of meshes by a small z-buffer renderer that needs no window or graphics card.
 //!
-//! [`render`] draws panels, each a mesh with a caption, in a grid with one orthographic camera, and [`write_png`] saves
+//! [`render`] draws panels, each a mesh with a caption, in a grid with an orthographic camera, and [`write_png`] saves
 //! the picture. [`render_curves`] draws curves with bands.
 //!
 //! ```
@@ -11,7 +11,7 @@
 //! let height: Vec<f64> = ball.vertices.iter().map(|v| v[2]).collect();
 //! let paint = Paint::Scalar { values: &height, range: (-1.0, 1.0), label: "height" };
 //! let settings = Settings { width: 120, height: 120, ..Settings::default() };
-//! let picture = render(&[Panel::new(&ball, "a ball"), Panel { mesh: &ball, caption: "z", paint }], &settings)?;
+//! let picture = render(&[Panel::new(&ball, "a ball"), Panel { paint, ..Panel::new(&ball, "z") }], &settings)?;
 //! assert_eq!(picture.width, 2 * 120);
 //! # Ok::<(), spharm_render::RenderError>(())
 //! ```
