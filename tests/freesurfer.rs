@@ -173,7 +173,7 @@ fn the_other_hemispheres_sphere_is_known_by_its_vertices() {
 }
 
 /// Writes a FreeSurfer label of the vertices for which `keep` is true.
-fn write_label(path: &std::path::Path, vertices: &[[f64; 3]], keep: impl Fn(&[f64; 3]) -> bool) {
+pub(crate) fn write_label(path: &std::path::Path, vertices: &[[f64; 3]], keep: impl Fn(&[f64; 3]) -> bool) {
     let kept: Vec<String> = (0..vertices.len())
         .filter(|&v| keep(&vertices[v]))
         .map(|v| format!("{v}  {:.3}  {:.3}  {:.3} 0.000000\n", vertices[v][0], vertices[v][1], vertices[v][2]))

@@ -6,7 +6,7 @@ use std::path::Path;
 use spharm_surface::io::read_signal;
 
 use crate::common::{error_line, finish, text};
-use crate::shape_means::{report, site, test};
+use crate::shape_means::{growing, report, test};
 
 /// Writes a table with two rows per subject: the models of both years.
 fn visits(site: &Path) {
@@ -17,13 +17,13 @@ fn visits(site: &Path) {
     fs::write(site.join("visits.csv"), format!("model,subject,year,scanner\n{rows}")).expect("a table");
 }
 
-fn map(site: &Path, folder: &str, name: &str) -> Vec<f64> {
+pub(crate) fn map(site: &Path, folder: &str, name: &str) -> Vec<f64> {
     read_signal(site.join(folder).join(format!("{name}.shape.gii"))).expect("a map").values
 }
 
 #[test]
 fn visits_in_blocks_are_the_paired_test() {
-    let site = site(|subject, year| 10.0 + 0.3 * subject as f64 + 0.5 * (year as f64 - 1.0));
+    let site = growing();
     let site = site.path();
     visits(site);
     let table = ["--table", "visits.csv", "--effect", "year", "--covariates", "subject"];
@@ -49,7 +49,7 @@ fn visits_in_blocks_are_the_paired_test() {
 
 #[test]
 fn regions_get_maps_and_a_table() {
-    let site = site(|subject, year| 10.0 + 0.3 * subject as f64 + 0.5 * (year as f64 - 1.0));
+    let site = growing();
     let site = site.path();
     let table = ["--table", "t.csv", "--models", "year2", "--minus", "year1", "--mean", "--tfce", "--cluster", "0.01"];
     let found = report(site, &table, "regions");
@@ -85,7 +85,7 @@ fn regions_get_maps_and_a_table() {
 /// (`ttest_ind([1, 2, 3, 5], [2, 4, 6, 9])` and its `confidence_interval`).
 #[test]
 fn measures_are_tested_like_vertices() {
-    let site = site(|subject, year| 10.0 + 0.3 * subject as f64 + 0.5 * (year as f64 - 1.0));
+    let site = growing();
     let site = site.path();
     let rows = [[1, 2], [2, 4], [3, 6], [5, 9]].into_iter().enumerate();
     let rows: String = rows.map(|(k, [a, b])| format!("s{k},{a},7,x\ns{},{b},7,y\n", k + 4)).collect();
@@ -129,7 +129,7 @@ fn measures_are_tested_like_vertices() {
 
 #[test]
 fn maps_are_also_written_for_freesurfer() {
-    let site = site(|subject, year| 10.0 + 0.3 * subject as f64 + 0.5 * (year as f64 - 1.0));
+    let site = growing();
     let site = site.path();
     visits(site);
     let table = ["--table", "visits.csv", "--effect", "year", "--permutations", "0"];

@@ -42,6 +42,11 @@ pub(crate) fn site(radius: impl Fn(usize, usize) -> f64) -> tempfile::TempDir {
     site
 }
 
+/// Creates models of balls that differ between subjects and grow by 0.5 from one year to the next.
+pub(crate) fn growing() -> tempfile::TempDir {
+    site(|subject, year| 10.0 + 0.3 * subject as f64 + 0.5 * (year as f64 - 1.0))
+}
+
 pub(crate) fn test(site: &Path, arguments: &[&str]) -> std::process::Command {
     let mut command = tool("shape");
     command.arg("test").args(arguments).args(["--icosphere", "1"]).current_dir(site);
@@ -55,7 +60,7 @@ pub(crate) fn report(site: &Path, arguments: &[&str], name: &str) -> Value {
 
 #[test]
 fn a_mean_change_is_found_whatever_columns_are_beside_it() {
-    let site = site(|subject, year| 10.0 + 0.3 * subject as f64 + 0.5 * (year as f64 - 1.0));
+    let site = growing();
     let site = site.path();
     let table = ["--table", "t.csv", "--models", "year2", "--minus", "year1"];
     let of = |more: &[&str], name: &str| report(site, &[&table[..], more].concat(), name);
@@ -168,7 +173,7 @@ fn unequal_groups_are_warned_of_and_tested_by_welch() {
 
 #[test]
 fn a_mask_leaves_vertices_out_of_all_that_is_corrected() {
-    let site = site(|subject, year| 10.0 + 0.3 * subject as f64 + 0.5 * (year as f64 - 1.0));
+    let site = growing();
     let site = site.path();
     let test = ["--table", "t.csv", "--models", "year2", "--minus", "year1", "--mean"];
     let of = |more: &[&str], name: &str| report(site, &[&test[..], more].concat(), name);

@@ -6,10 +6,12 @@ use std::path::Path;
 use spharm_model::Model;
 use spharm_surface::Signal;
 use spharm_surface::generate::{Cortex, cortex};
-use spharm_surface::io::{read_mesh, read_signal, write_mesh, write_signal};
+use spharm_surface::io::{read_mesh, write_mesh, write_signal};
 
 use crate::common::{error_line, finish, succeed, text, tool};
 use crate::first_users::OPTIONS;
+use crate::freesurfer::write_label;
+use crate::shape_inference;
 
 /// Directions with x above this are the medial wall.
 const WALL: f64 = 0.8;
@@ -44,7 +46,6 @@ fn site() -> tempfile::TempDir {
         table += &format!("{id}\t{group}\n");
         let at = |name: &str| site.path().join("subjects").join(&id).join(name);
         fs::create_dir_all(at("surf")).expect("a folder");
-        fs::create_dir_all(at("label")).expect("a folder");
         let (surface, sphere) = cortex(&Cortex { subdivisions: 3, variant: subject });
         write_mesh(at("surf/lh.white"), &surface, &OPTIONS).expect("a mesh");
         write_mesh(at("surf/lh.sphere.reg"), &sphere, &OPTIONS).expect("a mesh");
@@ -56,9 +57,7 @@ fn site() -> tempfile::TempDir {
         };
         let values: Vec<f64> = units.iter().map(of).collect();
         write_signal(at("surf/lh.thickness"), &Signal::new(values, units.len(), 1), &OPTIONS).expect("values");
-        let kept: Vec<usize> = (0..units.len()).filter(|v| units[*v][0] <= WALL).collect();
-        let lines: String = kept.iter().map(|v| format!("{v} 0 0 0 0\n")).collect();
-        fs::write(at("label/lh.cortex.label"), format!("#!ascii label\n{}\n{lines}", kept.len())).expect("a label");
+        write_label(&at("label/lh.cortex.label"), &units, |p| p[0] <= WALL);
     }
     fs::write(site.path().join("participants.tsv"), table).expect("a table");
     fs::write(site.path().join("study.toml"), STUDY).expect("a study");
@@ -80,7 +79,7 @@ fn edit(site: &Path, from: &str, to: &str) {
 }
 
 fn map(site: &Path, name: &str) -> Vec<f64> {
-    read_signal(site.join(format!("out/tests/thickness/{name}.shape.gii"))).expect("a map").values
+    shape_inference::map(site, "out/tests/thickness", name)
 }
 
 #[test]

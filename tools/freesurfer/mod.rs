@@ -4,7 +4,7 @@ mod args;
 mod check;
 mod on;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
@@ -128,6 +128,18 @@ fn subjects(cli: &Cli, console: &Console) -> Result<(Vec<String>, Vec<String>)> 
 /// Label of the vertices whose values are read by default.
 const CORTEX: &str = "cortex";
 
+/// Returns the path of a label in a subject's folder.
+fn label_file(subject: &Path, hemi: Hemi, name: &str) -> PathBuf {
+    subject.join("label").join(format!("{}.{name}.label", hemi.name()))
+}
+
+/// Returns the label of the cortex that belongs to a file of values `surf/lh.NAME` in a subject's folder, if it exists.
+pub(crate) fn cortex_label(values: &Path) -> Option<PathBuf> {
+    let surf = values.parent().filter(|folder| folder.file_name().is_some_and(|name| name == "surf"))?;
+    let (hemi, _) = other_hemisphere(values)?;
+    Some(label_file(surf.parent()?, hemi, CORTEX)).filter(|label| label.is_file())
+}
+
 /// Returns a row for each subject, hemisphere, and surface or signal. Rows on the same sphere are adjacent.
 fn rows_of(cli: &Cli, subjects: &[String], console: &Console) -> Vec<Row> {
     let (mut rows, mut whole) = (Vec::new(), Vec::new());
@@ -135,8 +147,7 @@ fn rows_of(cli: &Cli, subjects: &[String], console: &Console) -> Vec<Row> {
         let folder = cli.subjects_dir.join(subject);
         let surf = folder.join("surf");
         for hemi in &cli.hemi {
-            let label = cli.mask.as_deref().unwrap_or(CORTEX);
-            let label = folder.join("label").join(format!("{}.{label}.label", hemi.name()));
+            let label = label_file(&folder, *hemi, cli.mask.as_deref().unwrap_or(CORTEX));
             let region = match cli.mask.as_deref() {
                 Some("none") => None,
                 // A label named by --mask must exist; the default label is used only if it exists.
@@ -170,7 +181,7 @@ fn rows_of(cli: &Cli, subjects: &[String], console: &Console) -> Vec<Row> {
 }
 
 /// Returns the hemisphere given by a file's name, and the path of the corresponding file of the other hemisphere.
-fn other_hemisphere(path: &Path) -> Option<(Hemi, std::path::PathBuf)> {
+fn other_hemisphere(path: &Path) -> Option<(Hemi, PathBuf)> {
     let name = path.file_name()?.to_str()?;
     let (hemi, rest) = [Hemi::Lh, Hemi::Rh]
         .into_iter()

@@ -56,19 +56,14 @@ fn files(cli: &Cli, named: &Path) -> Result<Files> {
             Some(surf) => stem(surf.parent().unwrap_or(surf))?,
             None => stem(named)?.split_off("lh.".len()),
         };
-        let both = cli.hemi.iter().any(|of| *of != hemi);
-        if both && !other.is_file() {
+        if cli.hemi.iter().any(|of| *of != hemi) && !other.is_file() {
             bail!(
                 "--evaluate-on {}: expected the sphere of the other hemisphere beside it, found no {}",
                 named.display(),
                 other.display()
             );
         }
-        let [left, right] = if hemi == Hemi::Lh { [named.to_owned(), other] } else { [other, named.to_owned()] };
-        return Ok(match both {
-            true => Files { sphere: left, right: Some(right), name },
-            false => Files { sphere: named.to_owned(), right: None, name },
-        });
+        return Ok(of_hemispheres(cli, name, |of| if of == hemi { named.to_owned() } else { other.clone() }));
     }
     let own = std::env::var_os("FREESURFER_HOME").map(|home| Path::new(&home).join("subjects"));
     let folders: Vec<PathBuf> = std::iter::once(cli.subjects_dir.clone()).chain(own).collect();
@@ -84,13 +79,15 @@ fn files(cli: &Cli, named: &Path) -> Result<Files> {
             places.join(", no ")
         );
     };
-    let has = |hemi: Hemi| cli.hemi.contains(&hemi);
-    let (first, right) = match (has(Hemi::Lh), has(Hemi::Rh)) {
-        (true, true) => (Hemi::Lh, Some(at(folder, Hemi::Rh))),
-        (true, false) => (Hemi::Lh, None),
-        _ => (Hemi::Rh, None),
-    };
-    Ok(Files { sphere: at(folder, first), right, name: stem(named)? })
+    Ok(of_hemispheres(cli, stem(named)?, |hemi| at(folder, hemi)))
+}
+
+/// Returns the files for the fitted hemispheres, each of which has a sphere.
+fn of_hemispheres(cli: &Cli, name: String, sphere: impl Fn(Hemi) -> PathBuf) -> Files {
+    let has = |hemi| cli.hemi.contains(&hemi);
+    let first = if has(Hemi::Lh) { Hemi::Lh } else { Hemi::Rh };
+    let right = (has(Hemi::Lh) && has(Hemi::Rh)).then(|| sphere(Hemi::Rh));
+    Files { sphere: sphere(first), right, name }
 }
 
 /// Returns a file's name without its endings.

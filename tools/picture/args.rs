@@ -98,13 +98,6 @@ pub(super) enum Side {
     Corner,
 }
 
-impl std::fmt::Display for Side {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let name = self.to_possible_value();
-        f.write_str(name.as_ref().map_or("", |name| name.get_name()))
-    }
-}
-
 impl Side {
     /// Returns the name of the side as an axis of the coordinates, which after an alignment are no longer anatomical.
     pub(super) fn axis(self) -> &'static str {

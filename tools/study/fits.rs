@@ -1,6 +1,6 @@
 //! The fits of a study: of the subjects' surfaces and, if the study has signals, of the signals on them.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use spharm_cohort::{Entry, Manifest, Merged, Shard, State};
@@ -49,9 +49,7 @@ impl Fits<'_> {
 
     /// Returns the subjects that failed, with the reasons.
     pub(super) fn failed(&self, merged: &Merged) -> Vec<(String, String)> {
-        let entries = self.manifest.rows.iter().filter_map(|row| merged.entry(&row.id));
-        let failed = entries.filter(|entry| entry.state == State::Failed);
-        failed.map(|entry| (entry.id.clone(), entry.error.clone())).collect()
+        failed(self.manifest, |id| merged.entry(id))
     }
 
     /// Returns whether the fits are of the surfaces.
@@ -63,6 +61,13 @@ impl Fits<'_> {
     pub(super) fn model(&self, id: &str) -> PathBuf {
         self.models.join(format!("{id}.spharm.npz"))
     }
+}
+
+/// Returns the subjects whose outcome is a failure, with the reasons.
+fn failed<'a>(manifest: &'a Manifest, entry: impl Fn(&'a str) -> Option<&'a Entry>) -> Vec<(String, String)> {
+    let entries = manifest.rows.iter().filter_map(|row| entry(&row.id));
+    let failed = entries.filter(|entry| entry.state == State::Failed);
+    failed.map(|entry| (entry.id.clone(), entry.error.clone())).collect()
 }
 
 /// The outcomes of all fits of a study.
@@ -78,30 +83,17 @@ impl Outcomes {
     /// outcome yet.
     pub(super) fn entry(&self, id: &str) -> Option<&Entry> {
         let entries: Vec<&Entry> = self.0.iter().map(|merged| merged.entry(id)).collect::<Option<_>>()?;
-        let unfinished = entries.iter().find(|entry| !is_there(entry));
+        let unfinished = entries.iter().find(|entry| !entry.state.is_there());
         unfinished.or(entries.first()).copied()
+    }
+
+    /// Returns the subjects of which a fit failed, with the reasons.
+    pub(super) fn failed(&self, manifest: &Manifest) -> Vec<(String, String)> {
+        failed(manifest, |id| self.entry(id))
     }
 
     /// Returns whether all models of a subject are finished.
     pub(super) fn is_done(&self, id: &str) -> bool {
-        self.entry(id).is_some_and(is_there)
+        self.entry(id).is_some_and(|entry| entry.state.is_there())
     }
-}
-
-fn is_there(entry: &Entry) -> bool {
-    matches!(entry.state, State::Done | State::Skipped)
-}
-
-/// Name of the default mask of a signal, the label that FreeSurfer writes of the cortex.
-const CORTEX: &str = "cortex.label";
-
-/// Returns the label of the cortex that belongs to a signal in FreeSurfer's folders: `label/lh.cortex.label` beside
-/// `surf/lh.NAME`, if it exists.
-pub(super) fn cortex(signal: &Path) -> Option<PathBuf> {
-    let surf = signal.parent().filter(|folder| folder.file_name().is_some_and(|name| name == "surf"))?;
-    let hemisphere = ["lh", "rh"].into_iter().find(|hemi| {
-        let name = signal.file_name().and_then(|name| name.to_str()).and_then(|name| name.strip_prefix(hemi));
-        name.is_some_and(|rest| rest.starts_with('.'))
-    })?;
-    Some(surf.with_file_name("label").join(format!("{hemisphere}.{CORTEX}"))).filter(|label| label.is_file())
 }

@@ -2,11 +2,13 @@
 
 use std::fmt::Write;
 
+use anyhow::Result;
 use spharm_cli::output::counted;
 
 use super::config::Method;
 use super::plan::Plan;
 use super::test::Test;
+use super::warnings::about;
 
 /// Name of the file in the study's output.
 pub(super) const FILE: &str = "methods.md";
@@ -45,7 +47,7 @@ const CITED: [(&str, &str); 8] = [
 ];
 
 /// Returns the text, for a study in which `subjects` subjects could be fitted.
-pub(super) fn text(plan: &Plan, subjects: usize) -> String {
+pub(super) fn text(plan: &Plan, subjects: usize) -> Result<String> {
     let (version, study) = (env!("CARGO_PKG_VERSION"), &plan.study);
     let mut text = format!(
         "The surfaces of {} were modelled by spherical harmonics up to degree {} (Shen and Chung 2006) with spharm-rs \
@@ -99,14 +101,14 @@ pub(super) fn text(plan: &Plan, subjects: usize) -> String {
         );
     }
     for test in &study.test {
-        text += &of_test(test, plan);
+        text += &of_test(test, plan)?;
     }
     if !study.test.is_empty() {
         text += "False discovery rates (q) were computed as in Benjamini and Hochberg 1995. ";
     }
     let cited = CITED.iter().filter(|(mark, _)| text.contains(mark));
     let references: String = cited.map(|(_, reference)| format!("- {reference}\n")).collect();
-    format!("{}\n\n{references}", text.trim_end())
+    Ok(format!("{}\n\n{references}", text.trim_end()))
 }
 
 fn counted_were(count: usize) -> String {
@@ -114,7 +116,7 @@ fn counted_were(count: usize) -> String {
 }
 
 /// Returns the sentences about a test.
-fn of_test(test: &Test, plan: &Plan) -> String {
+fn of_test(test: &Test, plan: &Plan) -> Result<String> {
     let quantity = match test.signal.as_deref() {
         Some("position") => "the position of each point of the surface",
         Some("value") => "the value at each point of the surface",
@@ -134,9 +136,7 @@ fn of_test(test: &Test, plan: &Plan) -> String {
         text += ", by Welch's t (Welch 1951)";
     }
     text += ". ";
-    let about = plan.output.join("tests").join(&test.name).join("test.json");
-    let about: serde_json::Value =
-        std::fs::read_to_string(about).ok().and_then(|text| serde_json::from_str(&text).ok()).unwrap_or_default();
+    let about = about(plan, test)?;
     if let (Some(count), Some(assumption)) = (about["relabellings"].as_u64(), about["assumption"].as_str()) {
         let which = if about["exact"] == true { "all" } else { "random" };
         let _ = write!(
@@ -158,5 +158,5 @@ fn of_test(test: &Test, plan: &Plan) -> String {
         }
         text += ". ";
     }
-    text
+    Ok(text)
 }

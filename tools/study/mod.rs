@@ -37,8 +37,8 @@ use anyhow::{Context, Result, bail};
 use spharm_cli::console::Console;
 use spharm_cli::output::{counted, first_of, print, print_line, table};
 use spharm_cli::paths::utf8;
+use spharm_cohort::Manifest;
 use spharm_cohort::run::concerns_all;
-use spharm_cohort::{Manifest, State};
 use spharm_surface::io::write_new;
 
 pub(crate) use self::args::Cli;
@@ -208,9 +208,7 @@ impl Call<'_> {
             self.fit(&fits)?;
         }
         let outcomes = Outcomes::read(&self.plan.fits())?;
-        let rows = self.plan.manifest.rows.iter().filter_map(|row| outcomes.entry(&row.id));
-        let failed = rows.filter(|entry| entry.state == State::Failed);
-        let failed: Vec<_> = failed.map(|entry| (entry.id.clone(), entry.error.clone())).collect();
+        let failed = outcomes.failed(&self.plan.manifest);
         if self.cli.shard.is_some() {
             return self.finish(&failed, &[]);
         }
@@ -256,7 +254,7 @@ impl Call<'_> {
     fn record(&self, subjects: usize, stages: &[&Stage]) -> Result<Provenance> {
         let (plan, output) = (self.plan, &self.plan.output);
         let made = Provenance::of(plan, self.cli.resources.threads.count(), stages)?;
-        let methods = methods::text(plan, subjects);
+        let methods = methods::text(plan, subjects)?;
         for (name, text) in [(methods::FILE, methods), (provenance::FILE, made.text()?)] {
             plan::write_changed(&output.join(name), &text)?;
         }

@@ -8,6 +8,7 @@ use spharm_surface::io::write_new;
 
 use super::config::{Method, Study};
 use super::fits::{Fits, Outcomes, SIGNALS, SURFACES};
+use super::test::Test;
 use super::{exclusion, subjects, surfaces};
 
 /// Folder within the output folder for the records from which a study is resumed.
@@ -70,7 +71,12 @@ impl Plan {
         let study = Study::parse(&text).with_context(|| path.display().to_string())?;
         let folder = path.parent().unwrap_or(Path::new(""));
         let table = folder.join(&study.subjects.table);
-        let output = output.unwrap_or_else(|| folder.join(&study.output));
+        let output = match output {
+            // Recorded paths are relative to the study's folder, so one outside must be absolute.
+            Some(output) if !output.starts_with(folder) => std::path::absolute(output)?,
+            Some(output) => output,
+            None => folder.join(&study.output),
+        };
         let made = output.join(RECORDS).join("manifest.tsv");
         let (mut manifest, mut made_text) = subjects::manifest(&study.subjects, folder, &table, &made)?;
         exclusion::check_ids(&study.subjects.accept, &manifest)
@@ -178,6 +184,11 @@ impl Plan {
     pub(super) fn mean(&self) -> PathBuf {
         let folder = if self.method == Method::Correspond { self.aligned_folder() } else { self.output.clone() };
         folder.join("mean.spharm.npz")
+    }
+
+    /// Returns the folder of a test's results.
+    pub(super) fn test_folder(&self, test: &Test) -> PathBuf {
+        self.output.join("tests").join(&test.name)
     }
 
     pub(super) fn page(&self) -> PathBuf {

@@ -13,7 +13,7 @@ use spharm_cli::output::counted;
 use spharm_model::FileRecord;
 
 use super::plan::Plan;
-use super::stage::{Stage, list};
+use super::stage::Stage;
 
 /// Name of the record in the study's output.
 pub(super) const FILE: &str = "provenance.json";
@@ -63,16 +63,20 @@ impl Provenance {
         };
         let record =
             |path: &Path| -> Result<FileRecord> { Ok(FileRecord { path: relative(path), ..FileRecord::of(path)? }) };
-        let mut inputs = Vec::new();
+        let inner = |path: &Path| path.strip_prefix(&plan.output).unwrap_or(path).to_owned();
+        let (mut inputs, mut outputs) = (Vec::new(), BTreeMap::new());
         for fits in plan.fits() {
             for row in &fits.manifest.rows {
                 // The models record the hashes of the files that they were made from.
-                let model = Model::read(fits.model(&row.id)).ok().map(|model| model.provenance);
+                let path = fits.model(&row.id);
+                let model = Model::read(&path).ok();
+                outputs.extend(model.as_ref().map(|model| (inner(&path), hash(model))));
                 let of_model = |file: Option<FileRecord>, path: &Path| match file {
                     Some(file) => Some(FileRecord { path: relative(path), ..file }),
                     None => record(path).ok(),
                 };
-                let (input, region) = model.map_or((None, None), |made| (made.input, made.region));
+                let (input, region) =
+                    model.map_or((None, None), |model| (model.provenance.input, model.provenance.region));
                 let mut files = vec![of_model(input, &row.surface)];
                 files.extend(row.region.as_ref().map(|path| of_model(region, path)));
                 if fits.is_of_surfaces() {
@@ -88,7 +92,13 @@ impl Provenance {
         }
         let fits: Vec<Stage> = plan.fits().iter().map(|fits| plan.fit(fits, None, false)).collect();
         let commands = fits.iter().chain(stages.iter().copied()).map(Stage::command_in_folder).collect();
-        let made: Vec<PathBuf> = stages.iter().flat_map(|stage| stage.outputs.iter().cloned()).collect();
+        let records = plan.records();
+        let made = stages.iter().flat_map(|stage| stage.recorded(&records));
+        for (path, of_file) in made.filter(|(path, _)| is_compared(path)) {
+            let is_model = path.to_string_lossy().ends_with(".spharm.npz");
+            let hash = if is_model { hash(&Model::read(&path)?) } else { of_file };
+            outputs.insert(inner(&path), hash);
+        }
         let reasons = |named: &[super::exclusion::Named]| {
             named.iter().map(|of| (of.id.clone(), of.reason.clone())).collect::<BTreeMap<_, _>>()
         };
@@ -110,7 +120,7 @@ impl Provenance {
             excluded: reasons(&plan.study.subjects.exclude),
             accepted: reasons(&plan.study.subjects.accept),
             commands,
-            outputs: outputs(plan, &made)?,
+            outputs,
         })
     }
 
@@ -185,34 +195,18 @@ fn absolute(path: &Path) -> std::io::Result<PathBuf> {
     std::path::absolute(if path.as_os_str().is_empty() { Path::new(".") } else { path })
 }
 
-/// Returns the hashes of the results of the fits and of stages with these outputs. Other files in the folder, such as
-/// those of an earlier version of the study, don't count.
-fn outputs(plan: &Plan, made: &[PathBuf]) -> Result<BTreeMap<PathBuf, String>> {
-    let mut files = Vec::new();
-    for fits in plan.fits() {
-        let models = fits.manifest.rows.iter().map(|row| fits.model(&row.id));
-        files.extend(models.filter(|model| model.is_file()));
-    }
-    made.iter().filter(|path| path.exists()).try_for_each(|path| list(path, &mut files))?;
-    let is_compared = |path: &PathBuf| {
-        let ending = path.extension().and_then(|ending| ending.to_str());
-        ending.is_some_and(|ending| COMPARED.contains(&ending))
-    };
-    let of = |path: PathBuf| Ok((path.strip_prefix(&plan.output).unwrap_or(&path).to_owned(), hash(&path)?));
-    files.into_iter().filter(is_compared).map(of).collect()
+/// Returns whether a result is the same in every run.
+fn is_compared(path: &Path) -> bool {
+    path.extension().and_then(|ending| ending.to_str()).is_some_and(|ending| COMPARED.contains(&ending))
 }
 
-/// Returns the hash of a result: of a model's coefficients, without the paths of its provenance, otherwise of the file.
-fn hash(path: &Path) -> Result<String> {
-    if !path.to_string_lossy().ends_with(".spharm.npz") {
-        return Ok(FileRecord::of(path)?.blake3);
-    }
-    let model = Model::read(path)?;
+/// Returns the hash of a model's coefficients, without the paths of its provenance.
+fn hash(model: &Model) -> String {
     let mut hasher = blake3::Hasher::new();
     for value in model.coefficients.values() {
         hasher.update(&value.to_le_bytes());
     }
-    Ok(hasher.finalize().to_hex().to_string())
+    hasher.finalize().to_hex().to_string()
 }
 
 /// Returns the path from `place` by `way`. Each `..` removes a folder's name, if there is one, so that equal files get

@@ -40,11 +40,7 @@ impl Stage {
 
     /// Returns the command as typed in the study's folder, wherever the study was called from.
     pub(super) fn command_in_folder(&self) -> String {
-        let relative = |argument: &String| match argument.strip_prefix('@') {
-            Some(list) => format!("@{}", self.relative(Path::new(list)).display()),
-            None => self.relative(Path::new(argument)).display().to_string(),
-        };
-        typed(self.arguments.iter().map(relative).collect::<Vec<_>>().iter())
+        typed(self.arguments_in_folder().collect::<Vec<_>>().iter())
     }
 
     /// Returns whether the current outputs were made from the current inputs.
@@ -56,8 +52,7 @@ impl Stage {
 
     /// Removes the outputs of an earlier run of the stage, so that no files of removed subjects remain.
     pub(super) fn clear(&self, records: &Path) -> Result<()> {
-        let Some(record) = self.record(records) else { return Ok(()) };
-        for path in record.outputs.keys().map(|path| self.folder.join(path)).filter(|path| path.exists()) {
+        for (path, _) in self.recorded(records).filter(|(path, _)| path.exists()) {
             std::fs::remove_file(&path).with_context(|| path.display().to_string())?;
         }
         Ok(())
@@ -69,6 +64,12 @@ impl Stage {
         let text = serde_json::to_string_pretty(&record)?;
         write_new(self.file(records), true, |out| writeln!(out, "{text}"))?;
         Ok(())
+    }
+
+    /// Returns the outputs of the last run with their BLAKE3 hashes.
+    pub(super) fn recorded(&self, records: &Path) -> impl Iterator<Item = (PathBuf, String)> {
+        let outputs = self.record(records).map_or(BTreeMap::new(), |record| record.outputs);
+        outputs.into_iter().map(|(path, hash)| (self.folder.join(path), hash))
     }
 
     fn file(&self, records: &Path) -> PathBuf {
@@ -87,12 +88,7 @@ impl Stage {
             hasher.update(text.as_bytes());
         };
         add(env!("CARGO_PKG_VERSION"));
-        for argument in &self.arguments {
-            match argument.strip_prefix('@') {
-                Some(list) => add(&format!("@{}", self.relative(Path::new(list)).display())),
-                None => add(&self.relative(Path::new(argument)).to_string_lossy()),
-            }
-        }
+        self.arguments_in_folder().for_each(|argument| add(&argument));
         for path in &self.inputs {
             add(&self.relative(path).to_string_lossy());
             add(&hash(path)?);
@@ -106,6 +102,14 @@ impl Stage {
             list(output, &mut files)?;
         }
         files.into_iter().map(|path| hash(&path).map(|hash| (self.relative(&path).to_owned(), hash))).collect()
+    }
+
+    /// Returns the arguments with paths relative to the study's folder.
+    fn arguments_in_folder(&self) -> impl Iterator<Item = String> {
+        self.arguments.iter().map(|argument| match argument.strip_prefix('@') {
+            Some(list) => format!("@{}", self.relative(Path::new(list)).display()),
+            None => self.relative(Path::new(argument)).display().to_string(),
+        })
     }
 
     /// Returns a path relative to the study's folder if it lies there; returns any other text unchanged.
@@ -148,7 +152,7 @@ pub(super) fn retire(record: &Path, folder: &Path, output: &Path) -> Result<()> 
 }
 
 /// Appends a file, or all files in a folder, to `files`.
-pub(super) fn list(path: &Path, files: &mut Vec<PathBuf>) -> Result<()> {
+fn list(path: &Path, files: &mut Vec<PathBuf>) -> Result<()> {
     if !path.is_dir() {
         files.push(path.to_owned());
         return Ok(());

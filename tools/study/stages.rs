@@ -186,7 +186,7 @@ impl Plan {
 
     /// Returns the stages of a test and of its picture.
     fn test(&self, test: &Test, subjects: &[Subject<'_>], aligned: &[PathBuf]) -> [Stage; 2] {
-        let (name, folder) = (format!("test.{}", test.name), self.output.join("tests").join(&test.name));
+        let (name, folder) = (format!("test.{}", test.name), self.test_folder(test));
         let of_signals = self.signal_fits().filter(|_| test.is_of_values());
         let table = self.records().join(if of_signals.is_some() { "signals.csv" } else { "aligned.csv" });
         let mut arguments = words(&["shape", "test", "--table", &text(&table)]);
@@ -228,8 +228,7 @@ impl Plan {
     /// models.
     fn report(&self, subjects: &[Subject<'_>]) -> Stage {
         let (modes, status) = (self.output.join("group.shape-model.npz"), self.records().join("subjects.tsv"));
-        let folders: Vec<PathBuf> =
-            self.study.test.iter().map(|test| self.output.join("tests").join(&test.name)).collect();
+        let folders: Vec<PathBuf> = self.study.test.iter().map(|test| self.test_folder(test)).collect();
         let list = self.list("models.txt");
         let mut arguments = vec!["report".to_owned()];
         arguments.extend(self.study.page.subjects.then_some(list));

@@ -7,7 +7,7 @@ use anyhow::{Context, Result, bail};
 use spharm_cohort::Manifest;
 
 use super::config::Subjects;
-use super::fits::cortex;
+use crate::freesurfer::cortex_label;
 use crate::shape::correspond::surfaces::With;
 use crate::shape::table::{LANDMARKS, files_of};
 
@@ -117,7 +117,7 @@ pub(super) fn signals(
             masks.into_iter().map(Some).collect()
         }
         None => {
-            let masks: Vec<Option<PathBuf>> = signals.iter().map(|signal| cortex(signal)).collect();
+            let masks: Vec<Option<PathBuf>> = signals.iter().map(|signal| cortex_label(signal)).collect();
             // Read with a mask in some subjects and without one in others, values would differ by it.
             let without = masks.iter().zip(&manifest.rows).find(|(mask, _)| mask.is_none());
             if let Some((_, row)) = without.filter(|_| masks.iter().any(Option::is_some)) {

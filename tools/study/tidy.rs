@@ -22,7 +22,7 @@ pub(super) fn leftovers(plan: &Plan) {
     folders.extend(plan.fits().into_iter().flat_map(|fits| [fits.models, fits.status]));
     folders.extend(["aligned", "figures", "quality", PLAIN].map(|name| plan.output.join(name)));
     folders.extend(["", "places", "members"].map(|name| plan.output.join("group").join(name)));
-    folders.extend(plan.study.test.iter().map(|test| plan.output.join("tests").join(&test.name)));
+    folders.extend(plan.study.test.iter().map(|test| plan.test_folder(test)));
     // Ignore errors: leftovers that can't be listed or removed do no harm.
     folders.iter().for_each(|folder| drop(remove_leftovers(folder)));
 }

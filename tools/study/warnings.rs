@@ -11,6 +11,7 @@ use spharm_cli::output::counted;
 use spharm_cohort::check::subject_of;
 
 use super::plan::{Plan, Subject};
+use super::test::Test;
 use crate::report;
 
 /// A flagged subject, with its flags.
@@ -49,11 +50,15 @@ pub(super) fn of_group(plan: &Plan, subjects: &[Subject<'_>]) -> Result<Vec<Stri
         warnings.extend(report::warnings(&plan.alignment_warnings())?.into_iter().filter(of_group));
     }
     for test in &plan.study.test {
-        let about = plan.output.join("tests").join(&test.name).join("test.json");
-        let about = read(&about, "description of a test")?;
+        let about = about(plan, test)?;
         warnings.extend(texts(&about["warnings"]).into_iter().map(|text| format!("test {}: {text}", test.name)));
     }
     Ok(warnings)
+}
+
+/// Reads the description of a test that has been run.
+pub(super) fn about(plan: &Plan, test: &Test) -> Result<Value> {
+    read(&plan.test_folder(test).join("test.json"), "description of a test")
 }
 
 fn read(path: &Path, what: &'static str) -> Result<Value> {

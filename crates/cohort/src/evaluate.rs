@@ -40,7 +40,7 @@ impl Evaluate {
         let model = fit.clone().into_model(sphere.clone());
         let (path, degree) = (self.path(files, kind), model.coefficients.max_degree());
         let options = WriteOptions { overwrite, double: false };
-        let hemisphere = Hemisphere::of(sphere.anatomical_structure.as_deref(), sphere.path.as_deref());
+        let hemisphere = sphere.hemisphere();
         let on = self.right.as_ref().filter(|_| hemisphere == Some(Hemisphere::Right)).unwrap_or(&self.sphere);
         let cortex = hemisphere.map(Hemisphere::cortex);
         make_folder_of(&path)?;

@@ -28,7 +28,7 @@ mod scale;
 mod text;
 
 use spharm_surface::Mesh;
-use spharm_surface::metrics::{diverging, viridis};
+use spharm_surface::metrics::{colors_by, diverging, viridis};
 
 pub use animation::{render_frames, write_gif};
 use camera::Camera;
@@ -168,10 +168,7 @@ pub fn render(panels: &[Panel<'_>], settings: &Settings) -> Result<Image, Render
         };
         let painted = match panel.paint {
             Paint::Plain(color) => vec![color; panel.mesh.vertices.len()],
-            Paint::Scalar { values, range, .. } => {
-                let span = if range.1 > range.0 { range.1 - range.0 } else { f64::INFINITY };
-                values.iter().map(|x| colors_of(range)((x - range.0) / span)).collect()
-            }
+            Paint::Scalar { values, range, .. } => colors_by(map_of(range), values, range.0, range.1),
             Paint::Vertices(colors) => colors.to_vec(),
         };
         let mut raster = Raster::new(settings.width, mesh_height);
@@ -190,8 +187,8 @@ pub fn render(panels: &[Panel<'_>], settings: &Settings) -> Result<Image, Render
     Ok(picture)
 }
 
-/// Returns the colours for values in a range.
-fn colors_of((low, high): (f64, f64)) -> fn(f64) -> [u8; 3] {
+/// Returns the colour map for values in a range.
+fn map_of((low, high): (f64, f64)) -> fn(f64) -> [u8; 3] {
     if low < 0.0 && low == -high { diverging } else { viridis }
 }
 
@@ -232,7 +229,7 @@ fn bar(picture: &mut Image, x: usize, y: usize, width: usize, line: usize, range
     let (left, length) = (x + width / 4, width / 2);
     let thickness = line / 2;
     for column in 0..length {
-        let color = colors_of(range)(column as f64 / (length.max(2) - 1) as f64);
+        let color = map_of(range)(column as f64 / (length.max(2) - 1) as f64);
         for row in 0..thickness {
             picture.set(left + column, y + line / 4 + row, color);
         }

@@ -8,6 +8,7 @@ use spharm_harmonics::Directions;
 use crate::error::SurfaceError;
 use crate::generate::icosphere;
 use crate::geometry::{solid_angle, winding_number};
+use crate::hemisphere::Hemisphere;
 use crate::io::{name_without_gz, read_mesh, read_signal};
 use crate::mesh::Mesh;
 use crate::seam::Seam;
@@ -139,6 +140,12 @@ impl Sphere {
         let mut mesh = Mesh::new(self.directions.as_slice().to_vec(), self.faces.clone());
         mesh.meta.anatomical_structure_primary.clone_from(&self.anatomical_structure);
         mesh
+    }
+
+    /// Returns the hemisphere of the brain to which the sphere belongs, by its metadata or its file's name.
+    #[must_use]
+    pub fn hemisphere(&self) -> Option<Hemisphere> {
+        Hemisphere::of(self.anatomical_structure.as_deref(), self.path.as_deref())
     }
 
     /// Returns the name used in messages: the path of the sphere's file, or "the sphere".

@@ -150,8 +150,7 @@ impl Target {
 }
 
 fn other_hemisphere(structure: Option<&str>, path: Option<&Path>, sphere: &Sphere) -> Vec<TargetWarning> {
-    let of_sphere = Hemisphere::of(sphere.anatomical_structure.as_deref(), sphere.path.as_deref());
-    match (Hemisphere::of(structure, path), of_sphere) {
+    match (Hemisphere::of(structure, path), sphere.hemisphere()) {
         (Some(target), Some(sphere)) if target != sphere => vec![TargetWarning::OtherHemisphere { target, sphere }],
         _ => Vec::new(),
     }

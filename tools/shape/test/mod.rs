@@ -200,8 +200,7 @@ fn structure(sphere: &Sphere, models: &[PathBuf]) -> Option<&'static str> {
         let made = Model::read(models.first()?).ok()?.provenance;
         Hemisphere::of(made.anatomical_structure_primary.as_deref(), made.sphere.as_deref().map(Path::new))
     };
-    let of_sphere = Hemisphere::of(sphere.anatomical_structure.as_deref(), sphere.path.as_deref());
-    of_sphere.or_else(of_model).map(Hemisphere::cortex)
+    sphere.hemisphere().or_else(of_model).map(Hemisphere::cortex)
 }
 
 /// Returns a warning's text, with the option that remedies it if there is one.

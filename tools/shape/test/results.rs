@@ -147,12 +147,17 @@ fn rows_of(matrix: ndarray::ArrayView2<'_, f64>) -> Vec<Vec<f64>> {
     matrix.rows().into_iter().map(|row| row.to_vec()).collect()
 }
 
+/// Returns the names of the statistics of one and of several contrasts. Aspin and Welch's v and G are t and F with
+/// variances by group.
+fn statistic_names(cli: &Cli) -> [&'static str; 2] {
+    if cli.variance_groups.is_some() { ["v", "G"] } else { ["t", "F"] }
+}
+
 fn kind_of(kind: &Statistic, cli: &Cli) -> Value {
-    // Aspin and Welch's v and G are t and F with variances by group.
-    let of = |name, by_group| if cli.variance_groups.is_some() { by_group } else { name };
+    let [t, f] = statistic_names(cli);
     match *kind {
-        Statistic::T { freedom } => json!({ "name": of("t", "v"), "freedom": freedom }),
-        Statistic::F { between, within } => json!({ "name": of("F", "G"), "freedom": [between, within] }),
+        Statistic::T { freedom } => json!({ "name": t, "freedom": freedom }),
+        Statistic::F { between, within } => json!({ "name": f, "freedom": [between, within] }),
         Statistic::TSquared { components, freedom } => {
             json!({ "name": "T2", "components": components, "freedom": freedom })
         }
@@ -186,19 +191,17 @@ pub(super) fn lines(found: &Test, study: &Study, cli: &Cli) -> Vec<Vec<String>> 
     let Study { question, covariates, .. } = study;
     let pair = |name: &str, value: String| vec![name.to_owned(), value];
     let largest = found.statistic.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
-    let by_group = cli.variance_groups.is_some();
+    let [t, f] = statistic_names(cli);
     // With variances by group the number differs between vertices.
-    let freedom_of = |freedom: f64| match by_group || cli.welch {
+    let freedom_of = |freedom: f64| match cli.variance_groups.is_some() || cli.welch {
         true => format!("{freedom:.1} or more"),
         false => format!("{freedom:.0}"),
     };
     let (name, freedom) = match found.kind {
-        Statistic::T { freedom } => (if by_group { "|v|" } else { "|t|" }, freedom_of(freedom)),
-        Statistic::F { between, within } => {
-            (if by_group { "G" } else { "F" }, format!("{between:.0}, {}", freedom_of(within)))
-        }
-        Statistic::TSquared { freedom, .. } => ("T-squared", format!("{freedom:.0}")),
-        _ => ("statistic", String::new()),
+        Statistic::T { freedom } => (format!("|{t}|"), freedom_of(freedom)),
+        Statistic::F { between, within } => (f.to_owned(), format!("{between:.0}, {}", freedom_of(within))),
+        Statistic::TSquared { freedom, .. } => ("T-squared".to_owned(), format!("{freedom:.0}")),
+        _ => ("statistic".to_owned(), String::new()),
     };
     let count = |values: &[f64]| {
         let share = below(values, cli.level);

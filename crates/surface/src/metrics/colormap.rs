@@ -67,8 +67,15 @@ fn between(stops: &[[u8; 3]], value: f64) -> [u8; 3] {
 /// values get the colour for 0.
 #[must_use]
 pub fn colors(values: &[f64], low: f64, high: f64) -> Vec<[u8; 3]> {
+    colors_by(viridis, values, low, high)
+}
+
+/// Returns the colour of each value in a map from numbers between 0 and 1 to colours, with `low` mapped to 0 and `high`
+/// to 1. If `low` equals `high`, all values get the colour for 0.
+#[must_use]
+pub fn colors_by(map: fn(f64) -> [u8; 3], values: &[f64], low: f64, high: f64) -> Vec<[u8; 3]> {
     let span = if high > low { high - low } else { f64::INFINITY };
-    values.iter().map(|x| viridis((x - low) / span)).collect()
+    values.iter().map(|x| map((x - low) / span)).collect()
 }
 
 #[cfg(test)]
