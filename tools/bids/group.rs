@@ -64,7 +64,7 @@ fn status(cli: &Cli, logs: &Path) -> Result<()> {
     let mut writer = csv::WriterBuilder::new().delimiter(b'\t').from_writer(Vec::new());
     writer.write_record(["id", "state", "msd", "xsd", "error"])?;
     for entry in merged.entries() {
-        let number = |value: Option<f64>| value.map_or(String::new(), |value| format!("{value:.4e}"));
+        let number = |value: Option<f64>| value.map_or(String::new(), spharm_monitor::number);
         let (msd, xsd) = (number(entry.msd), number(entry.xsd));
         let state = if entry.state.is_there() { "done" } else { entry.state.name() };
         writer.write_record([&entry.id, state, &msd, &xsd, &entry.error])?;

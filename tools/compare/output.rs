@@ -1,6 +1,7 @@
 //! Output of `compare`: JSON, or a table.
 
 use serde::Serialize;
+use spharm_monitor::number;
 use spharm_surface::metrics::{Directed, Distances, SurfaceDistance};
 
 /// Distances between two surfaces.
@@ -88,7 +89,7 @@ impl From<Directed> for OneWay {
 
 /// Returns the table, with each distance for a bounding box of volume 1 and in the input's unit.
 pub(super) fn rows(report: &Report) -> Vec<Vec<String>> {
-    let row = |name: &str, scaled: f64, raw: f64| vec![name.to_owned(), format!("{scaled:.4e}"), format!("{raw:.4e}")];
+    let row = |name: &str, scaled: f64, raw: f64| vec![name.to_owned(), number(scaled), number(raw)];
     let mut rows = vec![["", "box volume 1", "input's unit"].map(str::to_owned).to_vec()];
     if let Some(d) = &report.vertexwise {
         rows.extend([

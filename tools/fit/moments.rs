@@ -14,6 +14,7 @@ use spharm_cli::output::{OutputFile, check_outputs, is_stdout, prepare, print, p
 use spharm_cli::paths::shown;
 use spharm_cohort::files::ModelFiles;
 use spharm_model::csv::write_complex_csv;
+use spharm_monitor::number;
 use spharm_surface::io::write_new;
 
 use super::args::Cli;
@@ -64,11 +65,11 @@ pub(super) fn run(cli: &Cli, path: &Path, params: &FitParams, monitor: &ConsoleM
         rows[0].extend(["sigma", "freedom"].map(str::to_owned));
     }
     let channels = fit.report.channels.iter().zip(&fit.report.rms).zip(&fit.report.explained);
-    rows.extend(channels.map(|((name, rms), share)| vec![name.clone(), format!("{rms:.4e}"), format!("{share:.6}")]));
+    rows.extend(channels.map(|((name, rms), share)| vec![name.clone(), number(*rms), format!("{share:.4}")]));
     for (channel, row) in rows.iter_mut().skip(1).enumerate() {
         // The three channels of a surface share one noise estimate; a signal has one for each channel.
         if let Some(of) = removed.get(channel.min(removed.len().saturating_sub(1))) {
-            row.extend([format!("{:.4e}", of.sigma), format!("{:.0}", of.degrees_of_freedom)]);
+            row.extend([number(of.sigma), format!("{:.0}", of.degrees_of_freedom)]);
         }
     }
     print(&format!("{}\n{}: {} samples, {seconds:.2} s", table(&rows), files.model.display(), moments.sums.count))

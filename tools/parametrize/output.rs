@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 use spharm_cli::output::{counted, table};
+use spharm_monitor::number;
 use spharm_parametrize::handles::{CutLoop, HandlesReport};
 use spharm_parametrize::volume::{Repair, VolumeSurface};
 use spharm_parametrize::{Input, Parametrization, Quality, Report, Resampling};
@@ -132,7 +133,6 @@ fn cuts(handles: &HandlesReport) -> String {
     let head = ["cut", "length", "vertices", "area added", "at"].map(str::to_owned).to_vec();
     let row = |cut: &CutLoop| {
         let [x, y, z] = cut.centre;
-        let number = |value: f64| format!("{value:.4e}");
         let at = format!("{x:.4} {y:.4} {z:.4}");
         vec![cut.kind.to_string(), number(cut.length), cut.vertices.to_string(), number(cut.area_added), at]
     };

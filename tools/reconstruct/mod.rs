@@ -13,6 +13,7 @@ use spharm_cli::memory::Budget;
 use spharm_cli::output::{prepare, print_line};
 use spharm_cli::size::Size;
 use spharm_model::Model;
+use spharm_monitor::number;
 use spharm_surface::generate::{icosphere_bytes, icosphere_counts};
 use spharm_surface::io::{Output, WriteOptions, bytes_to_read, check_output, write_mesh, write_signal};
 use spharm_surface::metrics::bounding_box_scale;
@@ -137,10 +138,11 @@ fn original(model: &Model, degree: usize, console: &Console) -> Result<Mesh> {
     let seam = model.sphere.as_ref().and_then(|sphere| sphere.seam.as_ref());
     if let Some(Seam { copies, .. }) = seam {
         let share = bounding_box_scale(&mesh.vertices).ok().map(|scale| gap / scale);
-        let of_box = share.map(|share| format!(" ({share:.2e} of the box)")).unwrap_or_default();
+        let of_box = share.map(|share| format!(" ({} of the box)", number(share))).unwrap_or_default();
         let text = format!(
-            "welded {} vertices on the seams where handles were cut; they were up to {gap:.2e} apart{of_box}",
+            "welded {} vertices on the seams where handles were cut; they were up to {} apart{of_box}",
             copies.len(),
+            number(gap),
         );
         match share {
             Some(share) if share > WIDE => console.warn(format!("{text}: a model of a higher degree narrows the gap")),

@@ -5,8 +5,9 @@ use std::path::Path;
 use anyhow::Result;
 use serde_json::Value;
 use spharm::shape::outliers::FAR;
-use spharm_cohort::check::{Measure, number};
+use spharm_cohort::check::Measure;
 use spharm_cohort::check_id;
+use spharm_monitor::number;
 use spharm_report::{Check, CheckedCell, CheckedSubject};
 
 use super::measured;

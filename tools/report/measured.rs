@@ -6,6 +6,7 @@ use anyhow::{Context, Result, bail};
 use serde_json::Value;
 use spharm::shape::Curve;
 use spharm_cli::inputs::{MOST_OWN, read_text};
+use spharm_monitor::number;
 use spharm_report::{Quality, Table};
 
 /// Reads measures of alignments, named after their files.
@@ -76,7 +77,7 @@ pub(super) fn correspondence(path: &Path) -> Result<Correspondence> {
         vec![Table { title: "Correspondence".to_owned(), columns, rows: members.iter().map(row).collect() }];
     let marks = &found["landmarks"];
     if let (Some(names), Some(means)) = (marks["names"].as_array(), marks["by_landmark"].as_array()) {
-        let length = |value: &Value| value.as_f64().map_or("–".to_owned(), |value| format!("{value:.4}"));
+        let length = |value: &Value| value.as_f64().map_or("–".to_owned(), number);
         let left_out = marks["guide"]["left_out"].as_array();
         let row = |(index, (name, mean)): (usize, (&Value, &Value))| {
             let mut row = vec![name.as_str().unwrap_or_default().to_owned(), length(mean)];

@@ -74,7 +74,7 @@ impl Fitted {
 }
 
 pub(super) fn number(value: Option<f64>) -> String {
-    value.map_or("-".to_owned(), |value| format!("{value:.4e}"))
+    value.map_or("-".to_owned(), spharm_monitor::number)
 }
 
 /// Which columns the table has besides msd and xsd.

@@ -18,13 +18,14 @@ use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, same_place};
 use spharm_cli::paths::{all_shown, model_name, shown};
+use spharm_monitor::number;
 use spharm_surface::pose::PoseParams;
 
 use super::again::{Again, journal};
 use super::align_meshes::{self, are_meshes};
 use super::args::{Models, ReportArgs, Resources};
 use super::groups::{distances_from_mean, equal_models};
-use super::outputs::{check_beside, finish, length, outputs};
+use super::outputs::{check_beside, finish, outputs};
 use super::plan::Plan;
 
 /// Align models of surfaces, or meshes: to a target, or a group to its mean
@@ -291,12 +292,12 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         if cli.target.group { ["model", "from the mean, before", "after"] } else { ["model", "rmsd before", "after"] };
     let mut rows = vec![names.map(str::to_owned).to_vec()];
     for (target, [before, after]) in targets.iter().zip(&found.distances) {
-        rows.push(vec![target.display().to_string(), length(*before), length(*after)]);
+        rows.push(vec![target.display().to_string(), number(*before), number(*after)]);
     }
     if let (Some(before), Some(after)) =
         (found.summary["spread_before"].as_f64(), found.summary["spread_after"].as_f64())
     {
-        rows.push(vec!["spread".to_owned(), length(before), length(after)]);
+        rows.push(vec!["spread".to_owned(), number(before), number(after)]);
     }
     let force = again.replaces_report(cli.report.report.as_deref(), &report["models"]);
     finish("align", &report, &rows, &ReportArgs { force, ..cli.report.clone() })?;

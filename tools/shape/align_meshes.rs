@@ -11,12 +11,13 @@ use spharm_cli::Usage;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, prepare, write_json};
 use spharm_cli::paths::shown;
+use spharm_monitor::number;
 use spharm_surface::Similarity;
 use spharm_surface::io::{Output, WriteOptions, read_mesh, to_write_mesh, write_mesh};
 use spharm_surface::pose::{DOUBTFUL, Pose, PoseParams, PoseSurface, distance, group_poses, pose};
 
 use super::args::{ReportArgs, Resources};
-use super::outputs::{check_beside, finish, length};
+use super::outputs::{check_beside, finish};
 
 /// A request to align meshes.
 pub(super) struct Asked<'a> {
@@ -99,7 +100,7 @@ pub(super) fn run(asked: &Asked<'_>, monitor: &ConsoleMonitor) -> Result<()> {
     if let Some(path) = asked.transforms {
         write_json(path, asked.report.force, &json!(each))?;
     }
-    let cell = |distance: &Option<f64>| distance.map_or_else(|| "-".to_owned(), length);
+    let cell = |distance: &Option<f64>| distance.map_or_else(|| "-".to_owned(), number);
     let names = if asked.target.is_some() {
         ["surface", "distance before", "after"]
     } else {

@@ -13,6 +13,7 @@ use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, prepare};
 use spharm_cli::paths::shown;
 use spharm_model::Model;
+use spharm_monitor::number;
 use spharm_surface::io::write_new;
 
 use super::args::{Models, ReportArgs, Resources};
@@ -134,8 +135,8 @@ fn one(
     let row = vec![
         target.display().to_string(),
         file.bytes.len().to_string(),
-        format!("{:.3e}", file.distance),
-        format!("{:.3e}", file.step),
+        number(file.distance),
+        number(file.step),
         file.max_degree.to_string(),
     ];
     let report = json!({

@@ -14,7 +14,7 @@ use spharm_cli::paths::{model_name, shown};
 use spharm_model::Model;
 
 use super::args::{Models, ReportArgs, Resources, read_all, to_degree};
-use super::outputs::{check, csv, finish, number, write_report, write_text};
+use super::outputs::{check, csv, exact, finish, write_report, write_text};
 use super::plan::Plan;
 
 /// Describe models by rotation-invariant numbers
@@ -100,7 +100,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         let model = if cli.unit_size { model.unit_size() } else { model };
         let power = model.power.iter().filter(|_| cli.only != Some(Kind::SingularValues));
         let values = model.singular_values.iter().filter(|_| cli.only != Some(Kind::Power));
-        let numbers = std::iter::once(size).chain(power.chain(values).copied()).map(number);
+        let numbers = std::iter::once(size).chain(power.chain(values).copied()).map(exact);
         let key = if cli.names { model_name(path) } else { path.display().to_string() };
         std::iter::once(key).chain(numbers).collect()
     };

@@ -10,7 +10,7 @@ use spharm_surface::io::{PlyAttributes, WriteOptions, write_painted, write_signa
 use spharm_surface::metrics::colors;
 use spharm_surface::{Mesh, Signal, Sphere};
 
-use super::outputs::{csv, number, write_text};
+use super::outputs::{csv, exact, write_text};
 
 /// Name of a quantity, and the function that computes it.
 type Map = (&'static str, fn(&LocalGeometry) -> f64);
@@ -122,5 +122,5 @@ fn cells(u: &[f64; 3], point: &LocalGeometry) -> Vec<String> {
     let vectors = [*u, point.position, point.normal].into_iter().flatten();
     let (mean, gaussian) = (point.mean_curvature(), point.gaussian_curvature());
     let numbers = [point.area_element, mean, gaussian, k1, k2, point.shape_index(), point.curvedness()];
-    vectors.chain(numbers).map(number).collect()
+    vectors.chain(numbers).map(exact).collect()
 }

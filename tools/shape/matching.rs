@@ -13,10 +13,11 @@ use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::OutputFile;
 use spharm_cli::paths::shown;
+use spharm_monitor::number;
 
 use super::args::{Models, ReportArgs, Resources, files, read_all};
 use super::describe::of;
-use super::outputs::{check, csv, finish, length, number, write_text};
+use super::outputs::{check, csv, exact, finish, write_text};
 use super::plan::Plan;
 
 /// Find the models that are nearest to a given one
@@ -126,19 +127,19 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         };
         let found = pool.install(search).with_context(|| path.display().to_string())?;
         for (rank, found) in found.iter().enumerate() {
-            let of = |number: fn(f64) -> String| {
+            let of = |text: fn(f64) -> String| {
                 let model = among[found.index].display().to_string();
                 vec![
                     path.display().to_string(),
                     (rank + 1).to_string(),
                     model,
-                    found.distance.map(number).unwrap_or_default(),
-                    number(found.bound),
-                    number(found.score),
+                    found.distance.map(text).unwrap_or_default(),
+                    text(found.bound),
+                    text(found.score),
                 ]
             };
-            rows.push(of(length));
-            cells.push(of(number));
+            rows.push(of(number));
+            cells.push(of(exact));
         }
         let matches = found.iter().map(|found| {
             json!({

@@ -13,10 +13,11 @@ use spharm_cli::help::{self, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, prepare};
 use spharm_cli::paths::{all_shown, shown};
+use spharm_monitor::number;
 
 use super::args::{Models, ReportArgs, Resources};
 use super::groups::read_group;
-use super::outputs::{check_beside, finish, length};
+use super::outputs::{check_beside, finish};
 use super::plan::Plan;
 
 /// Average models of surfaces
@@ -59,7 +60,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     prepare(&cli.output)?;
     model.write_with(&cli.output, cli.report.force)?;
     let mut rows = vec![["model", "distance from the mean"].map(str::to_owned).to_vec()];
-    rows.extend(group.names.iter().zip(&distances).map(|(name, distance)| vec![name.clone(), length(*distance)]));
+    rows.extend(group.names.iter().zip(&distances).map(|(name, distance)| vec![name.clone(), number(*distance)]));
     let square = distances.iter().map(|distance| distance * distance).sum::<f64>();
     // For very large surfaces the squares may overflow; then the root mean square is accumulated with `hypot`.
     let count = distances.len() as f64;
@@ -68,7 +69,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     } else {
         distances.iter().fold(0.0, |root: f64, distance| root.hypot(*distance)) / count.sqrt()
     };
-    rows.push(vec!["root mean square".to_owned(), length(spread)]);
+    rows.push(vec!["root mean square".to_owned(), number(spread)]);
     let report = json!({
         "output": shown(&cli.output),
         "models": all_shown(&paths),

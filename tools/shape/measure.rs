@@ -13,11 +13,12 @@ use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::OutputFile;
 use spharm_cli::paths::{all_shown, model_name, shown};
 use spharm_model::Model;
+use spharm_monitor::number;
 use spharm_surface::io::{Output, PAINTED};
 
 use super::args::{Models, ReportArgs, Resources, Sampling, sphere_of, to_degree};
 use super::maps::Maps;
-use super::outputs::{check, csv, finish, number, write_text};
+use super::outputs::{check, csv, exact, finish, write_text};
 use super::plan::Plan;
 
 /// Measure models: area, volume, centroid; maps of curvature
@@ -164,14 +165,14 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
 }
 
 fn row(name: &str, degree: usize, found: &Measures) -> Vec<String> {
-    let numbers = [found.area, found.volume, found.sphericity].map(|number| format!("{number:.6}"));
+    let numbers = [found.area, found.volume, found.sphericity].map(number);
     [name.to_owned(), degree.to_string()].into_iter().chain(numbers).collect()
 }
 
 /// Returns the row of a model, in the order of [`COLUMNS`].
 fn cells_of(name: String, degree: usize, found: &Measures) -> Vec<String> {
     let Measures { area, volume, sphericity, centroid: [x, y, z], area_change, squeezed, .. } = *found;
-    let numbers = [area, volume, sphericity, x, y, z, area_change, squeezed].map(number);
+    let numbers = [area, volume, sphericity, x, y, z, area_change, squeezed].map(exact);
     [name, degree.to_string()].into_iter().chain(numbers).collect()
 }
 

@@ -80,13 +80,8 @@ pub(super) fn csv<'a>(header: &[&str], rows: impl IntoIterator<Item = &'a [Strin
 }
 
 /// Formats a number with all digits needed to restore it exactly.
-pub(super) fn number(value: f64) -> String {
+pub(super) fn exact(value: f64) -> String {
     format!("{value:?}")
-}
-
-/// Formats a length for a printed table; very large values get an exponent.
-pub(super) fn length(value: f64) -> String {
-    if value.abs() < 1e9 { format!("{value:.6}") } else { format!("{value:.6e}") }
 }
 
 /// Writes a text completely or not at all.
@@ -108,10 +103,10 @@ mod tests {
 
     #[test]
     fn cells_are_quoted_where_they_have_to_be() {
-        let rows = [vec!["a,\"b\".npz".to_owned(), number(0.1)], vec!["c".to_owned(), number(1e-300)]];
+        let rows = [vec!["a,\"b\".npz".to_owned(), exact(0.1)], vec!["c".to_owned(), exact(1e-300)]];
         let text = csv(&["model", "a"], rows.iter().map(Vec::as_slice));
         assert_eq!(text, "model,a\n\"a,\"\"b\"\".npz\",0.1\nc,1e-300\n");
-        let rows = [vec!["=cmd|calc".to_owned(), number(-0.5)]];
+        let rows = [vec!["=cmd|calc".to_owned(), exact(-0.5)]];
         assert_eq!(csv(&["@x", "a"], rows.iter().map(Vec::as_slice)), "'@x,a\n'=cmd|calc,-0.5\n");
     }
 }

@@ -16,10 +16,11 @@ use spharm_cli::memory::round_numbers_below;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, prepare};
 use spharm_cli::paths::{all_shown, shown};
+use spharm_monitor::number;
 
 use super::args::{Models, ReportArgs, Resources};
 use super::groups::read_group;
-use super::outputs::{check_beside, csv, finish, number, write_text};
+use super::outputs::{check_beside, csv, exact, finish, write_text};
 use super::plan::Plan;
 
 /// Compute a group's modes of variation: principal components
@@ -94,7 +95,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         let header: Vec<String> =
             std::iter::once("model".to_owned()).chain((1..=file.modes.count()).map(|k| format!("mode_{k}"))).collect();
         let row = |(name, scores): (&String, ndarray::ArrayView1<'_, f64>)| -> Vec<String> {
-            std::iter::once(name.clone()).chain(scores.iter().map(|score| number(*score))).collect()
+            std::iter::once(name.clone()).chain(scores.iter().map(|score| exact(*score))).collect()
         };
         let rows: Vec<Vec<String>> = file.members.iter().zip(file.modes.scores.rows()).map(row).collect();
         let names: Vec<&str> = header.iter().map(String::as_str).collect();
@@ -128,9 +129,9 @@ fn rows(modes: &Modes, quality: Option<&Quality>) -> Vec<Vec<String>> {
     for (k, (share, cumulative)) in modes.shares().into_iter().zip(modes.compactness()).enumerate().take(20) {
         let deviation = modes.variances[k].sqrt();
         let percent = |share: f64| format!("{:.1} %", 100.0 * share);
-        let mut row = vec![(k + 1).to_string(), format!("{deviation:.6}"), percent(share), percent(cumulative)];
-        row.extend(quality.map(|found| format!("{:.6}", found.generalisation[k])));
-        row.extend(quality.map(|found| format!("{:.6}", found.specificity[k])));
+        let mut row = vec![(k + 1).to_string(), number(deviation), percent(share), percent(cumulative)];
+        row.extend(quality.map(|found| number(found.generalisation[k])));
+        row.extend(quality.map(|found| number(found.specificity[k])));
         rows.push(row);
     }
     rows

@@ -13,6 +13,7 @@ use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, prepare};
 use spharm_cli::paths::{model_file_name, shown, with_ending};
 use spharm_model::Model;
+use spharm_monitor::number;
 use spharm_surface::Sphere;
 use spharm_surface::io::{Output, WriteOptions, write_mesh};
 
@@ -118,13 +119,13 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     for (path, targets) in paths.iter().zip(&targets) {
         let written = pool.install(|| one(cli, path, targets, shared.as_ref(), monitor))?;
         for report in written {
-            let number = |field: &str| report[field].as_f64().unwrap_or(0.0);
+            let of = |field: &str| number(report[field].as_f64().unwrap_or(0.0));
             rows.push(vec![
                 report["output"].as_str().unwrap_or_default().to_owned(),
                 report["vertices"].to_string(),
                 report["degree"].to_string(),
-                format!("{:.3e}", number("distance")),
-                format!("{:.3}", number("area_spread")),
+                of("distance"),
+                of("area_spread"),
             ]);
             reports.push(report);
         }

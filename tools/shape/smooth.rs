@@ -15,6 +15,7 @@ use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, prepare};
 use spharm_cli::paths::shown;
 use spharm_model::Model;
+use spharm_monitor::number;
 
 use super::args::{Models, ReportArgs};
 use super::outputs::{check_beside, finish, outputs};
@@ -92,7 +93,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         prepare(target)?;
         transformed(&model, coefficients, "shape smooth", transform.clone()).write_with(target, cli.report.force)?;
         let left = kernel.factor(degree);
-        rows.push(vec![target.display().to_string(), degree.to_string(), format!("{left:.3e}")]);
+        rows.push(vec![target.display().to_string(), degree.to_string(), number(left)]);
         models.push(json!({ "model": shown(path), "output": shown(target), "degree": degree, "left": left }));
     }
     let seconds = started.elapsed().as_secs_f64();

@@ -22,7 +22,7 @@ use spharm::shape::{MeasureParams, ShapeError, influential, measure, robust_z};
 use spharm::{FileRecord, Model, Monitor};
 
 use self::flags::VOXELS_CHANGED;
-pub use self::flags::{Counts, Flag, Others, edges, number};
+pub use self::flags::{Counts, Flag, Others, edges};
 pub use self::measure::Measure;
 use crate::equal::EqualSets;
 

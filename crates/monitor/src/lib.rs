@@ -33,8 +33,12 @@
 //! # Ok::<(), Interrupted>(())
 //! ```
 
+mod number;
+
 use std::fmt;
 use std::sync::atomic::{AtomicBool, Ordering};
+
+pub use self::number::number;
 
 /// Unit of a stage's steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,5 +1,6 @@
 //! Checks a surface and brings it into the form that the methods expect: wound outwards, with area 4 pi.
 
+use spharm_monitor::number;
 use spharm_surface::Mesh;
 use spharm_surface::range::{scaled_meshes, times};
 use spharm_surface::topology::is_outward;
@@ -89,14 +90,9 @@ fn with_lengths(mesh: &Mesh, handles: usize, clean: bool, exponent: i32) -> Stri
         return text;
     }
     let lengths = shortest_loops(mesh, handles);
-    let lengths: Vec<String> = lengths.iter().map(|length| written(times(*length, exponent))).collect();
+    let lengths: Vec<String> = lengths.iter().map(|length| number(times(*length, exponent))).collect();
     let loops = if lengths.len() == 1 { "a loop" } else { "loops" };
     format!("{text}; handles can be cut along {loops} of length {}", lengths.join(", "))
-}
-
-/// Returns a length as text, in scientific notation if it is very large or very small.
-fn written(length: f64) -> String {
-    if (1e-3..1e9).contains(&length) { format!("{length:.4}") } else { format!("{length:.4e}") }
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 use std::time::Instant;
 
 use serde::{Serialize, Serializer};
+use spharm_monitor::number;
 use spharm_surface::Mesh;
 use spharm_surface::metrics::SurfaceDistance;
 
@@ -178,12 +179,12 @@ impl std::fmt::Display for Note {
             Self::MadeFrom { method, vertices } => write!(f, "made from the {method} map of {vertices} vertices"),
             Self::Distance(distance) => write!(
                 f,
-                "distance from the given surface: mean {:.3e}, Hausdorff {:.3e}, in its unit; {:.3e} and {:.3e} with \
-                 the bounding box scaled to volume 1",
-                distance.mean,
-                distance.hausdorff,
-                distance.mean / distance.scale,
-                distance.hausdorff / distance.scale
+                "distance from the given surface: mean {}, Hausdorff {}, in its unit; {} and {} with the bounding box \
+                 scaled to volume 1",
+                number(distance.mean),
+                number(distance.hausdorff),
+                number(distance.mean / distance.scale),
+                number(distance.hausdorff / distance.scale)
             ),
         }
     }

@@ -24,6 +24,7 @@ use spharm_cli::output::{OutputFile, check_outputs, write_json};
 use spharm_cli::paths::shown;
 use spharm_cli::surfaces::VoxelSize;
 use spharm_cohort::Shard;
+use spharm_monitor::number;
 
 use self::surfaces::{Surface, With, find_signals, of_table, plan, read, surfaces};
 use super::args::{ReportArgs, Resources};
@@ -252,7 +253,7 @@ fn together(cli: &Cli, surfaces: &Arc<Vec<Surface>>, landmarks: &[PathBuf], moni
     let console = monitor.console();
     if let Some(found) = &quality {
         let line = |curve: &spharm::shape::Curve| {
-            curve.values.iter().map(|value| format!("{value:.4}")).collect::<Vec<_>>().join(", ")
+            curve.values.iter().map(|value| number(*value)).collect::<Vec<_>>().join(", ")
         };
         let (general, specific) = (line(&found.generalisation), line(&found.specificity));
         console.note(format!("generalisation {general}; specificity {specific} (1, 2, 3 modes)"));
@@ -304,12 +305,11 @@ fn member_json(surface: &Surface, member: &MemberReport, similarity: &spharm_sur
 fn rows<'a>(members: impl Iterator<Item = (&'a str, &'a MemberReport)>) -> Vec<Vec<String>> {
     let names = ["member", "pose", "cover rms", "99 %", "farthest", "unreached %", "turned", "model rms"];
     let mut rows = vec![names.map(str::to_owned).to_vec()];
-    let length = |value: f64| format!("{value:.4}");
     for (name, found) in members {
         let lengths = [found.pose_distance, found.cover_rms, found.cover_most, found.cover_farthest];
         let mut row = vec![name.to_owned()];
-        row.extend(lengths.map(length));
-        row.extend([format!("{:.2}", 100.0 * found.unreached), found.turned.to_string(), length(found.model_rms)]);
+        row.extend(lengths.map(number));
+        row.extend([format!("{:.2}", 100.0 * found.unreached), found.turned.to_string(), number(found.model_rms)]);
         rows.push(row);
     }
     rows

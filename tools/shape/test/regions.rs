@@ -5,7 +5,7 @@ use spharm::Sphere;
 use spharm::shape::stats::{Cluster, Clusters, FamilyWise, Test};
 use spharm_surface::Mesh;
 
-use super::super::outputs::{csv, number};
+use super::super::outputs::{csv, exact};
 
 /// Returns the maps at the tested vertices.
 pub(super) fn maps(found: &FamilyWise) -> Vec<(&'static str, Vec<f64>)> {
@@ -35,12 +35,12 @@ pub(super) fn clusters(test: &Test, sphere: &Sphere, mean: Option<&Mesh>, mask: 
     let tested: Vec<usize> = (0..sphere.directions.len()).filter(|v| mask.is_none_or(|mask| mask[*v])).collect();
     let row = |(at, cluster): (usize, &Cluster)| {
         let peak = tested[cluster.peak];
-        let mut row = vec![(at + 1).to_string(), cluster.vertices.to_string(), number(cluster.area), number(cluster.p)];
+        let mut row = vec![(at + 1).to_string(), cluster.vertices.to_string(), exact(cluster.area), exact(cluster.p)];
         row.push(peak.to_string());
-        row.extend(sphere.directions.as_slice()[peak].map(number));
-        row.extend(mean.into_iter().flat_map(|mean| mean.vertices[peak].map(number)));
-        row.push(number(cluster.statistic));
-        row.extend(effect.map(|effect| number(effect.estimate[[cluster.peak, 0]])));
+        row.extend(sphere.directions.as_slice()[peak].map(exact));
+        row.extend(mean.into_iter().flat_map(|mean| mean.vertices[peak].map(exact)));
+        row.push(exact(cluster.statistic));
+        row.extend(effect.map(|effect| exact(effect.estimate[[cluster.peak, 0]])));
         row
     };
     let rows: Vec<Vec<String>> = found.clusters.iter().enumerate().map(row).collect();

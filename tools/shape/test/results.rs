@@ -5,8 +5,9 @@ use serde_json::{Value, json};
 use spharm::Sphere;
 use spharm::shape::stats::{FamilyWise, Statistic, Test};
 use spharm_cli::paths::shown;
+use spharm_monitor::number;
 
-use super::super::outputs::{csv, number};
+use super::super::outputs::{csv, exact};
 use super::args::Cli;
 use super::question::Study;
 use super::regions;
@@ -205,13 +206,13 @@ pub(super) fn lines(found: &Test, study: &Study, cli: &Cli) -> Vec<Vec<String>> 
     };
     let count = |values: &[f64]| {
         let share = below(values, cli.level);
-        format!("{:.4e}; {share} of {} vertices at most {}", least(values), values.len(), cli.level)
+        format!("{}; {share} of {} vertices at most {}", number(least(values)), values.len(), cli.level)
     };
     let mut lines = vec![
         pair("tested", question.meaning.clone()),
         pair("accounted for", if covariates.is_empty() { "nothing".to_owned() } else { covariates.join(", ") }),
         pair("subjects", question.design.subjects().to_string()),
-        pair(&format!("largest {name}"), format!("{largest:.6}, {freedom} degrees of freedom")),
+        pair(&format!("largest {name}"), format!("{}, {freedom} degrees of freedom", number(largest))),
         pair("least p", count(&found.p)),
         pair("least q", count(&found.q)),
     ];
@@ -238,7 +239,7 @@ pub(super) fn table(sphere: &Sphere, maps: &[(&str, Vec<f64>)], mask: Option<&[b
         .enumerate()
         .filter(|(v, _)| mask.is_none_or(|mask| mask[*v]))
         .map(|(v, u)| {
-            let numbers = u.iter().copied().chain(maps.iter().map(|(_, values)| values[v])).map(number);
+            let numbers = u.iter().copied().chain(maps.iter().map(|(_, values)| values[v])).map(exact);
             std::iter::once(v.to_string()).chain(numbers).collect()
         })
         .collect();

@@ -4,6 +4,7 @@ use std::fmt;
 
 use serde_json::{Map, Value};
 use spharm::shape::outliers::FAR;
+use spharm_monitor::number;
 
 use super::measure::Measure;
 use crate::equal::first_of;
@@ -182,30 +183,9 @@ pub fn edges(size: [f64; 3]) -> String {
     size.map(|edge| ((1e4 * edge).round() / 1e4).to_string()).join(" x ")
 }
 
-/// Formats a number with four significant digits, or with all digits before the decimal point if there are more.
-#[must_use]
-pub fn number(value: f64) -> String {
-    let magnitude = if value == 0.0 { 0.0 } else { value.abs().log10().floor() };
-    if (-3.0..6.0).contains(&magnitude) {
-        format!("{value:.*}", (3.0 - magnitude).max(0.0) as usize)
-    } else {
-        format!("{value:.3e}")
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn numbers_have_four_digits() {
-        for (value, text) in
-            [(238_319.4, "238319"), (2045.27, "2045"), (0.0, "0.000"), (1.5, "1.500"), (0.012_346, "0.01235")]
-        {
-            assert_eq!(number(value), text);
-        }
-        assert_eq!((number(1.23e-9), number(2.5e9)), ("1.230e-9".to_owned(), "2.500e9".to_owned()));
-    }
 
     #[test]
     fn only_ratios_of_units_are_taken_for_wrong_units() {
