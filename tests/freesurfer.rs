@@ -320,6 +320,23 @@ fn models_are_evaluated_on_the_spheres_of_a_subject() {
     let output = evaluated("subjects/fsaverage5/surf/rh.sphere.reg");
     assert!(output.status.success(), "{}", text(&output));
     assert_eq!(["lh", "rh"].map(|hemi| read(&format!("bert.{hemi}.white.fsaverage5.surf.gii"))), by_name);
+    // The same sphere, named from its subject's folder.
+    let mut within = tool("freesurfer");
+    within.args(["..", "--subject", "bert", "--surface", "white", "--max-degree", "5", "--no-surface-distance", "-q"]);
+    within.args(["--evaluate-on", "surf/rh.sphere.reg", "-o", "../../within"]).current_dir(subjects.path("fsaverage5"));
+    succeed(&mut within);
+    assert!(subjects.path("../within/bert.lh.white.fsaverage5.surf.gii").is_file());
+    // Names of BIDS have hemispheres, too.
+    let copy = |hemi: &str, name: &str| {
+        let from = subjects.path(&format!("fsaverage5/surf/{hemi}.sphere.reg"));
+        std::fs::copy(from, subjects.path(&format!("../{name}"))).expect("a copy");
+    };
+    copy("lh", "avg_hemi-L_sphere");
+    let output = evaluated("avg_hemi-L_sphere");
+    assert!(error_line(&output).contains("found no avg_hemi-R_sphere"), "{}", text(&output));
+    copy("rh", "avg_hemi-R_sphere");
+    assert!(evaluated("avg_hemi-L_sphere").status.success());
+    assert_eq!(["lh", "rh"].map(|hemi| read(&format!("bert.{hemi}.white.avg_sphere.surf.gii"))), by_name);
     let output = evaluated("fsaverage6");
     assert!(
         !output.status.success() && error_line(&output).contains("found no subjects/fsaverage6/surf/lh.sphere.reg")

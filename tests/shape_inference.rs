@@ -114,8 +114,22 @@ fn measures_are_tested_like_vertices() {
     // A later test without measures doesn't leave the table.
     report(site, &[&groups[..], &["--force"]].concat(), "found");
     assert!(!site.join("found/summary.csv").exists());
+    // Missing numbers matter for tested subjects only; a column of a table without any named is left out for them.
+    let with_age = rows.replacen("s0,1,", "s0,,", 1);
+    fs::write(site.join("gaps.csv"), format!("model,gap,degree,kind\n{with_age}")).expect("a table");
+    fs::write(site.join("more.csv"), format!("model,size,degree,kind\n{rows}other,n/a,7,x\n")).expect("a table");
+    let both = [&groups[..], &["--measures", "gaps.csv", "--measures", "more.csv:size"]].concat();
+    let output = finish(test(site, &both).args(["-o", "both"]));
+    let said = text(&output);
+    assert!(
+        output.status.success() && said.contains("measure \"gap\": expected a number for s0, found \"\""),
+        "{said}"
+    );
+    let table = fs::read_to_string(site.join("both/summary.csv")).expect("a table");
+    assert!(table.contains("\nsize,") && !table.contains("\ngap,"), "{table}");
     for (given, expected) in [
-        ("measures.csv:kind", "expected numbers"),
+        ("gaps.csv:gap", "leave the subject or the measure out"),
+        ("measures.csv:kind", "expected a number for s0, found \"x\""),
         ("measures.csv:volume", "no column \"volume\""),
         ("other.csv", "other.csv"),
     ] {

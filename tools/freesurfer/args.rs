@@ -54,7 +54,7 @@ pub(crate) struct Cli {
     #[arg(long, help_heading = help::INPUT)]
     pub(super) strict: bool,
     /// Highest degree, inclusive
-    #[arg(long, value_name = "L", help_heading = help::METHOD)]
+    #[arg(long, value_name = "L", default_value_t = 80, help_heading = help::METHOD)]
     pub(super) max_degree: usize,
     /// Smoothness penalty [default: 0]
     #[arg(long, value_name = "LAMBDA|auto", help_heading = help::METHOD)]
@@ -107,6 +107,14 @@ impl Hemi {
         match self {
             Self::Lh => "lh",
             Self::Rh => "rh",
+        }
+    }
+
+    /// Returns the name in the file names of BIDS.
+    pub(super) fn of_bids(self) -> &'static str {
+        match self {
+            Self::Lh => "hemi-L",
+            Self::Rh => "hemi-R",
         }
     }
 

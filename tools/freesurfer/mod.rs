@@ -180,11 +180,18 @@ fn rows_of(cli: &Cli, subjects: &[String], console: &Console) -> Vec<Row> {
     rows
 }
 
-/// Returns the hemisphere given by a file's name, and the path of the corresponding file of the other hemisphere.
+/// Returns the hemisphere given by a file's name, as FreeSurfer (`lh.`) or BIDS (`hemi-L`) writes it, and the path of
+/// the corresponding file of the other hemisphere.
 fn other_hemisphere(path: &Path) -> Option<(Hemi, PathBuf)> {
     let name = path.file_name()?.to_str()?;
-    let (hemi, rest) = [Hemi::Lh, Hemi::Rh]
-        .into_iter()
-        .find_map(|hemi| Some((hemi, name.strip_prefix(hemi.name()).filter(|rest| rest.starts_with('.'))?)))?;
-    Some((hemi, path.with_file_name(format!("{}{rest}", hemi.other().name()))))
+    [Hemi::Lh, Hemi::Rh].into_iter().find_map(|hemi| {
+        let other = match name.strip_prefix(hemi.name()).filter(|rest| rest.starts_with('.')) {
+            Some(rest) => format!("{}{rest}", hemi.other().name()),
+            None => {
+                let (before, after) = name.split_once(hemi.of_bids()).filter(|(_, after)| after.starts_with('_'))?;
+                format!("{before}{}{after}", hemi.other().of_bids())
+            }
+        };
+        Some((hemi, path.with_file_name(other)))
+    })
 }

@@ -52,9 +52,11 @@ fn files(cli: &Cli, named: &Path) -> Result<Files> {
         let Some((hemi, other)) = other_hemisphere(named) else {
             return Ok(Files { sphere: named.to_owned(), right: None, name: stem(named)? });
         };
-        let name = match named.parent().filter(|folder| folder.file_name().is_some_and(|name| name == "surf")) {
-            Some(surf) => stem(surf.parent().unwrap_or(surf))?,
-            None => stem(named)?.split_off("lh.".len()),
+        let absolute = std::path::absolute(named).with_context(|| named.display().to_string())?;
+        let subject = absolute.parent().filter(|folder| folder.file_name().is_some_and(|name| name == "surf"));
+        let name = match subject.and_then(Path::parent) {
+            Some(subject) => stem(subject)?,
+            None => of_both(&stem(named)?, hemi),
         };
         if cli.hemi.iter().any(|of| *of != hemi) && !other.is_file() {
             bail!(
@@ -80,6 +82,12 @@ fn files(cli: &Cli, named: &Path) -> Result<Files> {
         );
     };
     Ok(of_hemispheres(cli, stem(named)?, |hemi| at(folder, hemi)))
+}
+
+/// Returns a file's name without its hemisphere.
+fn of_both(name: &str, hemi: Hemi) -> String {
+    let rest = name.strip_prefix(hemi.name()).and_then(|rest| rest.strip_prefix('.'));
+    rest.map_or_else(|| name.replacen(&format!("{}_", hemi.of_bids()), "", 1), str::to_owned)
 }
 
 /// Returns the files for the fitted hemispheres, each of which has a sphere.

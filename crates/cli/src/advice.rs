@@ -182,7 +182,7 @@ fn of_parametrize(error: &ParametrizeError) -> Option<String> {
             Some("spharm fit accepts values on vertices together with the --sphere of these vertices".to_owned())
         }
         ParametrizeError::NoVoxelSize { .. } => Some("give the voxel size with --voxel-size X,Y,Z".to_owned()),
-        ParametrizeError::NoLabel { .. } => Some("--label N selects a label".to_owned()),
+        ParametrizeError::NoLabel { .. } => Some("--label N chooses one of them".to_owned()),
         ParametrizeError::SinglePrecision { .. } => Some(".surf.gii and .ply hold 64-bit numbers".to_owned()),
         ParametrizeError::Surface(error) => of_surface(error),
         ParametrizeError::Solver(error) => of_solver(error),

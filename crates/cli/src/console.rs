@@ -159,13 +159,10 @@ impl Progress {
         }
     }
 
-    /// Sets the text beside the progress: the current activity.
+    /// Sets the text beside a bar: the current activity. Lines of progress don't have it.
     pub fn say(&self, text: impl Display) {
         if let Some(bar) = &self.bar {
             bar.set_message(one_line(&text.to_string()).into_owned());
-        }
-        if let Some(lines) = &self.lines {
-            lines.lock().saying = text.to_string();
         }
     }
 
@@ -199,12 +196,11 @@ struct State {
     started: Instant,
     next: Duration,
     done: u64,
-    saying: String,
 }
 
 impl State {
     fn new() -> Self {
-        Self { started: Instant::now(), next: Duration::from_secs(2), done: 0, saying: String::new() }
+        Self { started: Instant::now(), next: Duration::from_secs(2), done: 0 }
     }
 }
 
@@ -231,8 +227,8 @@ impl Lines {
             Unit::Count(name) => format!("{:.0} %, {done} of {} {name}", percent(done, self.total), self.total),
             _ => format!("{:.0} %", percent(done, self.total)),
         };
-        let line = format!("{}: {amount}{} {}", self.label, Forecast::of(done, self.total, elapsed), state.saying);
-        say(Kind::Progress, line.trim_end());
+        let line = format!("{}: {amount}{}", self.label, Forecast::of(done, self.total, elapsed));
+        say(Kind::Progress, line);
     }
 }
 

@@ -100,7 +100,7 @@ pub enum ParametrizeError {
 
     /// The volume doesn't have the chosen label, or it has several labels and none was chosen.
     #[error(
-        "{}: {}; the volume's labels: {there}; choose one of these labels",
+        "{}: {}; the volume's labels: {there}",
         path.display(),
         label.map_or_else(|| "expected one label".to_owned(), |label| format!("no voxel has label {label}"))
     )]

@@ -32,6 +32,13 @@ pub enum SurfaceError {
         found: &'static str,
     },
 
+    /// A file without a byte, whose name doesn't tell its format.
+    #[error("{}: the file is empty", path.display())]
+    EmptyFile {
+        /// The file.
+        path: PathBuf,
+    },
+
     /// Neither the name nor the first bytes match a known format.
     #[error("{}: unknown format ({found}): expected {expected}", path.display())]
     UnknownFormat {

@@ -25,12 +25,13 @@ pub(super) struct Measures {
 
 impl Measures {
     /// Reads the measures of the subjects whose models have these paths. A table's first column has the models' names
-    /// or paths. Columns that are text, and columns whose numbers are all equal, are left out unless they are named.
+    /// or paths. Columns that are text, and columns whose numbers are all equal, are left out unless they are named;
+    /// columns in which some numbers are missing, too, with a call of `warn`.
     ///
     /// # Errors
     ///
     /// If a subject has no row, or a named column isn't one of numbers.
-    pub(super) fn read(sources: &[Source], models: &[PathBuf]) -> Result<Self> {
+    pub(super) fn read(sources: &[Source], models: &[PathBuf], warn: &dyn Fn(String)) -> Result<Self> {
         let (mut names, mut columns) = (Vec::new(), Vec::new());
         for (path, wanted) in sources {
             let table = Table::read(path)?;
@@ -39,12 +40,25 @@ impl Measures {
                 .with_context(|| format!("{}: column {key:?}", path.display()))?;
             let all: Vec<String> = table.names().skip(1).map(str::to_owned).collect();
             for name in if wanted.is_empty() { &all } else { wanted } {
-                let found = table.numbers(name);
-                if found.is_err() && wanted.is_empty() {
-                    continue;
+                let cells = table.texts(name)?;
+                let number = |row: &usize| cells[*row].trim().parse().ok().filter(|value: &f64| value.is_finite());
+                let values: Vec<f64> = order.iter().filter_map(number).collect();
+                if let Some(at) = order.iter().position(|row| number(row).is_none()) {
+                    let text = format!(
+                        "{}: measure {name:?}: expected a number for {}, found {:?}",
+                        path.display(),
+                        model_name(&models[at]),
+                        cells[order[at]]
+                    );
+                    match (wanted.is_empty(), values.is_empty()) {
+                        (false, _) => bail!("{text}; leave the subject or the measure out"),
+                        (true, true) => continue,
+                        (true, false) => {
+                            warn(format!("{text}; the measure is left out"));
+                            continue;
+                        }
+                    }
                 }
-                let found = found?;
-                let values: Vec<f64> = order.iter().map(|row| found[*row]).collect();
                 if wanted.is_empty() && values.iter().all(|value| *value == values[0]) {
                     continue;
                 }

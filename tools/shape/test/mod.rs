@@ -97,7 +97,9 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         Some(sphere) => sphere,
         None => Sphere::icosphere(cli.icosphere),
     };
-    let measures = (!cli.measures.is_empty()).then(|| Measures::read(&cli.measures, &study.paths)).transpose()?;
+    let measures = (!cli.measures.is_empty())
+        .then(|| Measures::read(&cli.measures, &study.paths, &|text| console.warn(text)))
+        .transpose()?;
     let mask = cli.mask.as_deref().map(|path| masks::read(path, &sphere)).transpose()?;
     let permutations = PermutationParams { count: cli.permutations, seed: cli.seed, ..PermutationParams::default() };
     let mut params = TestParams {

@@ -85,17 +85,24 @@ impl std::fmt::Display for Repair {
             HandleRepair::Cut => "removed",
             HandleRepair::Filled => "added",
         };
-        write!(
-            f,
-            "the volume was repaired: {} dropped ({}), {} filled ({}), {} {done} to remove {} and contacts at edges or \
-             corners only",
-            count(self.pieces_dropped, "piece", "pieces"),
-            voxels(self.voxels_dropped),
-            count(self.cavities_filled, "cavity", "cavities"),
-            voxels(self.voxels_filled),
-            voxels(self.voxels_changed),
-            count(self.handles_removed, "handle", "handles")
-        )
+        let mut changes = Vec::new();
+        if self.pieces_dropped > 0 {
+            let pieces = count(self.pieces_dropped, "piece", "pieces");
+            changes.push(format!("{pieces} dropped ({})", voxels(self.voxels_dropped)));
+        }
+        if self.cavities_filled > 0 {
+            let cavities = count(self.cavities_filled, "cavity", "cavities");
+            changes.push(format!("{cavities} filled ({})", voxels(self.voxels_filled)));
+        }
+        if self.voxels_changed > 0 {
+            let changed = voxels(self.voxels_changed);
+            let contacts = "contacts at edges or corners only";
+            changes.push(match self.handles_removed {
+                0 => format!("{changed} {done} to remove {contacts}"),
+                handles => format!("{changed} {done} to remove {} and {contacts}", count(handles, "handle", "handles")),
+            });
+        }
+        write!(f, "the volume was repaired: {}", changes.join(", "))
     }
 }
 

@@ -273,17 +273,18 @@ fn to_write(path: &Path, holds: impl Fn(&FormatSpec) -> bool) -> Result<&'static
 /// aren't unique; then the first bytes do.
 pub(super) fn of_file(path: &Path, bytes: &[u8]) -> Result<&'static FormatSpec, SurfaceError> {
     let by_magic = || FORMATS.iter().find(|format| (format.magic)(bytes));
-    by_proper_ending(&name_without_gz(path)).or_else(by_magic).ok_or_else(|| {
+    let format = by_proper_ending(&name_without_gz(path)).or_else(by_magic);
+    if bytes.is_empty() && format.is_none() {
+        return Err(SurfaceError::EmptyFile { path: path.to_owned() });
+    }
+    format.ok_or_else(|| {
         let mut endings: Vec<&str> = proper().flat_map(|format| format.endings).copied().collect();
         endings.sort_unstable();
         endings.dedup();
         SurfaceError::UnknownFormat {
             path: path.to_owned(),
             expected: format!("one of {}, or a FreeSurfer surface or curv file", endings.join(", ")),
-            found: match bytes {
-                [] => "the file is empty".to_owned(),
-                _ => format!("it starts with {}", shown(bytes)),
-            },
+            found: format!("it starts with {}", shown(bytes)),
         }
     })
 }
