@@ -193,7 +193,7 @@ fn wait_for_lines(path: &Path, lines: usize) {
 #[test]
 fn a_killed_call_goes_on_where_it_was_and_makes_the_same_bytes() {
     let study = Study::new(6);
-    // Surfaces without a sphere are mapped one after another, which takes long enough to kill the process in between.
+    // Mapping surfaces to spheres takes long enough to kill the process in between.
     study.write("bare.tsv", "id\tsurface\n0\ts0.ply\n1\ts1.ply\n2\ts2.ply\n3\ts3.ply\n4\ts4.ply\n5\ts5.ply\n");
     // Models record the paths of their spheres, so every call writes into a folder of the same name.
     let out = "out";
@@ -214,10 +214,6 @@ fn a_killed_call_goes_on_where_it_was_and_makes_the_same_bytes() {
         }
         let before = study.status(&[&status]);
         assert!(before["done"].as_u64() >= Some(after as u64 - 1), "{before}");
-        if code.is_some() && !output.status.success() {
-            // No row is interrupted if the signal comes between two surfaces.
-            assert!(before["interrupted"].as_u64() <= Some(1), "{before}");
-        }
         succeed(&mut study.fit("bare.tsv", out, &arguments));
         assert!(study.models(out) == study.models("whole"));
         let found = study.status(&[&status, "--manifest", "bare.tsv"]);

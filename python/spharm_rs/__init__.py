@@ -19,7 +19,7 @@ from . import shape
 from ._cohort import CohortFit, CohortFits, fit_cohort
 from ._compare import Distances, compare
 from ._core import __version__
-from ._fit import fit, fit_many, solve
+from ._fit import choose_degree, fit, fit_many, solve
 from ._landmarks import Landmarks, read_landmarks, write_landmarks
 from ._model import Model
 from ._moments import Moments
@@ -68,6 +68,7 @@ __all__ = [
     "Transform",
     "__version__",
     "as_surface",
+    "choose_degree",
     "compare",
     "convert",
     "errors",

@@ -261,6 +261,16 @@ def fit(
     settings: dict[str, Any],
     progress: _Progress | None = None,
 ) -> _Fitted: ...
+def choose_degree(
+    vertices: _Floats,
+    faces: _Triangles,
+    sphere: _Floats | None,
+    sphere_faces: _Triangles | None,
+    *,
+    accuracy: str,
+    settings: dict[str, Any],
+    progress: _Progress | None = None,
+) -> tuple[int, float, float]: ...
 def solve(
     at: Transform | _Floats, values: _Floats, *, settings: dict[str, Any], progress: _Progress | None = None
 ) -> tuple[_Floats, str, list[tuple[str, str]]]: ...

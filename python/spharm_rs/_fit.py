@@ -273,6 +273,70 @@ def fit(
     )
 
 
+def choose_degree(
+    surface: Any,
+    sphere: Any = None,
+    accuracy: float | str = "0.2%",
+    *,
+    memory: int | str | None = None,
+    threads: int | None = None,
+    progress: Progress = None,
+) -> int:
+    """Returns the least degree with which the model of a surface is accurate enough, found by some fits.
+
+    Models of a group should have one degree: the highest that some of its surfaces need.
+
+    Parameters
+    ----------
+    surface : Surface or what `as_surface` takes
+    sphere : Surface or what `as_surface` takes, Parametrization, Model, or ndarray of float, (n, 3), optional
+        As for `fit`.
+    accuracy : float or str
+        The root mean square distance between model and surface: a length in the unit of the surface, or a percentage of
+        its size, such as ``"0.2%"``; the size is the cube root of the volume of the bounding box.
+    memory, threads, progress
+        As for `fit`.
+
+    Returns
+    -------
+    int
+        At most 256, and with at most as many functions as the surface has vertices.
+
+    Warns
+    -----
+    NotDetermined
+        If no such degree is accurate enough. The degree then resolves one and a half edges of the surface.
+
+    Examples
+    --------
+    >>> import spharm_rs as sp
+    >>> surface, _ = sp.example_surface(3)
+    >>> sp.choose_degree(surface, accuracy="2%") < sp.choose_degree(surface, accuracy="1%")
+    True
+    """
+    if isinstance(surface, Parametrization):
+        surface, sphere = surface.surface, surface if sphere is None else sphere
+    mesh = as_surface(surface)
+    directions, faces, _ = sphere_arrays(named_icosphere(sphere))
+    if directions is not None and len(directions) != len(mesh.vertices):
+        raise errors.MeshError(
+            f"surface: {len(mesh.vertices)} vertices, but the sphere has {len(directions)}; both must have the same vertices"
+        )
+    degree, rms, wanted = _core.choose_degree(
+        mesh.vertices,
+        mesh.faces,
+        directions,
+        mesh.faces if faces is None and directions is not None else faces,
+        accuracy=str(accuracy),
+        settings=_settings(1, len(mesh.vertices), memory=memory, threads=threads),
+        progress=callback(progress),
+    )
+    if rms > wanted:
+        text = f"no degree has an rms error of at most {wanted:.4g}; degree {degree} has {rms:.4g}"
+        _warnings.warn(text, errors.NotDetermined, stacklevel=2)
+    return degree
+
+
 def fit_many(
     surfaces: ArrayLike | Iterable[Any],
     sphere: Any,

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::ValueEnum;
 use spharm::parametrize::volume::LabelSurface;
-use spharm::{Objective, Preconditioner, Smoothness, defaults};
+use spharm::{Accuracy, Objective, Preconditioner, Smoothness, defaults};
 use spharm_cli::names::NameTemplate;
 use spharm_cli::size::Size;
 use spharm_cli::surfaces::{Labels, VoxelSize};
@@ -22,7 +22,7 @@ use crate::rows::CohortArgs;
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = help::examples(
     &[
-        "spharm fit --surface bunny.ply --max-degree 60",
+        "spharm fit bunny.ply --max-degree 60",
         "spharm fit --sphere lh.sphere.reg --surface sub-*/surf/lh.pial --max-degree 80 -o models \\",
         "    --name-template '{parent2}.{stem}' --skip-existing",
         "spharm fit --manifest subjects.tsv --max-degree 80 -o models --shard 0/10 --keep-going --status status/0.tsv",
@@ -51,17 +51,20 @@ pub(crate) struct Cli {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = help::INPUT)]
 pub(super) struct Input {
-    /// Surfaces, or signals, on the sphere's vertices
+    /// Surfaces, or signals on the sphere's vertices
     ///
     /// @LIST reads the paths from the file LIST: one per line, relative to LIST; # begins a comment.
-    #[arg(long, value_name = "FILE", num_args = 1.., required_unless_present_any = ["moments", "manifest"])]
+    #[arg(value_name = "FILE", required_unless_present_any = ["surface", "moments", "manifest"])]
+    pub(super) files: Vec<PathBuf>,
+    /// The same as FILE, as an option
+    #[arg(long, value_name = "FILE", num_args = 1.., hide_short_help = true)]
     pub(super) surface: Vec<PathBuf>,
     /// Table of surfaces and their ids, in place of --surface
     ///
     /// Columns id and surface, and optionally sphere, weights, output, label. Tab-separated, or comma-separated if the
     /// name ends in .csv. Paths are relative to the table. A model is named by `output`, or else by the id, and records
     /// the id. Other columns are ignored. --sphere is the sphere of rows without one.
-    #[arg(long, value_name = "TABLE.tsv", conflicts_with_all = ["surface", "moments", "label", "name_template"])]
+    #[arg(long, value_name = "TABLE.tsv", conflicts_with_all = ["files", "surface", "moments", "label", "name_template"])]
     pub(super) manifest: Option<PathBuf>,
     /// Moments of samples, in place of surfaces
     ///
@@ -69,21 +72,21 @@ pub(super) struct Input {
     #[arg(
         long,
         value_name = "ALL.moments",
-        conflicts_with_all = ["surface", "sphere", "label", "fix", "cut_handles", "method", "hold_out", "dtype", "verify", "skip_existing", "update", "shard", "keep_going", "status", "dry_run", "log"]
+        conflicts_with_all = ["files", "surface", "sphere", "label", "fix", "cut_handles", "method", "hold_out", "dtype", "verify", "skip_existing", "update", "shard", "keep_going", "status", "dry_run", "log"]
     )]
     pub(super) moments: Option<PathBuf>,
-    /// Sphere of the surfaces [default: each is mapped to one of its own]
+    /// Sphere of the surfaces [default: each gets one of its own]
     ///
     /// A mesh around the origin, or a CSV of theta,phi. If omitted, each surface is first mapped to the sphere (see
     /// parametrize); the sphere is written next to the model.
     #[arg(long, value_name = "SPHERE")]
     pub(super) sphere: Option<PathBuf>,
-    /// Label of a volume, or all for one model per label
+    /// Labels of a volume, or all: one model per label
     ///
     /// A label volume (.nii, .mgz, .nrrd, .tif, .npy) is a surface too; the label is only needed if the volume has
     /// several. The surfaces are written next to the models.
-    #[arg(long, value_name = "N|all", allow_negative_numbers = true, conflicts_with = "sphere")]
-    pub(super) label: Option<Labels>,
+    #[arg(long, value_name = "N|all", num_args = 1.., allow_negative_numbers = true, conflicts_with = "sphere")]
+    pub(super) label: Vec<Labels>,
     /// Repair labels and meshes instead of refusing them
     ///
     /// Labels: keeps the largest piece, fills cavities and opens handles. Meshes: welds coincident vertices, drops
@@ -136,12 +139,27 @@ pub(super) struct Input {
     pub(super) strict: bool,
 }
 
+impl Input {
+    /// Returns the surfaces or signals, however they were given.
+    pub(super) fn paths(&self) -> Vec<PathBuf> {
+        [&self.files[..], &self.surface].concat()
+    }
+}
+
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = help::METHOD)]
 pub(super) struct MethodArgs {
-    /// Highest degree, inclusive
-    #[arg(long, value_name = "L")]
-    pub(super) max_degree: usize,
+    /// Highest degree, inclusive [default: chosen, see --accuracy]
+    #[arg(long, value_name = "L", conflicts_with = "accuracy", required_if_eq_any = [("dry_run", "true")])]
+    pub(super) max_degree: Option<usize>,
+    /// Choose the least degree with this error [default: 0.2%]
+    ///
+    /// The error is the root mean square distance between model and surface: a length in the unit of the input, or a
+    /// percentage of the surface's size, the cube root of the volume of its bounding box. All models of a call have
+    /// the same degree, at most 256: the highest that three of the surfaces need. Without --accuracy, labels of a
+    /// volume have the degree, from 4 to 60, that suits their median size in voxels.
+    #[arg(long, value_name = "RMS|PERCENT%", conflicts_with_all = ["store", "shard", "moments"])]
+    pub(super) accuracy: Option<Accuracy>,
     /// Method of the fit [default: irf with --store, else lsq]
     #[arg(long, value_enum)]
     pub(super) method: Option<MethodName>,

@@ -7,7 +7,7 @@ mod settings;
 use std::path::PathBuf;
 use std::time::Instant;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use serde_json::{Map, json};
 use spharm::parametrize::volume::is_volume;
 use spharm::{FitParams, Preparation, Sphere};
@@ -16,6 +16,7 @@ use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::names::model_files;
 use spharm_cli::paths::shown;
 use spharm_cli::surfaces::surfaces as named;
+use spharm_cohort::degree::ChosenDegree;
 use spharm_cohort::files::ModelFiles;
 use spharm_cohort::reader::SurfaceReader;
 use spharm_cohort::run::{Cohort, RunParams};
@@ -32,12 +33,34 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     if let Some(path) = &cli.input.moments {
         return moments::run(cli, path, &params, &monitor);
     }
-    let options = options(cli, params);
+    let mut options = options(cli, params);
     let cohort = match &cli.input.manifest {
         Some(path) => of_manifest(cli, Manifest::read(path)?),
         None => of_list(cli, &options, &monitor)?,
     };
+    if cli.method.max_degree.is_none() {
+        options.run.fit.max_degree = chosen_degree(cli, &cohort, &options, &monitor)?;
+    }
     rows::run(&cohort, &options, &monitor, started)
+}
+
+/// Chooses the degree of all models, and prints it.
+fn chosen_degree(cli: &Cli, cohort: &Cohort, options: &Options, monitor: &ConsoleMonitor) -> Result<usize> {
+    let reader = SurfaceReader::new(options.run.preparation);
+    let (accuracy, params) = (cli.method.accuracy, &options.run.fit);
+    let choose = || spharm_cohort::degree::choose(cohort, accuracy, params, &reader, monitor);
+    let chosen = options.threads.pool()?.install(choose).with_context(|| {
+        match cohort.rows.iter().any(|row| row.sphere.is_some()) {
+            true => "a degree can be chosen for surfaces only; give --max-degree L for signals",
+            false => "cannot choose a degree",
+        }
+    })?;
+    let text = format!("{chosen}; --max-degree L sets another");
+    match chosen {
+        ChosenDegree::Surfaces { choice, .. } if !choice.reached() => monitor.console().warn(text),
+        _ => monitor.console().note(text),
+    }
+    Ok(chosen.degree())
 }
 
 /// Previews a fit of a manifest's rows. The manifest needn't be on disk yet.
@@ -86,14 +109,15 @@ fn of_list(cli: &Cli, options: &Options, monitor: &ConsoleMonitor) -> Result<Coh
     let (input, console) = (&cli.input, monitor.console());
     let read = |path: &PathBuf| -> Result<Sphere> { read_sphere(path, input.strict, console) };
     let sphere = input.sphere.as_ref().map(read).transpose()?;
-    let mut reader = SurfaceReader::new(preparation(input));
+    let reader = SurfaceReader::new(preparation(input));
     let voxel_size = input.voxel_size;
     let of_volumes = sphere.is_none();
+    let paths = input.paths();
     let surfaces = if options.run.keep_going {
         let mut surfaces = Vec::new();
-        for path in expand_lists(&input.surface)? {
+        for path in expand_lists(&paths)? {
             let paths = std::slice::from_ref(&path);
-            match named(&mut reader, paths, input.label, voxel_size, of_volumes, monitor) {
+            match named(&reader, paths, &input.label, voxel_size, of_volumes, monitor) {
                 Ok(found) => surfaces.extend(found),
                 // Keep the surface without its label: its row fails for the same reason, without stopping the other
                 // rows.
@@ -103,7 +127,7 @@ fn of_list(cli: &Cli, options: &Options, monitor: &ConsoleMonitor) -> Result<Coh
         }
         surfaces
     } else {
-        named(&mut reader, &input.surface, input.label, voxel_size, of_volumes, monitor)?
+        named(&reader, &paths, &input.label, voxel_size, of_volumes, monitor)?
     };
     let models = model_files(cli.output.output.as_deref(), &cli.output.name_template, &surfaces)?;
     let row = |((surface, label), model): ((PathBuf, Option<i64>), PathBuf)| Row {

@@ -8,14 +8,30 @@ use spharm_cli::values::Dtype;
 
 use super::args::{Cli, MethodName};
 
-/// Returns the settings given by the arguments.
+/// Returns the settings given by the arguments, with degree 0 if the degree is to be chosen.
 pub(super) fn params(cli: &Cli) -> Result<FitParams> {
+    let degree = match cli.method.max_degree {
+        Some(degree) => degree,
+        None => {
+            let input = &cli.input;
+            let needs = [
+                (input.store.is_some(), "--store", "at most the degree of the basis"),
+                (input.moments.is_some(), "--moments", "at most the degree of the moments"),
+                (cli.cohort.shard.is_some(), "--shard", "the same for all shards"),
+                (cli.method.objective == Some(Objective::Vertices), "--objective vertices", "there is no default"),
+            ];
+            if let Some((_, flag, which)) = needs.into_iter().find(|(given, ..)| *given) {
+                return Err(Usage::missing(format!("{flag} needs --max-degree L: {which}")).into());
+            }
+            0
+        }
+    };
     let weights = match cli.input.weights.as_str() {
         "uniform" => Weights::Uniform,
         "area" => Weights::Area,
         file => Weights::read(file)?,
     };
-    let params = FitParams::lsq(cli.method.max_degree)
+    let params = FitParams::lsq(degree)
         .with_method(method(cli)?)
         .with_objective(cli.method.objective.unwrap_or_default())
         .with_area(cli.method.area)

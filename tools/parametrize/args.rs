@@ -19,10 +19,10 @@ use spharm_parametrize::Sampling;
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
-        "spharm parametrize --surface bunny.ply -o bunny.sphere.surf.gii",
-        "spharm parametrize --surface cells.nii.gz --label all --fix -o spheres",
-        "spharm parametrize --surface torus.ply --cut-handles -o torus.sphere.surf.gii",
-        "spharm parametrize --surface s*.ply --resample-to icosphere:6 -o spheres --surface-output surfaces",
+        "spharm parametrize bunny.ply -o bunny.sphere.surf.gii",
+        "spharm parametrize cells.nii.gz --label all --fix -o spheres",
+        "spharm parametrize torus.ply --cut-handles -o torus.sphere.surf.gii",
+        "spharm parametrize s*.ply --resample-to icosphere:6 -o spheres --surface-output surfaces",
     ],
     &[help::MESHES, help::VOLUMES],
 ))]
@@ -30,11 +30,14 @@ pub(crate) struct Cli {
     /// Surfaces: closed meshes of genus zero, or label volumes
     ///
     /// In a label volume, the surface around the label is used. @LIST takes the paths from a file, one per line.
-    #[arg(long, alias = "input", value_name = "MESH_OR_VOLUME", num_args = 1.., required = true, help_heading = INPUT)]
+    #[arg(value_name = "MESH_OR_VOLUME", required_unless_present = "surface", help_heading = INPUT)]
+    pub(super) files: Vec<PathBuf>,
+    /// The same as MESH_OR_VOLUME, as an option
+    #[arg(long, alias = "input", value_name = "MESH_OR_VOLUME", num_args = 1.., help_heading = INPUT)]
     pub(super) surface: Vec<PathBuf>,
-    /// Label of a volume, or all labels; only needed if there are several
-    #[arg(long, value_name = "N|all", allow_negative_numbers = true, help_heading = INPUT)]
-    pub(super) label: Option<Labels>,
+    /// Labels of a volume, or all; only needed if there are several
+    #[arg(long, value_name = "N|all", num_args = 1.., allow_negative_numbers = true, help_heading = INPUT)]
+    pub(super) label: Vec<Labels>,
     /// Repair labels and meshes instead of refusing them
     ///
     /// Labels: keeps the largest piece, fills cavities and opens handles. Meshes: welds vertices that lie exactly on
@@ -120,6 +123,13 @@ pub(crate) struct Cli {
     pub(super) threads: Threads,
     #[command(flatten)]
     pub(super) common: Common,
+}
+
+impl Cli {
+    /// Returns the surfaces, however they were given.
+    pub(super) fn paths(&self) -> Vec<PathBuf> {
+        [&self.files[..], &self.surface].concat()
+    }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

@@ -38,21 +38,22 @@ impl Item {
 }
 
 /// Returns the surfaces with their files. Refuses arguments that conflict, and outputs that would be overwritten.
-pub(super) fn items(cli: &Cli, reader: &mut SurfaceReader, monitor: &dyn spharm::Monitor) -> Result<Vec<Item>> {
+pub(super) fn items(cli: &Cli, reader: &SurfaceReader, monitor: &dyn spharm::Monitor) -> Result<Vec<Item>> {
     let report = cli.report.as_deref().map(|path| OutputFile::new(path, "--report"));
     check_outputs(report, cli.force)?;
-    let file = cli.label != Some(Labels::All) && !cli.output.is_dir();
-    if let [input] = &cli.surface[..] {
+    let file = cli.label.len() < 2 && !cli.label.contains(&Labels::All) && !cli.output.is_dir();
+    let paths = cli.paths();
+    if let [input] = &paths[..] {
         check(cli, input)?;
         if file {
             // Check before reading the volume, which takes a while.
             single(cli, input, None)?;
         }
     }
-    let inputs = surfaces(reader, &cli.surface, cli.label, cli.voxel_size, true, monitor)?;
+    let inputs = surfaces(reader, &paths, &cli.label, cli.voxel_size, true, monitor)?;
     inputs.iter().try_for_each(|(input, _)| check(cli, input))?;
     let items = match &inputs[..] {
-        [(input, label)] if file && *input == cli.surface[0] => vec![single(cli, input, *label)?],
+        [(input, label)] if file && *input == paths[0] => vec![single(cli, input, *label)?],
         _ => several(cli, inputs)?,
     };
     let spheres = items.iter().map(|item| OutputFile::holding(&item.sphere, "--output", Output::OrderedMesh));

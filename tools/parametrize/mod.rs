@@ -28,22 +28,22 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let console = cli.common.console();
     let monitor = ConsoleMonitor::new(console);
     let voxel_size = cli.voxel_size.map(|size| size.0);
-    let mut reader = SurfaceReader::new(Preparation {
+    let reader = SurfaceReader::new(Preparation {
         voxel_size,
         label_surface: cli.label_surface,
         fix: cli.fix,
         cut_handles: cli.cut_handles,
     });
     let budget = cli.memory.budget(cli.threads.count());
-    for input in expand_lists(&cli.surface)? {
+    for input in expand_lists(&cli.paths())? {
         budget.check_inputs("parametrize", [input.as_path()])?;
     }
-    let items = items(cli, &mut reader, &monitor)?;
+    let items = items(cli, &reader, &monitor)?;
     let pool = cli.threads.pool()?;
     let to_stdout = cli.report.as_deref().is_some_and(is_stdout);
     let mut written = Vec::new();
     for item in &items {
-        let one = pool.install(|| one(cli, item, &mut reader, budget, &monitor))?;
+        let one = pool.install(|| one(cli, item, &reader, budget, &monitor))?;
         if !cli.json && !to_stdout {
             print(&one.table())?;
         }
@@ -63,13 +63,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
 }
 
 /// Maps one surface and writes its files.
-fn one(
-    cli: &Cli,
-    item: &Item,
-    reader: &mut SurfaceReader,
-    budget: Budget,
-    monitor: &ConsoleMonitor,
-) -> Result<Written> {
+fn one(cli: &Cli, item: &Item, reader: &SurfaceReader, budget: Budget, monitor: &ConsoleMonitor) -> Result<Written> {
     let console = monitor.console();
     let input = reader.read(&item.input, item.label, monitor).with_context(|| item.input.display().to_string())?;
     console.note(format_args!("{}: {}", item.input.display(), described(&input)));

@@ -15,9 +15,9 @@ use spharm_cli::threads::Threads;
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
-        "spharm reconstruct --model bunny.spharm.npz -o bunny60.ply",
-        "spharm reconstruct --model bunny.spharm.npz --max-degree 10 --icosphere 5 -o coarse.obj",
-        "spharm reconstruct --model models --icosphere 6 -o surfaces --format ply",
+        "spharm reconstruct bunny.spharm.npz -o bunny60.ply",
+        "spharm reconstruct bunny.spharm.npz --max-degree 10 --icosphere 5 -o coarse.obj",
+        "spharm reconstruct models --icosphere 6 -o surfaces --format ply",
     ],
     &[help::MESHES, help::SIGNALS],
 ))]
@@ -25,7 +25,10 @@ pub(crate) struct Cli {
     /// Models, as `spharm fit` writes them
     ///
     /// Files, folders (all their .npz files), or @LIST with one path per line.
-    #[arg(long, value_name = "MODEL.spharm.npz", num_args = 1.., required = true, help_heading = INPUT)]
+    #[arg(value_name = "MODEL.spharm.npz", required_unless_present = "model", help_heading = INPUT)]
+    pub(super) models: Vec<PathBuf>,
+    /// The same as MODEL.spharm.npz, as an option
+    #[arg(long, value_name = "MODEL.spharm.npz", num_args = 1.., help_heading = INPUT)]
     pub(super) model: Vec<PathBuf>,
     /// Highest degree to use [default: the model's]
     #[arg(long, alias = "degree", value_name = "L", help_heading = METHOD)]

@@ -37,8 +37,9 @@ impl Item {
 
 /// Returns the models with their outputs: the named file for a single one, otherwise a file in the output folder.
 pub(super) fn items(cli: &Cli) -> Result<Vec<Item>> {
-    let models = expand(&cli.model, ".npz")?;
-    let single = models.len() == 1 && models == cli.model;
+    let paths = [&cli.models[..], &cli.model].concat();
+    let models = expand(&paths, ".npz")?;
+    let single = models.len() == 1 && models == paths;
     let items: Vec<Item> = if single && !cli.output.is_dir() && cli.format.is_none() {
         let target = || Target::File(cli.output.clone());
         models.into_iter().map(|model| Item { model, target: target() }).collect()

@@ -195,9 +195,15 @@ impl<'a> Rows<'a> {
         }
     }
 
+    /// Prints a note about one surface. If there are several, it is a detail, since a line for each is printed when it
+    /// is finished.
+    fn note(&self, text: impl std::fmt::Display) {
+        if self.rows == 1 { self.console.note(text) } else { self.console.detail(text) }
+    }
+
     fn mapped(&self, row: &Row, sphere: &std::path::Path, report: &Report, reused: bool) {
         let (input, path) = (row.surface.display(), sphere.display());
-        self.console.note(match reused {
+        self.note(match reused {
             true => format!("{path}: reusing the sphere made from {input} by an earlier call"),
             false => {
                 let (by, seconds, area) = (&report.method, report.seconds, report.quality.area_rms);
@@ -226,6 +232,7 @@ impl<'a> Rows<'a> {
             }
             _ => {}
         }
+        let done: usize = summary.states.values().sum();
         drop(summary);
         self.console.event(|| {
             let Entry { id, state, msd, xsd, seconds, error, output } = entry;
@@ -235,6 +242,12 @@ impl<'a> Rows<'a> {
             })
         });
         match (outcome, failures) {
+            (Outcome::Done(fit), _) if fit.mapped.is_some() && listed && self.rows > 1 => {
+                let (rms, all) = (fit.report.surface_distance.as_ref().map(|of| of.rms_raw), self.rows);
+                let rms = rms.map_or(String::new(), |rms| format!("rms {}, ", spharm_monitor::number(rms)));
+                let seconds = entry.seconds.unwrap_or(0.0);
+                self.console.note(format!("{done} of {all}: {}: {rms}{seconds:.1} s", row.id));
+            }
             (Outcome::Failed(_), _) if self.alone => {}
             (Outcome::Failed(_), 0..PRINTED) => self.console.warn(format!("{}: {}", row.id, entry.error)),
             (Outcome::Failed(_), PRINTED) => {
@@ -271,7 +284,7 @@ impl Observer for Rows<'_> {
             Event::Fitted(report) => self.lock().add_group(report, self.rows <= LISTED),
             Event::RowWarning(text) => self.warn_once((*text).to_owned()),
             Event::Warning(text) | Event::CohortWarning(text) => console.warn(text),
-            Event::Note(text) => console.note(text),
+            Event::Note(text) => self.note(text),
             _ => {}
         }
     }

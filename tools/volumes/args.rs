@@ -56,9 +56,12 @@ pub(crate) struct Cli {
     /// reconstruct restores the original surface.
     #[arg(long, help_heading = INPUT)]
     pub(super) cut_handles: bool,
-    /// Highest degree, inclusive
+    /// Highest degree, inclusive [default: by the labels' size in voxels]
+    ///
+    /// The default suits the label of median size in the first volume: its models resolve one and a half voxels.
+    /// Degrees from 4 to 60. With --skip-existing it is the degree of the table.
     #[arg(long, value_name = "L", help_heading = METHOD)]
-    pub(super) max_degree: usize,
+    pub(super) max_degree: Option<usize>,
     /// Folder of the models
     #[arg(short, long, value_name = "DIR", help_heading = OUTPUT)]
     pub(super) output: PathBuf,

@@ -16,7 +16,9 @@ use spharm_cli::exit;
 use spharm_cli::inputs::{expand_lists, read_text};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, check_outputs, counted, prepare, print_line};
+use spharm_cli::paths::natural_order;
 use spharm_cli::surfaces::Labels;
+use spharm_cohort::degree::degree_of_labels;
 use spharm_cohort::equal::Inputs;
 use spharm_cohort::reader::SurfaceReader;
 use spharm_cohort::run::{self, Cohort, Event, Observer, Outcome as RowOutcome, RunError, RunParams};
@@ -43,10 +45,15 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         );
     }
     check_outputs([OutputFile::with_ending(&table, "--table", &[".tsv"])], replaced)?;
-    let earlier = if cli.skip_existing && table.is_file() { Some(earlier(&table, cli.max_degree)?) } else { None };
     let volumes = volumes(&cli.volumes)?;
+    let earlier = if cli.skip_existing && table.is_file() { Some(earlier(&table, cli.max_degree)?) } else { None };
+    let max_degree = match (cli.max_degree, &earlier) {
+        (Some(degree), _) => degree,
+        (None, Some(table)) => table::powers(table),
+        (None, None) => suitable_degree(cli, &volumes, &monitor)?,
+    };
     let memory = cli.memory.map(|size| size.0);
-    let params = FitParams::lsq(cli.max_degree).with_memory(memory).with_threads(cli.threads.count());
+    let params = FitParams::lsq(max_degree).with_memory(memory).with_threads(cli.threads.count());
     params.check()?;
     let mut params = RunParams::new(params);
     let voxel_size = cli.voxel_size.map(|size| size.0);
@@ -59,7 +66,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let done = pool.install(|| volumes.iter().try_for_each(|path| call.volume(path)));
     prepare(&table)?;
     let Found { rows, refused } = call.found.into_inner().unwrap_or_else(PoisonError::into_inner);
-    let text = table::lines(&rows, cli.max_degree);
+    let text = table::lines(&rows, max_degree);
     let text = earlier.map_or(text.clone(), |earlier| table::with_earlier(&earlier, &text));
     if refused > 0 && table.is_file() {
         bail!(
@@ -98,11 +105,12 @@ fn is_without_models(table: &Path) -> bool {
 }
 
 /// Reads the table of an earlier call, which must have the same columns.
-fn earlier(table: &Path, max_degree: usize) -> Result<String> {
+fn earlier(table: &Path, max_degree: Option<usize>) -> Result<String> {
     let text = read_text(table, "table", LARGEST)?;
+    let powers = table::powers(&text);
+    let max_degree = max_degree.unwrap_or(powers);
     let (found, expected) = (text.lines().next().unwrap_or_default(), table::head(max_degree));
     if found != expected {
-        let powers = found.split('\t').filter(|name| name.starts_with("power_")).count();
         if powers == max_degree {
             let table = table.display();
             bail!("{table}: expected the columns of this version, found others; give --force, or another --output");
@@ -113,6 +121,20 @@ fn earlier(table: &Path, max_degree: usize) -> Result<String> {
         );
     }
     Ok(text)
+}
+
+/// Returns the degree that suits the labels of the first volume that can be read.
+fn suitable_degree(cli: &Cli, volumes: &[PathBuf], monitor: &ConsoleMonitor) -> Result<usize> {
+    let voxel_size = cli.voxel_size.map(|size| size.0);
+    let read = |path: &PathBuf| LabelVolume::read_with(path, voxel_size, monitor).ok();
+    // Volumes that can't be read fail with their reasons later.
+    let Some(volume) = volumes.iter().find_map(read) else { return Ok(1) };
+    monitor.check()?;
+    let wanted = |label: &i64| cli.label.contains(&Labels::All) || cli.label.contains(&Labels::One(*label));
+    let sizes = volume.labels().into_iter().filter(|(label, _)| wanted(label)).map(|(_, voxels)| voxels);
+    let chosen = degree_of_labels(&sizes.collect::<Vec<_>>(), volume.voxel_size());
+    monitor.console().note(format!("{chosen} in {}; --max-degree L sets another", volume.path().display()));
+    Ok(chosen.degree())
 }
 
 /// Returns the given files, with each folder replaced by the volumes in it.
@@ -134,7 +156,7 @@ fn volumes(given: &[PathBuf]) -> Result<Vec<PathBuf>> {
         if files.is_empty() {
             bail!("{}: the folder has no label volume (.nii, .mgz, .nrrd, .tif, .npy)", path.display());
         }
-        files.sort_unstable();
+        natural_order(&mut files);
         found.extend(files);
     }
     let mut seen = HashSet::new();
@@ -223,7 +245,12 @@ impl Call<'_> {
         let reader = SurfaceReader::with_volume(self.params.preparation, Some(volume));
         let observer = OfVolume { call: self, rows };
         let cohort = Cohort::new(fits, PathBuf::new());
-        match run::run_reading(&cohort, &self.params, reader, &observer, self.monitor) {
+        let before = self.lock().rows.len();
+        let ended = run::run_reading(&cohort, &self.params, reader, &observer, self.monitor);
+        // Labels are fitted side by side, and end in any order.
+        let place = |row: &Row| observer.rows.iter().position(|of| of.label == row.label);
+        self.lock().rows[before..].sort_by_key(place);
+        match ended {
             // The failed rows record failures such as a full disk; continue with the next volume.
             Err(error) if !error.is_interrupted() => Ok(()),
             done => Ok(done?),

@@ -82,6 +82,12 @@ pub(super) fn head(max_degree: usize) -> String {
     head.join("\t")
 }
 
+/// Returns the degree of a table's models: the number of columns with powers.
+pub(super) fn powers(table: &str) -> usize {
+    let head = table.lines().next().unwrap_or_default();
+    head.split('\t').filter(|name| name.starts_with("power_")).count()
+}
+
 /// Returns whether a table has a row with a model.
 pub(super) fn has_models(table: &str) -> bool {
     table.lines().any(|line| matches!(line.split('\t').nth(2), Some("fitted" | "kept")))

@@ -31,10 +31,15 @@ pub fn expand(paths: &[PathBuf], ending: &str) -> Result<Vec<PathBuf>> {
         if files.is_empty() {
             bail!("{}: the folder has no file ending in {ending}", path.display());
         }
-        files.sort_unstable();
+        natural_order(&mut files);
         expanded.extend(files);
     }
     Ok(expanded)
+}
+
+/// Sorts paths as people do: `seg.2` comes before `seg.10`.
+pub fn natural_order(paths: &mut [PathBuf]) {
+    alphanumeric_sort::sort_path_slice(paths);
 }
 
 /// Returns the name of a model without folder and endings, for display: `models/lh.pial.spharm.npz` is `lh.pial`.

@@ -10,7 +10,7 @@ use spharm_cohort::reader::SurfaceReader;
 
 use crate::inputs::expand_lists;
 
-/// `--label`: labels of a volume.
+/// A value of `--label`: one label of a volume, or all.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Labels {
     /// All labels.
@@ -46,7 +46,7 @@ impl FromStr for VoxelSize {
 }
 
 /// Returns the surfaces named by paths, lists and labels: each is a file, or a file and one of its labels. Without
-/// `labels` a volume must have a single label. If the caller doesn't make surfaces of volumes, every file is returned
+/// `labels`, a volume must have a single label. If the caller doesn't make surfaces of volumes, every file is returned
 /// without a label. `voxel_size` is refused for files that aren't volumes.
 ///
 /// # Errors
@@ -54,9 +54,9 @@ impl FromStr for VoxelSize {
 /// If a list or volume can't be read, a label is missing, or `labels` or a voxel size are given for a file that isn't a
 /// volume.
 pub fn surfaces(
-    reader: &mut SurfaceReader,
+    reader: &SurfaceReader,
     paths: &[PathBuf],
-    labels: Option<Labels>,
+    labels: &[Labels],
     voxel_size: Option<VoxelSize>,
     of_volumes: bool,
     monitor: &dyn Monitor,
@@ -67,17 +67,20 @@ pub fn surfaces(
             bail!("{}: is a folder; give the files in it, or a list of paths as @LIST", path.display());
         }
         if !of_volumes || !is_volume(&path) {
-            if labels.is_some() || voxel_size.is_some() {
+            if !labels.is_empty() || voxel_size.is_some() {
                 bail!("{}: --label and --voxel-size are for volumes (.nii, .mgz, .nrrd, .tif, .npy)", path.display());
             }
             surfaces.push((path, None));
             continue;
         }
         let volume = reader.volume(&path, monitor)?;
-        let found: Vec<i64> = match labels {
-            Some(Labels::All) => volume.labels().into_keys().collect(),
-            Some(Labels::One(label)) => vec![volume.choose(Some(label))?],
-            None => vec![volume.choose(None)?],
+        let one = |label: &Labels| if let Labels::One(label) = label { Some(*label) } else { None };
+        let found = match labels {
+            [] => vec![volume.choose(None)?],
+            labels if labels.contains(&Labels::All) => volume.labels().into_keys().collect(),
+            labels => {
+                labels.iter().filter_map(one).map(|label| volume.choose(Some(label))).collect::<Result<_, _>>()?
+            }
         };
         surfaces.extend(found.into_iter().map(|label| (path.clone(), Some(label))));
     }

@@ -41,12 +41,14 @@
 //! | [`reader`] | meshes, and labels of volumes |
 //! | [`equal`] | inputs that occur twice |
 //! | [`mod@check`] | quality control of a group: subjects to look at |
+//! | [`mod@degree`] | one degree for the models of many surfaces |
 //! | [`evaluate`] | models evaluated on one sphere |
 //! | `table` | TSV and CSV with the numbers of lines |
 
 #![forbid(unsafe_code)]
 
 pub mod check;
+pub mod degree;
 pub mod equal;
 mod error;
 pub mod evaluate;

@@ -1,6 +1,7 @@
 //! Reads surfaces from mesh files, or from labels of volumes.
 
 use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use spharm::io::read_mesh;
 use spharm::parametrize::volume::{LabelVolume, VolumeParams};
@@ -8,12 +9,13 @@ use spharm::parametrize::{Input, ParametrizeError};
 use spharm::{Error, Monitor, Preparation};
 
 /// Reads surfaces, and repairs them and cuts their handles if requested. The last volume read is kept in memory,
-/// because reading a volume is slow and its labels are usually read one after another.
+/// because reading a volume is slow and its labels are usually read one after another. Several threads may read at the
+/// same time.
 #[derive(Debug)]
 pub struct SurfaceReader {
     preparation: Preparation,
     /// The volume that was read last.
-    volume: Option<LabelVolume>,
+    volume: Mutex<Option<Arc<LabelVolume>>>,
 }
 
 impl SurfaceReader {
@@ -27,7 +29,7 @@ impl SurfaceReader {
     /// Creates a reader with a volume that has already been read.
     #[must_use]
     pub fn with_volume(preparation: Preparation, volume: Option<LabelVolume>) -> Self {
-        Self { preparation, volume }
+        Self { preparation, volume: Mutex::new(volume.map(Arc::new)) }
     }
 
     /// Reads a mesh, or the surface around a label.
@@ -36,7 +38,7 @@ impl SurfaceReader {
     ///
     /// If the file can't be read, if the label has no closed surface of genus zero, or if the surface whose handles are
     /// to be cut isn't closed and connected.
-    pub fn read(&mut self, path: &Path, label: Option<i64>, monitor: &dyn Monitor) -> Result<Input, Error> {
+    pub fn read(&self, path: &Path, label: Option<i64>, monitor: &dyn Monitor) -> Result<Input, Error> {
         if label.is_none() {
             return self.preparation.apply(Input::Mesh(read_mesh(path)?), monitor);
         }
@@ -51,11 +53,13 @@ impl SurfaceReader {
     /// # Errors
     ///
     /// The errors of [`LabelVolume::read_with`].
-    pub fn volume(&mut self, path: &Path, monitor: &dyn Monitor) -> Result<&LabelVolume, ParametrizeError> {
-        let volume = match self.volume.take().filter(|volume| volume.path() == path) {
+    pub fn volume(&self, path: &Path, monitor: &dyn Monitor) -> Result<Arc<LabelVolume>, ParametrizeError> {
+        // Threads that need the same volume wait until one of them has read it.
+        let mut last = self.volume.lock().unwrap_or_else(PoisonError::into_inner);
+        let volume = match last.take().filter(|volume| volume.path() == path) {
             Some(volume) => volume,
-            None => LabelVolume::read_with(path, self.preparation.voxel_size, monitor)?,
+            None => Arc::new(LabelVolume::read_with(path, self.preparation.voxel_size, monitor)?),
         };
-        Ok(self.volume.insert(volume))
+        Ok(last.insert(volume).clone())
     }
 }

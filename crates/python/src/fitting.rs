@@ -183,6 +183,31 @@ pub(crate) fn fit<'py>(
     Ok(found)
 }
 
+/// Chooses the least degree whose model is as accurate as wanted. Returns the degree, the error, and the wanted error.
+#[pyfunction]
+#[pyo3(signature = (vertices, faces, sphere, sphere_faces, *, accuracy, settings, progress = None))]
+#[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
+pub(crate) fn choose_degree(
+    py: Python<'_>,
+    vertices: PyReadonlyArray2<'_, f64>,
+    faces: Faces<'_>,
+    sphere: Option<Positions<'_>>,
+    sphere_faces: Option<Faces<'_>>,
+    accuracy: &str,
+    settings: Settings<'_>,
+    progress: Option<Bound<'_, PyAny>>,
+) -> PyResult<(usize, f64, f64)> {
+    let (params, accuracy) = (settings.params()?, parsed("accuracy", accuracy)?);
+    let mesh = mesh("surface", &vertices, &faces)?;
+    let sphere = sphere.as_ref();
+    let sphere = sphere.map(|sphere| SphereArrays::new(sphere, sphere_faces.as_ref(), false)).transpose()?;
+    let chosen = run(py, settings.threads, progress.as_ref(), |monitor| match sphere {
+        Some(sphere) => Ok(spharm::choose_degree_over(&sphere.check()?, &mesh, accuracy, &params, monitor)?),
+        None => Ok(spharm::choose_degree(&Input::Mesh(mesh), accuracy, &params, monitor)?),
+    })?;
+    Ok((chosen.degree, chosen.rms, chosen.wanted))
+}
+
 enum Given<'a> {
     Sphere(SphereArrays<'a>),
     Bare(Box<Mesh>),

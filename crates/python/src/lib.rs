@@ -76,6 +76,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(main, module)?)?;
     module.add_function(wrap_pyfunction!(fitting::fit, module)?)?;
     module.add_function(wrap_pyfunction!(fitting::fit_many, module)?)?;
+    module.add_function(wrap_pyfunction!(fitting::choose_degree, module)?)?;
     module.add_function(wrap_pyfunction!(fitting::solve, module)?)?;
     surfaces::register(module)?;
     shapes::register(module)?;

@@ -102,6 +102,7 @@ pub struct Readme;
 pub mod assess;
 pub mod correspond;
 pub mod defaults;
+pub mod degree;
 mod error;
 pub mod factor;
 pub mod fit;
@@ -116,6 +117,7 @@ pub mod report;
 pub mod warning;
 mod weights;
 
+pub use degree::{Accuracy, DegreeChoice, choose_degree, choose_degree_over};
 pub use error::Error;
 pub use fit::{
     Fit, MomentsFit, MomentsReport, PlannedSphere, Quadrature, ToTarget, check_mapping, check_memory, fit, fit_each,

@@ -26,7 +26,7 @@ mod mask;
 mod own_sphere;
 mod params;
 mod preview;
-mod quiet;
+pub(crate) mod quiet;
 mod sphere;
 mod sync;
 mod work;

@@ -1,7 +1,12 @@
 //! Fits surfaces that come without a sphere, and are mapped to spheres of their own.
+//!
+//! Mapping and fitting a small surface, such as a label, hardly gains by several threads, so several surfaces are
+//! processed side by side. Each has an equal share of the memory budget; surfaces that need more are processed one
+//! after another, with the whole budget.
 
+use rayon::prelude::*;
 use spharm::parametrize::Input;
-use spharm::{FitParams, Monitor};
+use spharm::{FitParams, Monitor, check_surface};
 
 use super::error::RunError;
 use super::event::{Event, Mapping, RowFit};
@@ -12,27 +17,78 @@ use super::work::Work;
 use crate::Row;
 use crate::files::{MadeOf, Mapped};
 
+/// Number of surfaces that are processed side by side, for each thread. With a small number, threads wait for the last
+/// surface; with a large one, shares of the memory are small.
+const PER_THREAD: usize = 8;
+
 impl Work<'_> {
     /// Maps each surface of a group to a sphere of its own, writes the sphere beside the model, and fits the surface
-    /// over it.
-    pub(super) fn on_their_own(&self, group: &Group, monitor: &dyn Monitor) -> Result<(), RunError> {
-        for &number in &group.rows {
+    /// over it. Calls `step` with the number of finished rows.
+    pub(super) fn on_their_own(
+        &self,
+        group: &Group,
+        monitor: &dyn Monitor,
+        step: &(dyn Fn(usize) + Sync),
+    ) -> Result<(), RunError> {
+        let threads = rayon::current_num_threads();
+        // A run that ends at the first failure has no outcomes of later rows.
+        let side_by_side = threads > 1 && group.rows.len() > 1 && self.params.keep_going;
+        let together = if side_by_side { threads * PER_THREAD } else { 1 };
+        let share = (together > 1).then(|| self.params.fit.memory_budget() / together);
+        for numbers in group.rows.chunks(together) {
             self.monitor.check()?;
-            let row = &self.cohort.rows[number];
-            self.ledger.start(number, row);
-            match self.on_its_own(number, row, monitor) {
-                Ok(Some(fit)) => self.ledger.done(number, row, fit)?,
-                Ok(None) => {}
-                Err(error) => self.failed(number, error)?,
+            let process = |number: usize, share: Option<usize>| {
+                let done = self.row(number, share, monitor)?;
+                if done {
+                    step(1);
+                }
+                Ok(done)
+            };
+            let done: Vec<Result<bool, RunError>> =
+                numbers.par_iter().with_max_len(1).map(|&number| process(number, share)).collect();
+            for (&number, done) in numbers.iter().zip(done) {
+                if !done? {
+                    process(number, None)?;
+                }
             }
         }
         Ok(())
     }
 
-    fn on_its_own(&self, number: usize, row: &Row, monitor: &dyn Monitor) -> Result<Option<RowFit>, RunError> {
-        let params = self.weighted(row)?;
-        let Some(item) = self.decide(number, None, &params)? else { return Ok(None) };
-        let mapped = self.map(row, &item, &params, monitor)?;
+    /// Processes one row, within a share of the memory if one is given. Returns whether the share sufficed; if not,
+    /// nothing was done.
+    fn row(&self, number: usize, share: Option<usize>, monitor: &dyn Monitor) -> Result<bool, RunError> {
+        self.monitor.check()?;
+        let row = &self.cohort.rows[number];
+        self.ledger.start(number, row);
+        match self.on_its_own(number, row, share, monitor) {
+            Ok(Done::Fitted(fit)) => self.ledger.done(number, row, *fit)?,
+            Ok(Done::Skipped) => {}
+            Ok(Done::TooLarge) => return Ok(false),
+            Err(error) => self.failed(number, error)?,
+        }
+        Ok(true)
+    }
+
+    fn on_its_own(
+        &self,
+        number: usize,
+        row: &Row,
+        share: Option<usize>,
+        monitor: &dyn Monitor,
+    ) -> Result<Done, RunError> {
+        let mut params = self.weighted(row)?;
+        let Some(item) = self.decide(number, None, &params)? else { return Ok(Done::Skipped) };
+        let surface = self.reader.read(&row.surface, item.record.label, monitor)?;
+        if let Some(share) = share {
+            let budget = params.memory.replace(share);
+            if matches!(check_surface(&surface, &params), Err(spharm::Error::Memory { .. })) {
+                params.memory = budget;
+                lock(&self.items).insert(number, item);
+                return Ok(Done::TooLarge);
+            }
+        }
+        let mapped = self.map(row, &item, &surface, &params, monitor)?;
         let surface = &mapped.surface;
         let fit_and_write = || -> Result<RowFit, RunError> {
             let (fit, report) = surface.fit(&params, monitor)?;
@@ -43,21 +99,28 @@ impl Work<'_> {
             fitted.mapped = Some(Mapping::new(item.files.sphere(), surface));
             Ok(fitted)
         };
-        fit_and_write().inspect_err(|_| mapped.remove()).map(Some)
+        let fitted = fit_and_write().inspect_err(|_| mapped.remove())?;
+        Ok(Done::Fitted(Box::new(fitted)))
     }
 
-    /// Reads one surface and maps it to a sphere.
-    fn map(&self, row: &Row, item: &Item, params: &FitParams, monitor: &dyn Monitor) -> Result<Mapped, RunError> {
+    /// Maps one surface to a sphere.
+    fn map(
+        &self,
+        row: &Row,
+        item: &Item,
+        surface: &Input,
+        params: &FitParams,
+        monitor: &dyn Monitor,
+    ) -> Result<Mapped, RunError> {
         let observer = self.ledger.observer;
-        let surface = lock(&self.reader).read(&row.surface, item.record.label, monitor)?;
-        if let (Some(_), Input::Label(_)) = (params.area, &surface) {
+        if let (Some(_), Input::Label(_)) = (params.area, surface) {
             return Err(RunError::AreaOfLabel { input: item.record.to_string() });
         }
         for change in surface.changes(self.params.preparation.cut_handles) {
             observer.event(&Event::Warning(&format!("{}: {change}", item.record)));
         }
         let reuse = self.params.if_exists.keeps();
-        let mapped = item.files.map(&surface, &item.record, params, reuse, item.replace, monitor);
+        let mapped = item.files.map(surface, &item.record, params, reuse, item.replace, monitor);
         let mapped = mapped.map_err(|error| RunError::from(error).of(&item.record))?;
         let report = &mapped.surface.parametrized.map.report;
         let reused = mapped.written.is_empty();
@@ -69,4 +132,12 @@ impl Work<'_> {
         report.notes.iter().for_each(|note| observer.event(&Event::Note(&note.to_string())));
         Ok(mapped)
     }
+}
+
+/// The outcome of a row.
+enum Done {
+    Fitted(Box<RowFit>),
+    Skipped,
+    /// The surface needs more than its share of the memory.
+    TooLarge,
 }

@@ -12,7 +12,6 @@ use super::event::Observer;
 use super::groups::{Group, groups};
 use super::ledger::Ledger;
 use super::params::{Cohort, RunParams};
-use super::sync::lock;
 use super::work::Work;
 use crate::Row;
 use crate::files::ModelFiles;
@@ -156,7 +155,7 @@ impl Look<'_> {
                 }
                 if group.sphere.is_none() && !is_volume(&row.surface) && self.own < READ {
                     self.own += 1;
-                    check_surface(&lock(&self.work.reader).read(&row.surface, None, monitor)?, &params)?;
+                    check_surface(&self.work.reader.read(&row.surface, None, monitor)?, &params)?;
                 }
                 Ok(false)
             };

@@ -1,12 +1,12 @@
-//! Hides the progress of a single group when a run has several groups.
+//! Hides the progress of parts of a run.
 
 use std::fmt;
 
 use spharm::{Level, Monitor};
 
-/// A monitor for one group: it hides the stages of the group, because the run counts progress in rows, and reports the
-/// group's notes as details.
-pub(super) struct Quiet<'a>(pub(super) &'a dyn Monitor);
+/// A monitor for a part of a run, such as a group of rows: it hides the part's stages, because the run counts progress
+/// in rows, and reports the part's notes as details.
+pub(crate) struct Quiet<'a>(pub(crate) &'a dyn Monitor);
 
 impl Monitor for Quiet<'_> {
     fn note(&self, level: Level, text: fmt::Arguments<'_>) {

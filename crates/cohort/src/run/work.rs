@@ -28,9 +28,9 @@ pub(super) struct Work<'a> {
     pub(super) params: &'a RunParams,
     pub(super) monitor: &'a dyn Monitor,
     pub(super) ledger: &'a Ledger<'a>,
-    pub(super) reader: Mutex<SurfaceReader>,
+    pub(super) reader: SurfaceReader,
     /// Files, record and decision of each row that has been checked but isn't finished.
-    items: Mutex<HashMap<usize, Item>>,
+    pub(super) items: Mutex<HashMap<usize, Item>>,
     /// Names of labels whose models reproduce the voxels' steps, with a description of the steps.
     pub(super) steps: Mutex<Vec<(String, VoxelSteps)>>,
     /// The inputs that have been checked, to find equal inputs.
@@ -70,7 +70,7 @@ impl<'a> Work<'a> {
         monitor: &'a dyn Monitor,
         ledger: &'a Ledger<'a>,
     ) -> Self {
-        let (reader, items, record) = (Mutex::new(reader), Mutex::default(), Mutex::default());
+        let (items, record) = (Mutex::default(), Mutex::default());
         let (steps, inputs) = (Mutex::default(), Mutex::default());
         Self { cohort, params, monitor, ledger, reader, items, steps, inputs, record }
     }
@@ -87,19 +87,24 @@ impl<'a> Work<'a> {
             self.ledger.observer.event(&Event::OwnSpheres(own));
         }
         let quiet = Quiet(self.monitor);
-        let many = groups.len() > 1;
+        let many = groups.len() > 1 || own > 1;
         if many {
             self.monitor.begin(Stage::counted("fit", "surfaces"), left.len() as u64);
         }
         let inner: &dyn Monitor = if many { &quiet } else { self.monitor };
         for group in groups {
             self.monitor.check()?;
+            let step = |rows: usize| {
+                if many {
+                    self.monitor.step(rows as u64)
+                }
+            };
             match &group.sphere {
-                Some(path) => self.on_sphere(path, &group, inner)?,
-                None => self.on_their_own(&group, inner)?,
-            }
-            if many {
-                self.monitor.step(group.rows.len() as u64);
+                Some(path) => {
+                    self.on_sphere(path, &group, inner)?;
+                    step(group.rows.len());
+                }
+                None => self.on_their_own(&group, inner, &step)?,
             }
         }
         if many {
@@ -158,10 +163,7 @@ impl<'a> Work<'a> {
         match row.label {
             Some(label) if self.cohort.check_first => Ok(Some(label)),
             Some(_) if !volume => Err(RunError::LabelOfMesh { path: row.surface.clone() }),
-            label if volume => {
-                let mut reader = lock(&self.reader);
-                Ok(Some(reader.volume(&row.surface, &Quiet(self.monitor))?.choose(label)?))
-            }
+            label if volume => Ok(Some(self.reader.volume(&row.surface, &Quiet(self.monitor))?.choose(label)?)),
             _ => Ok(None),
         }
     }

@@ -83,6 +83,12 @@ impl LabelVolume {
         &self.path
     }
 
+    /// Returns the lengths of a voxel's edges, in mm.
+    #[must_use]
+    pub fn voxel_size(&self) -> [f64; 3] {
+        self.affine.voxel_size()
+    }
+
     /// Returns each label except 0 (the background), with its number of voxels.
     #[must_use]
     pub fn labels(&self) -> BTreeMap<i64, usize> {
@@ -137,13 +143,12 @@ impl LabelVolume {
     }
 }
 
-/// Lists labels with their numbers of voxels, at most 20, for an error message.
+/// Lists labels with their numbers of voxels, at most 5, for an error message.
 fn listed(labels: &BTreeMap<i64, usize>) -> String {
     let voxels = |n: usize| if n == 1 { "1 voxel".to_owned() } else { format!("{n} voxels") };
-    let mut listed: Vec<String> =
-        labels.iter().take(20).map(|(label, &n)| format!("{label} ({})", voxels(n))).collect();
+    let mut listed: Vec<String> = labels.iter().take(5).map(|(label, &n)| format!("{label} ({})", voxels(n))).collect();
     if labels.len() > listed.len() {
-        listed.push(format!("{} more", labels.len() - listed.len()));
+        listed.push(format!("and {} more", labels.len() - listed.len()));
     }
     if listed.is_empty() { "only 0".to_owned() } else { listed.join(", ") }
 }

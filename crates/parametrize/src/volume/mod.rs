@@ -70,5 +70,5 @@ pub use mask::Mask;
 pub use open::is_volume;
 pub use pieces::{Pieces, pieces};
 pub use repair::{HandleRepair, Repair, repair};
-pub use steps::{VoxelSteps, steps_of_labels};
+pub use steps::{VoxelSteps, steps_of_labels, suitable_degree};
 pub use surface::{LabelSurface, VolumeParams, VolumeSurface};

@@ -28,6 +28,22 @@ pub struct VoxelSteps {
     pub suitable_degree: usize,
 }
 
+/// Returns the highest degree of a model that doesn't follow the voxels' steps, for a label with a number of voxels of
+/// the given edges: that which resolves one and a half voxels.
+#[must_use]
+pub fn suitable_degree(voxels: usize, voxel_size: [f64; 3]) -> usize {
+    (std::f64::consts::PI * radius(voxels, voxel_size) / (VOXELS * longest(voxel_size))) as usize
+}
+
+/// Returns the radius of a ball with the volume of a label.
+fn radius(voxels: usize, voxel_size: [f64; 3]) -> f64 {
+    (0.75 * voxels as f64 * voxel_size.iter().product::<f64>() / std::f64::consts::PI).cbrt()
+}
+
+fn longest(edges: [f64; 3]) -> f64 {
+    edges.into_iter().fold(0.0, f64::max)
+}
+
 impl VolumeSurface {
     /// Returns a warning if the surface has the voxels' steps and a model of the given degree resolves the voxels;
     /// otherwise `None`.
@@ -36,11 +52,9 @@ impl VolumeSurface {
         if self.quads.smooth.is_some() {
             return None;
         }
-        let volume = self.voxels as f64 * self.voxel_size.iter().product::<f64>();
-        let radius = (0.75 * volume / std::f64::consts::PI).cbrt();
-        let voxel = self.voxel_size.into_iter().fold(0.0, f64::max);
-        let resolved = std::f64::consts::PI * radius / max_degree.max(1) as f64;
-        let suitable_degree = (std::f64::consts::PI * radius / (VOXELS * voxel)) as usize;
+        let voxel = longest(self.voxel_size);
+        let resolved = std::f64::consts::PI * radius(self.voxels, self.voxel_size) / max_degree.max(1) as f64;
+        let suitable_degree = suitable_degree(self.voxels, self.voxel_size);
         (resolved < VOXELS * voxel).then_some(VoxelSteps { max_degree, resolved, voxel, suitable_degree })
     }
 }

@@ -1,0 +1,184 @@
+//! Chooses one degree for the models of many surfaces.
+//!
+//! Models are compared, averaged and tabulated by degree, so all models of a run have the same. Of labels, the size in
+//! voxels determines the degree that their surfaces support; of meshes, fits of a few of them.
+
+use std::fmt;
+
+use spharm::degree::{Accuracy, DegreeChoice, choose_degree, choose_degree_over};
+use spharm::io::read_mesh;
+use spharm::parametrize::volume::suitable_degree;
+use spharm::{Error, FitParams, Monitor, Stage};
+
+use crate::Row;
+use crate::reader::SurfaceReader;
+use crate::run::Cohort;
+use crate::run::quiet::Quiet;
+
+/// The number of meshes that are fitted to choose a degree.
+const MESHES: usize = 3;
+
+/// The number of labels whose sizes determine a degree.
+const LABELS: usize = 50;
+
+/// Degrees for labels: lower ones leave hardly any shape, higher ones need a deliberate choice.
+const OF_LABELS: (usize, usize) = (4, 60);
+
+/// The degree chosen for a run.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum ChosenDegree {
+    /// By the sizes of labels in voxels.
+    Labels {
+        /// The degree that suits the label of median size.
+        degree: usize,
+        /// The number of labels.
+        labels: usize,
+    },
+    /// By fits of surfaces.
+    Surfaces {
+        /// The choice for the surface that needs the highest degree.
+        choice: DegreeChoice,
+        /// The number of surfaces fitted.
+        fitted: usize,
+    },
+}
+
+impl ChosenDegree {
+    /// Returns the degree.
+    #[must_use]
+    pub fn degree(&self) -> usize {
+        match self {
+            Self::Labels { degree, .. } => *degree,
+            Self::Surfaces { choice, .. } => choice.degree,
+        }
+    }
+}
+
+impl fmt::Display for ChosenDegree {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Labels { degree, labels: 1 } => write!(f, "degree {degree} suits the label's size in voxels"),
+            Self::Labels { degree, labels } => {
+                write!(f, "degree {degree} suits the median size of {labels} labels in voxels")
+            }
+            Self::Surfaces { choice, fitted: 1 } => choice.fmt(f),
+            Self::Surfaces { choice, fitted } => write!(f, "{choice} (chosen on {fitted} surfaces)"),
+        }
+    }
+}
+
+/// Returns the degree for the models of a cohort. Without `accuracy`, and if the first row is a label, it is the degree
+/// that suits the median size of up to 50 labels, from 4 to 60. Otherwise it is the highest that up to three surfaces,
+/// spread evenly over the rows, need for the accuracy, by default 0.2 % of a surface's size, see [`choose_degree`].
+///
+/// # Errors
+///
+/// The error of the first row if no row can be read and fitted; cancellation.
+pub fn choose(
+    cohort: &Cohort,
+    accuracy: Option<Accuracy>,
+    params: &FitParams,
+    reader: &SurfaceReader,
+    monitor: &dyn Monitor,
+) -> Result<ChosenDegree, Error> {
+    let rows = &cohort.rows;
+    if accuracy.is_none() && rows.first().is_some_and(|row| row.label.is_some()) {
+        let labels: Vec<&Row> = rows.iter().filter(|row| row.label.is_some()).collect();
+        return Ok(median(any(spread(&labels, LABELS), |row| of_label(row, reader, monitor))?));
+    }
+    let accuracy = accuracy.unwrap_or_default();
+    let rows: Vec<&Row> = rows.iter().collect();
+    let rows = spread(&rows, MESHES);
+    monitor.begin(Stage::counted("choose the degree", "surfaces"), rows.len() as u64);
+    let choices = any(rows, |row| {
+        let choice = of_surface(cohort, row, accuracy, params, reader, &Quiet(monitor));
+        monitor.step(1);
+        choice
+    });
+    monitor.end();
+    let choices = choices?;
+    let fitted = choices.len();
+    let highest = choices.into_iter().max_by_key(|choice| choice.degree);
+    highest.map(|choice| ChosenDegree::Surfaces { choice, fitted }).ok_or(Error::NoArea)
+}
+
+/// Returns the degree that suits the median size of labels, given as their numbers of voxels of one size, as [`choose`]
+/// does.
+#[must_use]
+pub fn degree_of_labels(voxels: &[usize], voxel_size: [f64; 3]) -> ChosenDegree {
+    median(voxels.iter().map(|voxels| suitable_degree(*voxels, voxel_size)).collect())
+}
+
+fn median(mut degrees: Vec<usize>) -> ChosenDegree {
+    degrees.sort_unstable();
+    let (least, most) = OF_LABELS;
+    let degree = degrees.get(degrees.len() / 2).map_or(least, |degree| *degree.clamp(&least, &most));
+    ChosenDegree::Labels { degree, labels: degrees.len() }
+}
+
+fn of_label(row: &Row, reader: &SurfaceReader, monitor: &dyn Monitor) -> Result<usize, Error> {
+    let volume = reader.volume(&row.surface, monitor)?;
+    let label = volume.choose(row.label)?;
+    let voxels = volume.labels().get(&label).copied().unwrap_or(0);
+    Ok(suitable_degree(voxels, volume.voxel_size()))
+}
+
+fn of_surface(
+    cohort: &Cohort,
+    row: &Row,
+    accuracy: Accuracy,
+    params: &FitParams,
+    reader: &SurfaceReader,
+    monitor: &dyn Monitor,
+) -> Result<DegreeChoice, Error> {
+    let read;
+    let sphere = match (&cohort.sphere, &row.sphere) {
+        (Some(sphere), _) => Some(sphere),
+        (None, Some(path)) => {
+            read = spharm::read_sphere(path)?;
+            Some(&read)
+        }
+        (None, None) => None,
+    };
+    match sphere {
+        Some(sphere) => choose_degree_over(sphere, &read_mesh(&row.surface)?, accuracy, params, monitor),
+        None => choose_degree(&reader.read(&row.surface, row.label, monitor)?, accuracy, params, monitor),
+    }
+}
+
+/// Returns at most `most` elements, spread evenly from the first to the last.
+fn spread<'a, T>(of: &[&'a T], most: usize) -> Vec<&'a T> {
+    let count = of.len().min(most);
+    (0..count).map(|at| of[at * (of.len() - 1) / (count - 1).max(1)]).collect()
+}
+
+/// Returns the results for the rows that have one. Without any, returns the first error.
+fn any<T>(rows: Vec<&Row>, mut of: impl FnMut(&Row) -> Result<T, Error>) -> Result<Vec<T>, Error> {
+    let (mut found, mut first) = (Vec::new(), None);
+    for row in rows {
+        match of(row) {
+            Ok(value) => found.push(value),
+            Err(error) if error.is_interrupted() => return Err(error),
+            Err(error) => first = first.or(Some(error)),
+        }
+    }
+    match (found.is_empty(), first) {
+        (true, Some(error)) => Err(error),
+        _ => Ok(found),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn samples_are_spread_from_the_first_to_the_last() {
+        let numbers: Vec<usize> = (0..10).collect();
+        let all: Vec<&usize> = numbers.iter().collect();
+        assert_eq!(spread(&all, 3), [&0, &4, &9]);
+        assert_eq!(spread(&all[..2], 3), [&0, &1]);
+        assert_eq!(spread(&all[..1], 3), [&0]);
+        assert!(spread(&all[..0], 3).is_empty());
+    }
+}

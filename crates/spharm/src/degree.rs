@@ -1,0 +1,271 @@
+//! Chooses the degree of a model: the least with which the model is accurate enough.
+//!
+//! The error of a surface's model is the root mean square distance between the surfaces, which falls as the degree
+//! grows, roughly as a power of it. So the degree is found by a few fits: its double is tried until the error is small
+//! enough, then degrees between the last two, where the power law expects the wanted error.
+
+use std::f64::consts::PI;
+use std::fmt;
+use std::str::FromStr;
+
+use spharm_monitor::{Monitor, number};
+use spharm_surface::metrics::bounding_box_scale;
+use spharm_surface::{Mesh, Sphere, Target};
+
+use crate::parametrize::Input;
+use crate::{Error, Fit, FitParams, MappedSurface, fit_target};
+
+/// Error that a model may have: the root mean square distance between model and surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Accuracy {
+    /// A length in the unit of the surface.
+    Length(f64),
+    /// A fraction of the surface's size, which is the cube root of the volume of its bounding box.
+    Share(f64),
+}
+
+impl Default for Accuracy {
+    /// Returns 0.2 % of the size.
+    fn default() -> Self {
+        Self::Share(0.002)
+    }
+}
+
+impl FromStr for Accuracy {
+    type Err = String;
+
+    /// Parses a length, `0.3`, or a percentage of the size, `0.2%`.
+    fn from_str(text: &str) -> Result<Self, String> {
+        let percent = text.strip_suffix('%').map(str::trim_end);
+        let value = percent.unwrap_or(text).parse().ok().filter(|value: &f64| *value > 0.0 && value.is_finite());
+        match (value, percent) {
+            (Some(value), Some(_)) => Ok(Self::Share(value / 100.0)),
+            (Some(value), None) => Ok(Self::Length(value)),
+            (None, _) => Err("expected a length above 0, or a percentage of the size, such as 0.2%".to_owned()),
+        }
+    }
+}
+
+impl fmt::Display for Accuracy {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Length(length) => write!(f, "{length}"),
+            Self::Share(share) => write!(f, "{} % of the size", (1e8 * share).round() / 1e6),
+        }
+    }
+}
+
+impl Accuracy {
+    fn length(self, vertices: &[[f64; 3]]) -> Result<f64, Error> {
+        match self {
+            Self::Length(length) => Ok(length),
+            Self::Share(share) => Ok(share * bounding_box_scale(vertices)?),
+        }
+    }
+}
+
+/// A degree that was chosen for a surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub struct DegreeChoice {
+    /// The degree: the least that is accurate enough or, if none is, that which resolves one and a half edges.
+    pub degree: usize,
+    /// Root mean square distance between the surface and its model of this degree.
+    pub rms: f64,
+    /// The wanted accuracy, as a length.
+    pub wanted: f64,
+    /// The highest degree that could be tried.
+    pub most: usize,
+}
+
+impl DegreeChoice {
+    /// Returns whether the model is as accurate as wanted.
+    #[must_use]
+    pub fn reached(&self) -> bool {
+        self.rms <= self.wanted
+    }
+}
+
+impl fmt::Display for DegreeChoice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { degree, most, .. } = self;
+        let (rms, wanted) = (number(self.rms), number(self.wanted));
+        match self.reached() {
+            true => write!(f, "degree {degree} is the least with an rms error of at most {wanted}; it has {rms}"),
+            false => write!(
+                f,
+                "no degree up to {most} has an rms error of at most {wanted}; degree {degree} has {rms}, and resolves \
+                 one and a half edges of the mesh"
+            ),
+        }
+    }
+}
+
+/// The highest degree tried. Models of higher degrees need a deliberate choice.
+const MOST: usize = 256;
+
+/// The first degree tried.
+const FIRST: usize = 16;
+
+/// Length that a model resolves, in edges of a mesh, if no degree is accurate enough. Finer models would follow the
+/// mesh's facets.
+const EDGES: f64 = 1.5;
+
+/// Returns the least degree with which the model of a surface, over a sphere of its own, is as accurate as wanted: at
+/// most 256, and with at most as many functions as the surface has vertices. If none is, the degree resolves one and a
+/// half edges of the surface.
+///
+/// A degree is tried by a fit with `params`, whose own degree is ignored. There are usually five to eight fits.
+///
+/// # Errors
+///
+/// Those of [`fit_mesh`](crate::fit_mesh()); [`Error::Setting`] if `params` fit the vertices.
+pub fn choose_degree(
+    surface: &Input,
+    accuracy: Accuracy,
+    params: &FitParams,
+    monitor: &dyn Monitor,
+) -> Result<DegreeChoice, Error> {
+    let of_label = surface.label().map(|label| &label.quads.vertices);
+    let vertices = surface.mesh().map(|mesh| &mesh.vertices).or(of_label).ok_or(Error::NoArea)?;
+    choose(vertices, accuracy, params, monitor, |params| {
+        Ok(MappedSurface::new(surface, params, monitor)?.fit(params, monitor)?.0)
+    })
+}
+
+/// Returns the least degree with which the model of a surface over a given sphere is as accurate as wanted, as
+/// [`choose_degree`] does.
+///
+/// # Errors
+///
+/// Those of [`fit()`](crate::fit()); [`Error::Setting`] if `params` fit the vertices.
+pub fn choose_degree_over(
+    sphere: &Sphere,
+    surface: &Mesh,
+    accuracy: Accuracy,
+    params: &FitParams,
+    monitor: &dyn Monitor,
+) -> Result<DegreeChoice, Error> {
+    let target = || Target::from_mesh(surface, sphere);
+    choose(&surface.vertices, accuracy, params, monitor, |params| Ok(fit_target(sphere, target()?, params, monitor)?.0))
+}
+
+fn choose(
+    vertices: &[[f64; 3]],
+    accuracy: Accuracy,
+    params: &FitParams,
+    monitor: &dyn Monitor,
+    fit: impl Fn(&FitParams) -> Result<Fit, Error>,
+) -> Result<DegreeChoice, Error> {
+    let wanted = accuracy.length(vertices)?;
+    let most = vertices.len().isqrt().saturating_sub(1).clamp(1, MOST);
+    let params = params.clone().with_surface_distance(true).with_standard_errors(false).with_hold_out(None);
+    let error = |degree| {
+        monitor.check()?;
+        let fit = fit(&params.clone().with_max_degree(degree))?;
+        fit.report.surface_distance.map(|distances| distances.rms_raw).ok_or_else(|| Error::Setting {
+            what: "a degree chosen by its accuracy",
+            expected: "a fit of the surface",
+            found: "a fit of the vertices".to_owned(),
+        })
+    };
+    let (mut degree, mut rms) = search(wanted, most, error)?;
+    if rms > wanted {
+        // With n vertices on a ball of radius r, edges have a length of about `(4 pi r^2 / n)^(1/2)`, and a model of
+        // degree L resolves `pi r / L`.
+        degree = (((PI * vertices.len() as f64).sqrt() / (2.0 * EDGES)) as usize).clamp(1, most);
+        rms = error(degree)?;
+    }
+    Ok(DegreeChoice { degree, rms, wanted, most })
+}
+
+/// Returns the least degree from 1 to `most` whose error is at most `wanted`, and its error; `most` if there is none.
+/// Assumes that errors fall as the degree grows.
+fn search<E>(wanted: f64, most: usize, mut error: impl FnMut(usize) -> Result<f64, E>) -> Result<(usize, f64), E> {
+    // The highest degree known to fail, if any, and the lowest known to suffice.
+    let mut fails: Option<(usize, f64)> = None;
+    let mut degree = FIRST.min(most);
+    let mut suffices = loop {
+        let found = error(degree)?;
+        if found <= wanted || degree == most {
+            break (degree, found);
+        }
+        fails = Some((degree, found));
+        degree = (2 * degree).min(most);
+    };
+    if suffices.1 > wanted {
+        return Ok(suffices);
+    }
+    loop {
+        let below = fails.map_or(0, |(degree, _)| degree);
+        if suffices.0 - below <= 1 {
+            return Ok(suffices);
+        }
+        let degree = match fails {
+            Some(fails) => expected(wanted, fails, suffices),
+            None => suffices.0 / 2,
+        };
+        let found = error(degree)?;
+        if found <= wanted {
+            suffices = (degree, found);
+        } else {
+            fails = Some((degree, found));
+        }
+    }
+}
+
+/// Returns the degree strictly between two others at which a power law through their errors has the wanted error.
+fn expected(wanted: f64, fails: (usize, f64), suffices: (usize, f64)) -> usize {
+    let (low, high) = (fails.0 as f64, suffices.0 as f64);
+    let share = (fails.1 / wanted).ln() / (fails.1 / suffices.1).ln();
+    // Errors of zero, and the ends, give no estimate: take the middle.
+    let share = if share.is_finite() { share.clamp(0.0, 1.0) } else { 0.5 };
+    let degree = (low * (high / low).powf(share)).round() as usize;
+    degree.clamp(fails.0 + 1, suffices.0 - 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn found(wanted: f64, most: usize, error: impl Fn(usize) -> f64) -> (usize, usize) {
+        let mut tried = 0;
+        let (degree, _) = search(wanted, most, |degree| {
+            tried += 1;
+            Ok::<_, ()>(error(degree))
+        })
+        .unwrap();
+        (degree, tried)
+    }
+
+    #[test]
+    fn the_least_degree_is_found_in_few_fits() {
+        for slope in [0.7, 1.5, 3.0] {
+            for least in [1, 2, 5, 16, 17, 31, 60, 100, 200] {
+                let error = |degree: usize| (degree as f64).powf(-slope);
+                let (degree, tried) = found(error(least) * 1.000_001, 256, error);
+                assert_eq!(degree, least, "slope {slope}");
+                assert!(tried <= 9, "{least}: {tried} fits");
+            }
+        }
+        // Errors that end abruptly, and surfaces that are exact from some degree on.
+        assert_eq!(found(0.5, 256, |degree| if degree < 43 { 1.0 } else { 0.0 }).0, 43);
+    }
+
+    #[test]
+    fn the_highest_degree_is_taken_if_none_suffices() {
+        assert_eq!(found(1e-3, 20, |degree| 1.0 / degree as f64).0, 20);
+        assert_eq!(found(1e-3, 5, |_| 1.0), (5, 1));
+        assert_eq!(found(2.0, 5, |_| 1.0).0, 1);
+    }
+
+    #[test]
+    fn accuracies_are_lengths_or_percentages() {
+        assert_eq!("0.3".parse(), Ok(Accuracy::Length(0.3)));
+        assert_eq!("0.5%".parse(), Ok(Accuracy::Share(0.005)));
+        assert_eq!(Accuracy::Share(0.002).to_string(), "0.2 % of the size");
+        for wrong in ["", "0", "-1", "%", "nan", "inf", "1 mm"] {
+            assert!(wrong.parse::<Accuracy>().is_err(), "{wrong}");
+        }
+    }
+}

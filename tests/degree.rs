@@ -1,0 +1,130 @@
+//! Fits without `--max-degree`: the degree is the least that is accurate enough, or suits the labels.
+
+use std::path::Path;
+
+use spharm::metrics::bounding_box_scale;
+use spharm::{FitParams, fit_mesh};
+use spharm_model::Model;
+use spharm_surface::Mesh;
+use spharm_surface::io::read_mesh;
+
+use crate::common::{fail, finish, succeed, text, tool};
+use crate::volumes::write_volume;
+
+fn folded(folder: &Path, name: &str, variant: &str) -> Mesh {
+    let path = folder.join(name);
+    succeed(tool("generate").args(["--subdivisions", "4", "--variant", variant, "-q", "--surface"]).arg(&path));
+    read_mesh(&path).unwrap()
+}
+
+fn degree(model: &Path) -> usize {
+    Model::read(model).unwrap().coefficients.max_degree()
+}
+
+fn rms(surface: &Mesh, degree: usize) -> f64 {
+    let fit = fit_mesh(surface, &FitParams::lsq(degree)).unwrap().fit;
+    fit.report.surface_distance.unwrap().rms_raw
+}
+
+#[test]
+fn a_surface_alone_gets_the_least_degree_that_is_accurate() {
+    let folder = tempfile::tempdir().unwrap();
+    let surface = folded(folder.path(), "a.ply", "0");
+    let output = finish(tool("fit").arg("a.ply").current_dir(folder.path()));
+    assert!(
+        output.status.success() && text(&output).contains("is the least with an rms error of at most"),
+        "{output:?}"
+    );
+    let wanted = 0.002 * bounding_box_scale(&surface.vertices).unwrap();
+    let found = degree(&folder.path().join("a.spharm.npz"));
+    assert!(rms(&surface, found) <= wanted && rms(&surface, found - 1) > wanted, "degree {found}");
+    // As an option, with a length in place of a percentage.
+    let length = wanted.to_string();
+    succeed(
+        tool("fit")
+            .args(["--surface", "a.ply", "--accuracy", &length, "-q", "-o", "b.spharm.npz"])
+            .current_dir(folder.path()),
+    );
+    assert_eq!(degree(&folder.path().join("b.spharm.npz")), found);
+}
+
+#[test]
+fn all_models_of_a_call_have_the_degree_that_the_worst_surface_needs() {
+    let folder = tempfile::tempdir().unwrap();
+    let surfaces = ["0", "1"].map(|variant| folded(folder.path(), &format!("{variant}.ply"), variant));
+    succeed(tool("fit").args(["0.ply", "1.ply", "--accuracy", "1%", "-q", "-o", "models"]).current_dir(folder.path()));
+    let degrees = ["0", "1"].map(|name| degree(&folder.path().join(format!("models/{name}.spharm.npz"))));
+    assert_eq!(degrees[0], degrees[1]);
+    let errors = |degree: usize| {
+        surfaces
+            .each_ref()
+            .map(|of| rms(of, degree) / bounding_box_scale(&of.vertices).unwrap())
+            .into_iter()
+            .fold(0.0, f64::max)
+    };
+    assert!(errors(degrees[0]) <= 0.01 && errors(degrees[0] - 1) > 0.01, "{degrees:?}");
+}
+
+#[test]
+fn an_accuracy_out_of_reach_is_a_warning() {
+    let folder = tempfile::tempdir().unwrap();
+    folded(folder.path(), "a.ply", "0");
+    let mut fit = tool("fit");
+    let output = finish(fit.args(["a.ply", "--accuracy", "1e-6%"]).current_dir(folder.path()));
+    let said = text(&output);
+    assert!(output.status.success() && said.contains("warning: no degree up to 49 has an rms error of"), "{said}");
+    // 2,562 vertices: (2562 pi)^(1/2) / 3.
+    assert_eq!(degree(&folder.path().join("a.spharm.npz")), 29);
+}
+
+#[test]
+fn labels_get_the_degree_of_their_size() {
+    let folder = tempfile::tempdir().unwrap();
+    let ball = |at: [f64; 3], centre: f64, square: f64| at.map(|x| (x - centre).powi(2)).iter().sum::<f64>() < square;
+    write_volume(&folder.path().join("a.nii"), |at| {
+        if ball(at, 2.0, 20.0) { 1 } else { 2 * u8::from(ball(at, -5.0, 3.0)) + 3 * u8::from(ball(at, -1.0, 1.0)) }
+    });
+    let run = |arguments: &[&str]| succeed(tool(arguments[0]).args(&arguments[1..]).current_dir(folder.path()));
+    run(&["fit", "a.nii", "--label", "1", "-o", "models", "-q"]);
+    // 389 voxels: the ball of this volume has a radius of 4.5 voxels, and degree L resolves 4.5 pi / L.
+    assert_eq!(degree(&folder.path().join("models/a.1.spharm.npz")), 9);
+    run(&["volumes", "a.nii", "--label", "1", "-o", "table", "-q"]);
+    assert_eq!(degree(&folder.path().join("table/a.1.spharm.npz")), 9);
+    // A table is extended by models of its degree.
+    run(&["volumes", "a.nii", "--label", "1", "2", "-o", "table", "-q", "--skip-existing"]);
+    assert_eq!(degree(&folder.path().join("table/a.2.spharm.npz")), 9);
+    let rows = std::fs::read_to_string(folder.path().join("table/volumes.tsv")).unwrap();
+    assert_eq!(rows.lines().count(), 3, "{rows}");
+}
+
+#[test]
+fn calls_without_a_default_ask_for_the_degree() {
+    let folder = tempfile::tempdir().unwrap();
+    folded(folder.path(), "a.ply", "0");
+    for arguments in [&["--shard", "0/2"][..], &["--store", "none"], &["--objective", "vertices"], &["--dry-run"]] {
+        let output = finish(tool("fit").arg("a.ply").args(arguments).current_dir(folder.path()));
+        assert!(output.status.code() == Some(2) && text(&output).contains("--max-degree"), "{}", text(&output));
+    }
+    succeed(tool("generate").args(["-q", "--subdivisions", "2", "--sphere", "s.ply"]).current_dir(folder.path()));
+    let values = "0.5\n".repeat(162);
+    std::fs::write(folder.path().join("values.csv"), values).unwrap();
+    let error = fail(tool("fit").args(["values.csv", "--sphere", "s.ply"]).current_dir(folder.path()));
+    assert!(error.contains("give --max-degree L for signals"), "{error}");
+    let error = fail(tool("fit").arg("gone.ply").current_dir(folder.path()));
+    assert!(error.contains("gone.ply: cannot open"), "{error}");
+}
+
+#[test]
+fn plain_arguments_are_those_of_the_options() {
+    let folder = tempfile::tempdir().unwrap();
+    folded(folder.path(), "a.ply", "0");
+    let run = |arguments: &[&str]| succeed(tool(arguments[0]).args(&arguments[1..]).current_dir(folder.path()));
+    run(&["fit", "a.ply", "--max-degree", "5", "-q", "-o", "1.spharm.npz"]);
+    run(&["fit", "--surface", "a.ply", "--max-degree", "5", "-q", "-o", "2.spharm.npz"]);
+    run(&["reconstruct", "1.spharm.npz", "-o", "1.ply"]);
+    run(&["reconstruct", "--model", "2.spharm.npz", "-o", "2.ply"]);
+    run(&["parametrize", "a.ply", "-q", "-o", "3.surf.gii"]);
+    run(&["parametrize", "--surface", "a.ply", "-q", "-o", "4.surf.gii"]);
+    let bytes = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
+    assert!(bytes("1.ply") == bytes("2.ply") && bytes("3.surf.gii") == bytes("4.surf.gii"));
+}
