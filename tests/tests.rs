@@ -50,6 +50,7 @@ mod store;
 mod study;
 mod study_again;
 mod study_correspond;
+mod study_init;
 mod study_signals;
 mod study_tidy;
 mod study_warnings;

@@ -8,7 +8,7 @@ use spharm_cli::inputs::read_text;
 use spharm_cohort::Manifest;
 
 /// A table with a header.
-pub(super) struct Table {
+pub(crate) struct Table {
     path: PathBuf,
     header: Vec<String>,
     rows: Vec<Vec<String>>,
@@ -19,7 +19,7 @@ const LARGEST: u64 = 64 << 20;
 
 impl Table {
     /// Reads a table: RFC 4180 with commas, or tabs if the name ends in .tsv; with or without a byte-order mark.
-    pub(super) fn read(path: &Path) -> Result<Self> {
+    pub(crate) fn read(path: &Path) -> Result<Self> {
         let named = || path.display().to_string();
         let text = read_text(path, "table", LARGEST)?;
         let tabs = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("tsv"));
@@ -50,27 +50,27 @@ impl Table {
     }
 
     /// Returns whether a column of this name exists.
-    pub(super) fn has(&self, name: &str) -> bool {
+    pub(crate) fn has(&self, name: &str) -> bool {
         self.header.iter().any(|other| other == name)
     }
 
     /// Returns the number of rows.
-    pub(super) fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.rows.len()
     }
 
     /// Returns the names of the columns.
-    pub(super) fn names(&self) -> impl Iterator<Item = &str> {
+    pub(crate) fn names(&self) -> impl Iterator<Item = &str> {
         self.header.iter().map(String::as_str)
     }
 
     /// Returns the path of the table.
-    pub(super) fn path(&self) -> &Path {
+    pub(crate) fn path(&self) -> &Path {
         &self.path
     }
 
     /// Returns the cells of a column, which may be empty.
-    pub(super) fn texts(&self, name: &str) -> Result<Vec<&str>> {
+    pub(crate) fn texts(&self, name: &str) -> Result<Vec<&str>> {
         let Some(column) = self.header.iter().position(|other| other == name) else {
             bail!("{}: no column {name:?}; the columns are {}", self.path.display(), self.header.join(", "));
         };
@@ -78,7 +78,7 @@ impl Table {
     }
 
     /// Returns the cells of a column, none of which may be missing.
-    pub(super) fn cells(&self, name: &str) -> Result<Vec<&str>> {
+    pub(crate) fn cells(&self, name: &str) -> Result<Vec<&str>> {
         let cells = self.texts(name)?;
         if let Some(row) = cells.iter().position(|cell| cell.is_empty()) {
             bail!("{}: row {}: column {name:?} is empty; leave the subject out", self.path.display(), row + 1);
@@ -96,12 +96,12 @@ impl Table {
     }
 
     /// Returns a column of levels, even if its cells are numbers.
-    pub(super) fn levels(&self, name: &str) -> Result<Column> {
+    pub(crate) fn levels(&self, name: &str) -> Result<Column> {
         Ok(Column::Levels(self.cells(name)?.into_iter().map(str::to_owned).collect()))
     }
 
     /// Returns a column of numbers or levels.
-    pub(super) fn column(&self, name: &str) -> Result<Column> {
+    pub(crate) fn column(&self, name: &str) -> Result<Column> {
         let cells = self.cells(name)?;
         column_of(&cells).map_err(|row| {
             anyhow!("{}: row {}: column {name:?}: {}", self.path.display(), row + 1, no_number(cells[row]))
@@ -109,7 +109,7 @@ impl Table {
     }
 
     /// Returns a column of numbers.
-    pub(super) fn numbers(&self, name: &str) -> Result<Vec<f64>> {
+    pub(crate) fn numbers(&self, name: &str) -> Result<Vec<f64>> {
         match self.column(name)? {
             Column::Numbers(numbers) => Ok(numbers),
             Column::Levels(_) => bail!("{}: column {name:?}: expected numbers, found text", self.path.display()),
@@ -117,13 +117,13 @@ impl Table {
     }
 
     /// Returns a column of paths, relative to the table.
-    pub(super) fn paths(&self, name: &str) -> Result<Vec<PathBuf>> {
+    pub(crate) fn paths(&self, name: &str) -> Result<Vec<PathBuf>> {
         let folder = self.path.parent().unwrap_or(Path::new(""));
         Ok(self.different(name)?.into_iter().map(|cell| folder.join(cell)).collect())
     }
 
     /// Returns the cells of a column; equal cells are an error.
-    pub(super) fn different(&self, name: &str) -> Result<Vec<&str>> {
+    pub(crate) fn different(&self, name: &str) -> Result<Vec<&str>> {
         let cells = self.cells(name)?;
         if let Some(row) = (1..cells.len()).find(|row| cells[..*row].contains(&cells[*row])) {
             bail!("{}: row {}: {:?} already is in an earlier row", self.path.display(), row + 1, cells[row]);

@@ -270,7 +270,7 @@ fn told(text: &str, error: &toml::de::Error) -> anyhow::Error {
 }
 
 /// Escapes a text for a quoted TOML string.
-fn escaped(text: &str) -> String {
+pub(super) fn escaped(text: &str) -> String {
     text.replace('\\', "\\\\").replace('"', "\\\"")
 }
 
@@ -311,6 +311,10 @@ fn check_keys(table: &Table) -> Result<()> {
                     .filter(|(distance, key)| *distance <= 2.max(key.len() / 3));
                 match nearest {
                     Some((_, nearest)) => bail!("unknown key `{unknown}`{place}: did you mean `{nearest}`?"),
+                    None if section == "fit" => bail!(
+                        "unknown key `{unknown}`{place}: options of spharm fit are arguments = [\"--{}\"]",
+                        unknown.replace('_', "-")
+                    ),
                     None => bail!("unknown key `{unknown}`{place}: expected one of {}", keys.join(", ")),
                 }
             }
@@ -350,6 +354,7 @@ mod tests {
     fn what_is_wrong_is_named_with_the_nearest_key() {
         for (from, to, expected) in [
             ("max_degree", "max_degre", "unknown key `max_degre` in [fit]: did you mean `max_degree`?"),
+            ("max_degree = 15", "max_degree = 15\nfix = true", "options of spharm fit are arguments = [\"--fix\"]"),
             ("effect =", "effects =", "unknown key `effects` in [[test]]: did you mean `effect`?"),
             ("[modes]", "[mode]", "unknown key `mode`: did you mean `modes`?"),
             ("count =", "colour =", "unknown key `colour` in [modes]: expected one of count"),

@@ -18,6 +18,7 @@ mod check;
 mod config;
 mod exclusion;
 mod fits;
+mod init;
 mod methods;
 mod plan;
 mod provenance;
@@ -58,6 +59,22 @@ const SHOWN: usize = 20;
 /// Previews the fits of the subjects of a manifest.
 type Preview = dyn Fn(&[String], Manifest) -> Result<crate::rows::Previewed>;
 
+/// Writes a study file, filled in as far as its table and the files below its folder tell.
+fn init(file: &Path, table: Option<&str>, force: bool, console: &Console) -> Result<()> {
+    let folder = file.parent().unwrap_or(Path::new(""));
+    let text = match table {
+        None => config::template(None),
+        Some(table) => {
+            let found = init::filled(folder, table)?;
+            found.notes.iter().for_each(|note| console.note(note));
+            found.text
+        }
+    };
+    write_new(file, force, |out| out.write_all(text.as_bytes()))?;
+    let file = file.display();
+    print_line(&format!("{file}: check this file, then run: spharm study {file}"))
+}
+
 /// Runs the verb. `spharm` runs another verb, `parse` only checks another verb's arguments, and `preview` previews a
 /// fit.
 pub(crate) fn run(
@@ -67,17 +84,7 @@ pub(crate) fn run(
     preview: &Preview,
 ) -> Result<()> {
     if let Some(Command::Init { file, table, force }) = &cli.command {
-        if let Some(table) = table {
-            // Fail now if a study of this table would be refused.
-            Manifest::read(file.parent().unwrap_or(Path::new("")).join(table))?;
-        }
-        let text = config::template(table.as_deref());
-        write_new(file, *force, |out| out.write_all(text.as_bytes()))?;
-        return print_line(&format!(
-            "{}: fill in this file, then run: spharm study {}",
-            file.display(),
-            file.display()
-        ));
+        return init(file, table.as_deref(), *force, &cli.common.console());
     }
     let (plan, recorded) = match (&cli.again, &cli.study) {
         (Some(path), _) => {

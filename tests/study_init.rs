@@ -1,0 +1,82 @@
+//! Study files written by `study init`, filled in for tables without paths.
+
+use std::fs;
+use std::path::Path;
+
+use crate::common::{fail, finish, succeed, text, tool};
+
+fn write(site: &Path, name: &str) {
+    let path = site.join(name);
+    fs::create_dir_all(path.parent().expect("a folder")).expect("a folder");
+    fs::write(path, "").expect("a file");
+}
+
+fn init(site: &Path, table: &str) -> String {
+    let output = finish(tool("study").args(["init", "--force", "--table", table]).current_dir(site));
+    assert!(output.status.success(), "{}", text(&output));
+    text(&output)
+}
+
+/// Problem of first-time users, row 11: the table of a BIDS dataset is enough for a study.
+#[test]
+fn a_study_of_a_bids_dataset_runs_as_it_was_written() {
+    let site = tempfile::tempdir().expect("a folder");
+    let site = site.path();
+    let mut table = "participant_id\tage\tgroup\n".to_owned();
+    for (number, id) in ["sub-1", "sub-2", "sub-3", "sub-4", "sub-5", "sub-10"].into_iter().enumerate() {
+        let surface = format!("derivatives/{id}/anat/{id}_hemi-L_pial.surf.gii");
+        write(site, &surface);
+        write(site, &format!("{id}/anat/{id}_T1w.nii.gz"));
+        let variant = number.to_string();
+        let mut generate = tool("generate");
+        generate.args(["--subdivisions", "2", "--variant", &variant, "--force", "-q", "--surface", &surface]);
+        succeed(generate.current_dir(site));
+        table += &format!("{id}\t{}\t{}\n", 30 + number, ["a", "b"][number % 2]);
+    }
+    // Few subjects have another surface, too.
+    write(site, "other/sub-3/lh.pial");
+    fs::write(site.join("participants.tsv"), table).expect("a table");
+    let said = init(site, "participants.tsv");
+    assert!(said.contains("(6 of 6 subjects have one)") && said.contains("tested: group, a minus b"), "{said}");
+    let written = fs::read_to_string(site.join("study.toml")).expect("a study");
+    for line in [
+        "id = \"participant_id\"",
+        "surface = \"derivatives/{id}/anat/{id}_hemi-L_pial.surf.gii\"",
+        "# or, of 1 subject: surface = \"other/{id}/lh.pial\"",
+        "effect = \"group\"",
+    ] {
+        assert!(written.lines().any(|found| found == line), "{line}\n{written}");
+    }
+    succeed(tool("study").args(["study.toml", "--dry-run"]).current_dir(site));
+}
+
+#[test]
+fn the_subjects_of_freesurfer_have_spheres() {
+    let site = tempfile::tempdir().expect("a folder");
+    let site = site.path();
+    for id in ["bert", "ernie"] {
+        ["lh.pial", "lh.white", "lh.sphere.reg"].iter().for_each(|name| write(site, &format!("fs/{id}/surf/{name}")));
+    }
+    fs::write(site.join("t.csv"), "who,dx\nbert,x\nernie,y\n").expect("a table");
+    init(site, "t.csv");
+    let written = fs::read_to_string(site.join("study.toml")).expect("a study");
+    for line in [
+        "id = \"who\"",
+        "surface = \"fs/{id}/surf/lh.pial\"",
+        "sphere = \"fs/{id}/surf/lh.sphere.reg\"",
+        "effect = \"dx\"",
+    ] {
+        assert!(written.lines().any(|found| found == line), "{line}\n{written}");
+    }
+}
+
+#[test]
+fn a_table_whose_subjects_have_no_files_says_what_to_fill_in() {
+    let site = tempfile::tempdir().expect("a folder");
+    let site = site.path();
+    fs::write(site.join("t.tsv"), "participant_id\tage\ns1\t1\ns2\t2\ns3\t4\n").expect("a table");
+    let said = init(site, "t.tsv");
+    assert!(said.contains("contains an id such as \"s1\"") && said.contains("tested: age"), "{said}");
+    let error = fail(tool("study").args(["init", "--force", "--table", "gone.tsv"]).current_dir(site));
+    assert!(error.contains("gone.tsv"), "{error}");
+}
