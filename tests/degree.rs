@@ -32,7 +32,7 @@ fn a_surface_alone_gets_the_least_degree_that_is_accurate() {
     let surface = folded(folder.path(), "a.ply", "0");
     let output = finish(tool("fit").arg("a.ply").current_dir(folder.path()));
     assert!(
-        output.status.success() && text(&output).contains("is the least with an rms error of at most"),
+        output.status.success() && text(&output).contains("is the lowest with an rms error of at most"),
         "{output:?}"
     );
     let wanted = 0.002 * bounding_box_scale(&surface.vertices).unwrap();
@@ -98,10 +98,69 @@ fn labels_get_the_degree_of_their_size() {
 }
 
 #[test]
+fn a_degree_is_one_that_all_surfaces_determine_and_that_of_existing_models() {
+    let folder = tempfile::tempdir().unwrap();
+    folded(folder.path(), "large.ply", "0");
+    let small = folder.path().join("small.ply");
+    succeed(tool("generate").args(["--subdivisions", "2", "-q", "--surface"]).arg(&small));
+    let output = finish(tool("fit").args(["large.ply", "small.ply", "-o", "models"]).current_dir(folder.path()));
+    let said = text(&output);
+    assert!(output.status.success() && said.contains("warning: degree 11: of 2 surfaces, 2 would need"), "{said}");
+    // 162 vertices determine degree 11: 144 coefficients.
+    assert_eq!(degree(&folder.path().join("models/large.spharm.npz")), 11);
+    // A surface that is added later has the degree of the others.
+    folded(folder.path(), "new.ply", "1");
+    let arguments = ["large.ply", "small.ply", "new.ply", "-o", "models", "--skip-existing"];
+    let output = finish(tool("fit").args(arguments).current_dir(folder.path()));
+    assert!(output.status.success() && text(&output).contains("as in an existing model"), "{}", text(&output));
+    assert_eq!(degree(&folder.path().join("models/new.spharm.npz")), 11);
+}
+
+#[test]
+fn volumes_take_the_degree_of_the_first_volume_with_the_labels() {
+    let folder = tempfile::tempdir().unwrap();
+    let ball = |at: [f64; 3]| u8::from(at.iter().map(|x| x * x).sum::<f64>() < 20.0);
+    write_volume(&folder.path().join("a.nii"), |at| 2 * ball(at));
+    write_volume(&folder.path().join("b.nii"), |at| 5 * ball(at));
+    std::fs::write(folder.path().join("0.nii"), "none").unwrap();
+    let arguments = ["0.nii", "a.nii", "b.nii", "--label", "5", "-o", "out"];
+    let output = finish(tool("volumes").args(arguments).current_dir(folder.path()));
+    assert!(text(&output).contains("degree 9, chosen from the label's size in voxels in b.nii"), "{}", text(&output));
+    assert_eq!(degree(&folder.path().join("out/b.5.spharm.npz")), 9);
+}
+
+/// Labels that need more than their share of the memory are fitted one after another, to the same models.
+#[test]
+fn labels_above_their_share_of_the_memory_are_fitted() {
+    let folder = tempfile::tempdir().unwrap();
+    write_volume(&folder.path().join("a.nii"), |at| {
+        let ball = |centre: f64| at.map(|x| (x - centre).powi(2)).iter().sum::<f64>() < 12.0;
+        u8::from(ball(3.5)) + 2 * u8::from(ball(-3.5))
+    });
+    let run = |memory: &str, out: &str| {
+        let arguments = ["a.nii", "--max-degree", "25", "--threads", "2", "-q", "--memory", memory, "-o", out];
+        succeed(tool("volumes").args(arguments).current_dir(folder.path()));
+        let models = ["1", "2"].map(|label| Model::read(folder.path().join(format!("{out}/a.{label}.spharm.npz"))));
+        models.map(|model| model.unwrap().coefficients)
+    };
+    let whole = run("2GiB", "whole");
+    // The fit needs 40 MiB, the map less.
+    for memory in ["60MiB", "50MiB"] {
+        assert!(run(memory, memory) == whole, "{memory}");
+    }
+}
+
+#[test]
 fn calls_without_a_default_ask_for_the_degree() {
     let folder = tempfile::tempdir().unwrap();
     folded(folder.path(), "a.ply", "0");
-    for arguments in [&["--shard", "0/2"][..], &["--store", "none"], &["--objective", "vertices"], &["--dry-run"]] {
+    for arguments in [
+        &["--shard", "0/2"][..],
+        &["--store", "none"],
+        &["--objective", "vertices"],
+        &["--dry-run"],
+        &["--method", "quadrature"],
+    ] {
         let output = finish(tool("fit").arg("a.ply").args(arguments).current_dir(folder.path()));
         assert!(output.status.code() == Some(2) && text(&output).contains("--max-degree"), "{}", text(&output));
     }
@@ -109,7 +168,7 @@ fn calls_without_a_default_ask_for_the_degree() {
     let values = "0.5\n".repeat(162);
     std::fs::write(folder.path().join("values.csv"), values).unwrap();
     let error = fail(tool("fit").args(["values.csv", "--sphere", "s.ply"]).current_dir(folder.path()));
-    assert!(error.contains("give --max-degree L for signals"), "{error}");
+    assert!(error.contains("signals need --max-degree L"), "{error}");
     let error = fail(tool("fit").arg("gone.ply").current_dir(folder.path()));
     assert!(error.contains("gone.ply: cannot open"), "{error}");
 }

@@ -282,7 +282,7 @@ def choose_degree(
     threads: int | None = None,
     progress: Progress = None,
 ) -> int:
-    """Returns the least degree with which the model of a surface is accurate enough, found by some fits.
+    """Returns the lowest degree with which the model of a surface is accurate enough, found by some fits.
 
     Models of a group should have one degree: the highest that some of its surfaces need.
 
@@ -305,7 +305,7 @@ def choose_degree(
     Warns
     -----
     NotDetermined
-        If no such degree is accurate enough. The degree then resolves one and a half edges of the surface.
+        If no such degree is accurate enough. The degree is then at most that which resolves one and a half edges.
 
     Examples
     --------

@@ -48,6 +48,22 @@ def test_a_surface_is_fitted_between_its_vertices(study: Study) -> None:
             sp.fit(surface, sphere, 8, **wrong)
 
 
+def test_the_lowest_accurate_degree_is_chosen(study: Study) -> None:
+    surface, sphere = study
+
+    def error(degree: int, over: Any) -> float:
+        return float(sp.fit(surface, over, degree).report["surface_distance"]["rms_raw"])
+
+    for over in (None, sphere):
+        wanted = error(9, over) * 1.001
+        degree = sp.choose_degree(surface, over, accuracy=wanted)
+        assert degree == 9 or (degree < 9 and error(degree, over) <= wanted)
+    with pytest.warns(sp.errors.NotDetermined, match="no degree has an rms error"):
+        assert sp.choose_degree(surface, accuracy="1e-7%") >= 1
+    with pytest.raises(ValueError, match="percentage"):
+        sp.choose_degree(surface, accuracy="a little")
+
+
 def test_arrays_and_meshes_are_the_same_surface(study: Study) -> None:
     surface, sphere = study
     models = [

@@ -56,7 +56,7 @@ pub(super) struct Input {
     /// @LIST reads the paths from the file LIST: one per line, relative to LIST; # begins a comment.
     #[arg(value_name = "FILE", required_unless_present_any = ["surface", "moments", "manifest"])]
     pub(super) files: Vec<PathBuf>,
-    /// The same as FILE, as an option
+    /// Alternative to FILE
     #[arg(long, value_name = "FILE", num_args = 1.., hide_short_help = true)]
     pub(super) surface: Vec<PathBuf>,
     /// Table of surfaces and their ids, in place of --surface
@@ -152,12 +152,13 @@ pub(super) struct MethodArgs {
     /// Highest degree, inclusive [default: chosen, see --accuracy]
     #[arg(long, value_name = "L", conflicts_with = "accuracy", required_if_eq_any = [("dry_run", "true")])]
     pub(super) max_degree: Option<usize>,
-    /// Choose the least degree with this error [default: 0.2%]
+    /// Lowest degree with at most this error [default: 0.2%]
     ///
     /// The error is the root mean square distance between model and surface: a length in the unit of the input, or a
     /// percentage of the surface's size, the cube root of the volume of its bounding box. All models of a call have
-    /// the same degree, at most 256: the highest that three of the surfaces need. Without --accuracy, labels of a
-    /// volume have the degree, from 4 to 60, that suits their median size in voxels.
+    /// the same degree, at most 256: the highest that the first, the middle and the last surface need, or that of an
+    /// existing model which isn't replaced. Without --accuracy, labels of a volume have the degree, from 4 to 60, that
+    /// suits their median size in voxels.
     #[arg(long, value_name = "RMS|PERCENT%", conflicts_with_all = ["store", "shard", "moments"])]
     pub(super) accuracy: Option<Accuracy>,
     /// Method of the fit [default: irf with --store, else lsq]

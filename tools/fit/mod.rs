@@ -7,7 +7,7 @@ mod settings;
 use std::path::PathBuf;
 use std::time::Instant;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use serde_json::{Map, json};
 use spharm::parametrize::volume::is_volume;
 use spharm::{FitParams, Preparation, Sphere};
@@ -16,11 +16,12 @@ use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::names::model_files;
 use spharm_cli::paths::shown;
 use spharm_cli::surfaces::surfaces as named;
-use spharm_cohort::degree::ChosenDegree;
 use spharm_cohort::files::ModelFiles;
 use spharm_cohort::reader::SurfaceReader;
+use spharm_cohort::rerun::IfExists;
 use spharm_cohort::run::{Cohort, RunParams};
 use spharm_cohort::{Manifest, Row};
+use spharm_surface::SurfaceError;
 
 pub(crate) use self::args::Cli;
 use self::args::Input;
@@ -48,17 +49,21 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
 fn chosen_degree(cli: &Cli, cohort: &Cohort, options: &Options, monitor: &ConsoleMonitor) -> Result<usize> {
     let reader = SurfaceReader::new(options.run.preparation);
     let (accuracy, params) = (cli.method.accuracy, &options.run.fit);
-    let choose = || spharm_cohort::degree::choose(cohort, accuracy, params, &reader, monitor);
-    let chosen = options.threads.pool()?.install(choose).with_context(|| {
-        match cohort.rows.iter().any(|row| row.sphere.is_some()) {
-            true => "a degree can be chosen for surfaces only; give --max-degree L for signals",
-            false => "cannot choose a degree",
-        }
+    let keep = match options.run.if_exists {
+        IfExists::Refuse | IfExists::Skip => true,
+        IfExists::Update => accuracy.is_none(),
+        IfExists::Replace => false,
+    };
+    let choose = || spharm_cohort::degree::choose(cohort, accuracy, keep, params, &reader, monitor);
+    let chosen = options.threads.pool()?.install(choose).map_err(|error| {
+        let signal = matches!(&error, spharm::Error::Surface(SurfaceError::NotAMesh { .. }));
+        let error = anyhow::Error::from(error);
+        if signal { error.context("signals need --max-degree L") } else { error }
     })?;
-    let text = format!("{chosen}; --max-degree L sets another");
-    match chosen {
-        ChosenDegree::Surfaces { choice, .. } if !choice.reached() => monitor.console().warn(text),
-        _ => monitor.console().note(text),
+    let text = format!("{chosen}; use --max-degree L to change it");
+    match chosen.reached() {
+        true => monitor.console().note(text),
+        false => monitor.console().warn(text),
     }
     Ok(chosen.degree())
 }

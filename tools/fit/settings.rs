@@ -18,6 +18,7 @@ pub(super) fn params(cli: &Cli) -> Result<FitParams> {
                 (input.store.is_some(), "--store", "at most the degree of the basis"),
                 (input.moments.is_some(), "--moments", "at most the degree of the moments"),
                 (cli.cohort.shard.is_some(), "--shard", "the same for all shards"),
+                (cli.method.method.is_some_and(|method| method != MethodName::Lsq), "--method", "there is no default"),
                 (cli.method.objective == Some(Objective::Vertices), "--objective vertices", "there is no default"),
             ];
             if let Some((_, flag, which)) = needs.into_iter().find(|(given, ..)| *given) {

@@ -32,7 +32,7 @@ pub(crate) struct Cli {
     /// In a label volume, the surface around the label is used. @LIST takes the paths from a file, one per line.
     #[arg(value_name = "MESH_OR_VOLUME", required_unless_present = "surface", help_heading = INPUT)]
     pub(super) files: Vec<PathBuf>,
-    /// The same as MESH_OR_VOLUME, as an option
+    /// Alternative to MESH_OR_VOLUME
     #[arg(long, alias = "input", value_name = "MESH_OR_VOLUME", num_args = 1.., help_heading = INPUT)]
     pub(super) surface: Vec<PathBuf>,
     /// Labels of a volume, or all; only needed if there are several

@@ -52,7 +52,7 @@ pub(super) fn filled(folder: &Path, given: &str) -> Result<Filled> {
         // Fail now if a study of this table would be refused.
         Manifest::read(folder.join(given))?;
     } else {
-        replace("# id = \"participant_id\"", &format!("id = \"{}\"", escaped(&names[id])));
+        replace("# id = \"participant_id\"", &format!("id = \"{}\"", escaped(names[id])));
         let ids = table.texts(names[id])?;
         let (surfaces, sphere) = patterns(folder, &ids);
         match surfaces.split_first() {

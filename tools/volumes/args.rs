@@ -58,8 +58,8 @@ pub(crate) struct Cli {
     pub(super) cut_handles: bool,
     /// Highest degree, inclusive [default: by the labels' size in voxels]
     ///
-    /// The default suits the label of median size in the first volume: its models resolve one and a half voxels.
-    /// Degrees from 4 to 60. With --skip-existing it is the degree of the table.
+    /// The default is from 4 to 60, and suits the label of median size in the first volume that has one: a model of it
+    /// resolves one and a half voxels. With --skip-existing it is the degree of the table.
     #[arg(long, value_name = "L", help_heading = METHOD)]
     pub(super) max_degree: Option<usize>,
     /// Folder of the models

@@ -47,9 +47,14 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     check_outputs([OutputFile::with_ending(&table, "--table", &[".tsv"])], replaced)?;
     let volumes = volumes(&cli.volumes)?;
     let earlier = if cli.skip_existing && table.is_file() { Some(earlier(&table, cli.max_degree)?) } else { None };
+    let earlier = earlier.filter(|text| table::has_models(text));
     let max_degree = match (cli.max_degree, &earlier) {
         (Some(degree), _) => degree,
-        (None, Some(table)) => table::powers(table),
+        (None, Some(earlier)) => {
+            let degree = table::powers(earlier);
+            monitor.console().note(format!("degree {degree}, as in {}", table.display()));
+            degree
+        }
         (None, None) => suitable_degree(cli, &volumes, &monitor)?,
     };
     let memory = cli.memory.map(|size| size.0);
@@ -123,18 +128,25 @@ fn earlier(table: &Path, max_degree: Option<usize>) -> Result<String> {
     Ok(text)
 }
 
-/// Returns the degree that suits the labels of the first volume that can be read.
+/// Returns the degree that suits the labels of the first volume that has any of the chosen labels.
 fn suitable_degree(cli: &Cli, volumes: &[PathBuf], monitor: &ConsoleMonitor) -> Result<usize> {
     let voxel_size = cli.voxel_size.map(|size| size.0);
-    let read = |path: &PathBuf| LabelVolume::read_with(path, voxel_size, monitor).ok();
-    // Volumes that can't be read fail with their reasons later.
-    let Some(volume) = volumes.iter().find_map(read) else { return Ok(1) };
-    monitor.check()?;
     let wanted = |label: &i64| cli.label.contains(&Labels::All) || cli.label.contains(&Labels::One(*label));
-    let sizes = volume.labels().into_iter().filter(|(label, _)| wanted(label)).map(|(_, voxels)| voxels);
-    let chosen = degree_of_labels(&sizes.collect::<Vec<_>>(), volume.voxel_size());
-    monitor.console().note(format!("{chosen} in {}; --max-degree L sets another", volume.path().display()));
-    Ok(chosen.degree())
+    for path in volumes {
+        let read = LabelVolume::read_with(path, voxel_size, monitor);
+        monitor.check()?;
+        // A volume that can't be read fails later, with the reason.
+        let Ok(volume) = read else { continue };
+        let labels = volume.labels().into_iter().filter(|(label, _)| wanted(label));
+        let sizes: Vec<usize> = labels.map(|(_, voxels)| voxels).collect();
+        if !sizes.is_empty() {
+            let chosen = degree_of_labels(&sizes, volume.voxel_size());
+            monitor.console().note(format!("{chosen} in {}; use --max-degree L to change it", path.display()));
+            return Ok(chosen.degree());
+        }
+    }
+    // No label will be fitted.
+    Ok(1)
 }
 
 /// Returns the given files, with each folder replaced by the volumes in it.

@@ -1,5 +1,6 @@
 //! Lists the surfaces named by arguments: mesh files, and labels of volumes.
 
+use std::collections::HashSet;
 use std::path::PathBuf;
 use std::str::FromStr;
 
@@ -25,7 +26,10 @@ impl FromStr for Labels {
     fn from_str(text: &str) -> Result<Self, String> {
         match text {
             "all" => Ok(Self::All),
-            _ => text.parse().map(Self::One).map_err(|_| "expected a whole number, or all".to_owned()),
+            _ => text
+                .parse()
+                .map(Self::One)
+                .map_err(|_| "expected a whole number, or all; files come before --label".to_owned()),
         }
     }
 }
@@ -75,13 +79,15 @@ pub fn surfaces(
         }
         let volume = reader.volume(&path, monitor)?;
         let one = |label: &Labels| if let Labels::One(label) = label { Some(*label) } else { None };
-        let found = match labels {
+        let mut found = match labels {
             [] => vec![volume.choose(None)?],
             labels if labels.contains(&Labels::All) => volume.labels().into_keys().collect(),
             labels => {
                 labels.iter().filter_map(one).map(|label| volume.choose(Some(label))).collect::<Result<_, _>>()?
             }
         };
+        let mut seen = HashSet::new();
+        found.retain(|label| seen.insert(*label));
         surfaces.extend(found.into_iter().map(|label| (path.clone(), Some(label))));
     }
     Ok(surfaces)

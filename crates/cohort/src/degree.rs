@@ -1,14 +1,14 @@
 //! Chooses one degree for the models of many surfaces.
 //!
-//! Models are compared, averaged and tabulated by degree, so all models of a run have the same. Of labels, the size in
-//! voxels determines the degree that their surfaces support; of meshes, fits of a few of them.
+//! Models are compared, averaged and tabulated by degree, so all models of a run have the same. The degree of labels
+//! follows from their sizes in voxels, that of meshes from fits of a few of them.
 
 use std::fmt;
 
 use spharm::degree::{Accuracy, DegreeChoice, choose_degree, choose_degree_over};
 use spharm::io::read_mesh;
-use spharm::parametrize::volume::suitable_degree;
-use spharm::{Error, FitParams, Monitor, Stage};
+use spharm::parametrize::volume::{is_volume, suitable_degree};
+use spharm::{Error, FitParams, Model, Monitor, Stage};
 
 use crate::Row;
 use crate::reader::SurfaceReader;
@@ -38,8 +38,17 @@ pub enum ChosenDegree {
     Surfaces {
         /// The choice for the surface that needs the highest degree.
         choice: DegreeChoice,
+        /// The degree: that of the choice, or the highest that the vertices of every surface determine.
+        degree: usize,
         /// The number of surfaces fitted.
         fitted: usize,
+        /// The number of these surfaces whose model of this degree isn't as accurate as wanted.
+        missed: usize,
+    },
+    /// That of an existing model of the run.
+    Existing {
+        /// The degree.
+        degree: usize,
     },
 }
 
@@ -48,28 +57,42 @@ impl ChosenDegree {
     #[must_use]
     pub fn degree(&self) -> usize {
         match self {
-            Self::Labels { degree, .. } => *degree,
-            Self::Surfaces { choice, .. } => choice.degree,
+            Self::Labels { degree, .. } | Self::Surfaces { degree, .. } | Self::Existing { degree } => *degree,
         }
+    }
+
+    /// Returns whether all surfaces that were fitted are as accurate as wanted.
+    #[must_use]
+    pub fn reached(&self) -> bool {
+        !matches!(self, Self::Surfaces { missed: 1.., .. })
     }
 }
 
 impl fmt::Display for ChosenDegree {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Labels { degree, labels: 1 } => write!(f, "degree {degree} suits the label's size in voxels"),
+            Self::Labels { degree, labels: 1 } => write!(f, "degree {degree}, chosen from the label's size in voxels"),
             Self::Labels { degree, labels } => {
-                write!(f, "degree {degree} suits the median size of {labels} labels in voxels")
+                write!(f, "degree {degree}, chosen from the median size of {labels} labels in voxels")
             }
-            Self::Surfaces { choice, fitted: 1 } => choice.fmt(f),
-            Self::Surfaces { choice, fitted } => write!(f, "{choice} (chosen on {fitted} surfaces)"),
+            Self::Surfaces { choice, fitted: 1, .. } => choice.fmt(f),
+            Self::Surfaces { choice, fitted, missed: 0, .. } => write!(f, "{choice} (chosen on {fitted} surfaces)"),
+            Self::Surfaces { degree, fitted, missed, .. } => write!(
+                f,
+                "degree {degree}: of {fitted} surfaces, {missed} would need a higher one for the accuracy, but not all \
+                 have enough vertices for it"
+            ),
+            Self::Existing { degree } => write!(f, "degree {degree}, as in an existing model of these surfaces"),
         }
     }
 }
 
-/// Returns the degree for the models of a cohort. Without `accuracy`, and if the first row is a label, it is the degree
-/// that suits the median size of up to 50 labels, from 4 to 60. Otherwise it is the highest that up to three surfaces,
-/// spread evenly over the rows, need for the accuracy, by default 0.2 % of a surface's size, see [`choose_degree`].
+/// Returns the degree for the models of a cohort.
+///
+/// If `keep` is set and a row has a model, it is the degree of that model. Without `accuracy` and with labels among the
+/// rows, it is the degree that suits the median size of up to 50 labels, from 4 to 60. Otherwise it is the highest that
+/// up to three surfaces, spread evenly over the rows, need for the accuracy, by default 0.2 % of a surface's size, see
+/// [`choose_degree`], as far as the vertices of each determine it.
 ///
 /// # Errors
 ///
@@ -77,17 +100,22 @@ impl fmt::Display for ChosenDegree {
 pub fn choose(
     cohort: &Cohort,
     accuracy: Option<Accuracy>,
+    keep: bool,
     params: &FitParams,
     reader: &SurfaceReader,
     monitor: &dyn Monitor,
 ) -> Result<ChosenDegree, Error> {
-    let rows = &cohort.rows;
-    if accuracy.is_none() && rows.first().is_some_and(|row| row.label.is_some()) {
-        let labels: Vec<&Row> = rows.iter().filter(|row| row.label.is_some()).collect();
+    let models = cohort.rows.iter().filter(|_| keep).map(|row| row.model(&cohort.folder));
+    let existing = models.filter(|path| path.is_file()).find_map(|path| Model::read(path).ok());
+    if let Some(model) = existing {
+        return Ok(ChosenDegree::Existing { degree: model.coefficients.max_degree() });
+    }
+    let labels: Vec<&Row> = cohort.rows.iter().filter(|row| is_label(cohort, row)).collect();
+    if accuracy.is_none() && !labels.is_empty() {
         return Ok(median(any(spread(&labels, LABELS), |row| of_label(row, reader, monitor))?));
     }
     let accuracy = accuracy.unwrap_or_default();
-    let rows: Vec<&Row> = rows.iter().collect();
+    let rows: Vec<&Row> = cohort.rows.iter().collect();
     let rows = spread(&rows, MESHES);
     monitor.begin(Stage::counted("choose the degree", "surfaces"), rows.len() as u64);
     let choices = any(rows, |row| {
@@ -96,10 +124,15 @@ pub fn choose(
         choice
     });
     monitor.end();
-    let choices = choices?;
-    let fitted = choices.len();
-    let highest = choices.into_iter().max_by_key(|choice| choice.degree);
-    highest.map(|choice| ChosenDegree::Surfaces { choice, fitted }).ok_or(Error::NoArea)
+    of_choices(&choices?).ok_or(Error::NoArea)
+}
+
+/// Returns the highest degree of the choices, but not more than each surface's vertices determine.
+fn of_choices(choices: &[DegreeChoice]) -> Option<ChosenDegree> {
+    let choice = *choices.iter().max_by_key(|choice| choice.degree)?;
+    let degree = choices.iter().map(|choice| choice.most).fold(choice.degree, usize::min);
+    let missed = choices.iter().filter(|choice| !choice.reached() || choice.degree > degree).count();
+    Some(ChosenDegree::Surfaces { choice, degree, fitted: choices.len(), missed })
 }
 
 /// Returns the degree that suits the median size of labels, given as their numbers of voxels of one size, as [`choose`]
@@ -114,6 +147,11 @@ fn median(mut degrees: Vec<usize>) -> ChosenDegree {
     let (least, most) = OF_LABELS;
     let degree = degrees.get(degrees.len() / 2).map_or(least, |degree| *degree.clamp(&least, &most));
     ChosenDegree::Labels { degree, labels: degrees.len() }
+}
+
+/// Returns whether a row's surface is that of a label.
+fn is_label(cohort: &Cohort, row: &Row) -> bool {
+    is_volume(&row.surface) && row.sphere.is_none() && cohort.sphere.is_none()
 }
 
 fn of_label(row: &Row, reader: &SurfaceReader, monitor: &dyn Monitor) -> Result<usize, Error> {
@@ -142,7 +180,11 @@ fn of_surface(
     };
     match sphere {
         Some(sphere) => choose_degree_over(sphere, &read_mesh(&row.surface)?, accuracy, params, monitor),
-        None => choose_degree(&reader.read(&row.surface, row.label, monitor)?, accuracy, params, monitor),
+        None => {
+            let volume = is_label(cohort, row);
+            let label = if volume { Some(reader.volume(&row.surface, monitor)?.choose(row.label)?) } else { None };
+            choose_degree(&reader.read(&row.surface, label, monitor)?, accuracy, params, monitor)
+        }
     }
 }
 

@@ -1,8 +1,9 @@
-//! Chooses the degree of a model: the least with which the model is accurate enough.
+//! Chooses the degree of a model: the lowest with which the model is accurate enough.
 //!
 //! The error of a surface's model is the root mean square distance between the surfaces, which falls as the degree
-//! grows, roughly as a power of it. So the degree is found by a few fits: its double is tried until the error is small
-//! enough, then degrees between the last two, where the power law expects the wanted error.
+//! grows, roughly as a power of it. So the degree is found by a few fits: it is doubled until the error is small
+//! enough, and then lies between the last two. There a power law predicts it, in turn with bisection, since the errors
+//! of surfaces that are models themselves end abruptly.
 
 use std::f64::consts::PI;
 use std::fmt;
@@ -68,7 +69,7 @@ impl Accuracy {
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct DegreeChoice {
-    /// The degree: the least that is accurate enough or, if none is, that which resolves one and a half edges.
+    /// The degree: the lowest that is accurate enough or, if none is, that which resolves one and a half edges.
     pub degree: usize,
     /// Root mean square distance between the surface and its model of this degree.
     pub rms: f64,
@@ -91,11 +92,11 @@ impl fmt::Display for DegreeChoice {
         let Self { degree, most, .. } = self;
         let (rms, wanted) = (number(self.rms), number(self.wanted));
         match self.reached() {
-            true => write!(f, "degree {degree} is the least with an rms error of at most {wanted}; it has {rms}"),
+            true => write!(f, "degree {degree} is the lowest with an rms error of at most {wanted}; it has {rms}"),
             false => write!(
                 f,
-                "no degree up to {most} has an rms error of at most {wanted}; degree {degree} has {rms}, and resolves \
-                 one and a half edges of the mesh"
+                "no degree up to {most} has an rms error of at most {wanted}; degree {degree}, with {rms}, is used, \
+                 because higher degrees would follow the facets of the mesh"
             ),
         }
     }
@@ -111,9 +112,9 @@ const FIRST: usize = 16;
 /// mesh's facets.
 const EDGES: f64 = 1.5;
 
-/// Returns the least degree with which the model of a surface, over a sphere of its own, is as accurate as wanted: at
-/// most 256, and with at most as many functions as the surface has vertices. If none is, the degree resolves one and a
-/// half edges of the surface.
+/// Returns the lowest degree with which the model of a surface, over a sphere of its own, is as accurate as wanted: at
+/// most 256, and with at most as many functions as the surface has vertices. If none is, the degree is at most that
+/// which resolves one and a half edges of the surface.
 ///
 /// A degree is tried by a fit with `params`, whose own degree is ignored. There are usually five to eight fits.
 ///
@@ -133,7 +134,7 @@ pub fn choose_degree(
     })
 }
 
-/// Returns the least degree with which the model of a surface over a given sphere is as accurate as wanted, as
+/// Returns the lowest degree with which the model of a surface over a given sphere is as accurate as wanted, as
 /// [`choose_degree`] does.
 ///
 /// # Errors
@@ -179,7 +180,7 @@ fn choose(
     Ok(DegreeChoice { degree, rms, wanted, most })
 }
 
-/// Returns the least degree from 1 to `most` whose error is at most `wanted`, and its error; `most` if there is none.
+/// Returns the lowest degree from 1 to `most` whose error is at most `wanted`, and its error; `most` if there is none.
 /// Assumes that errors fall as the degree grows.
 fn search<E>(wanted: f64, most: usize, mut error: impl FnMut(usize) -> Result<f64, E>) -> Result<(usize, f64), E> {
     // The highest degree known to fail, if any, and the lowest known to suffice.
@@ -196,14 +197,16 @@ fn search<E>(wanted: f64, most: usize, mut error: impl FnMut(usize) -> Result<f6
     if suffices.1 > wanted {
         return Ok(suffices);
     }
+    let mut predicted = false;
     loop {
         let below = fails.map_or(0, |(degree, _)| degree);
         if suffices.0 - below <= 1 {
             return Ok(suffices);
         }
+        predicted = !predicted;
         let degree = match fails {
-            Some(fails) => expected(wanted, fails, suffices),
-            None => suffices.0 / 2,
+            Some(fails) if predicted => expected(wanted, fails, suffices),
+            _ => (below + suffices.0) / 2,
         };
         let found = error(degree)?;
         if found <= wanted {
@@ -218,10 +221,8 @@ fn search<E>(wanted: f64, most: usize, mut error: impl FnMut(usize) -> Result<f6
 fn expected(wanted: f64, fails: (usize, f64), suffices: (usize, f64)) -> usize {
     let (low, high) = (fails.0 as f64, suffices.0 as f64);
     let share = (fails.1 / wanted).ln() / (fails.1 / suffices.1).ln();
-    // Errors of zero, and the ends, give no estimate: take the middle.
-    let share = if share.is_finite() { share.clamp(0.0, 1.0) } else { 0.5 };
-    let degree = (low * (high / low).powf(share)).round() as usize;
-    degree.clamp(fails.0 + 1, suffices.0 - 1)
+    let degree = low * (high / low).powf(if share.is_finite() { share } else { 0.5 });
+    (degree.round() as usize).clamp(fails.0 + 1, suffices.0 - 1)
 }
 
 #[cfg(test)]
@@ -248,8 +249,13 @@ mod tests {
                 assert!(tried <= 9, "{least}: {tried} fits");
             }
         }
-        // Errors that end abruptly, and surfaces that are exact from some degree on.
-        assert_eq!(found(0.5, 256, |degree| if degree < 43 { 1.0 } else { 0.0 }).0, 43);
+        // Errors that end abruptly, of surfaces that are models of some degree.
+        for least in [43, 60, 129, 250, 256] {
+            for rest in [0.0, 1e-6] {
+                let (degree, tried) = found(0.5, 256, |degree| if degree < least { 1.0 } else { rest });
+                assert!(degree == least && tried <= 20, "{least}: {degree} after {tried} fits");
+            }
+        }
     }
 
     #[test]

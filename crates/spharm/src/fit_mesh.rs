@@ -143,7 +143,9 @@ pub fn steps_of(provenance: &Provenance) -> Option<VoxelSteps> {
 ///
 /// [`Error::Memory`].
 pub fn check_surface(surface: &Input, params: &FitParams) -> Result<(), Error> {
-    let fits = surface.mesh().map_or(Ok(()), |mesh| check_memory(mesh, params));
+    // All triangulations of a label's quadrangles have the same size.
+    let of_label = surface.label().map(|label| label.quads.triangles(|_| false));
+    let fits = surface.mesh().or(of_label.as_ref()).map_or(Ok(()), |mesh| check_memory(mesh, params));
     match (fits, check_mapping(Source::from(surface).vertices(), params)) {
         (Err(Error::Memory { budget, needed }), Err(Error::Memory { needed: mapping, .. })) => {
             Err(Error::Memory { budget, needed: needed.max(mapping) })

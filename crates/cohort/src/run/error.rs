@@ -98,10 +98,10 @@ impl RunError {
     }
 
     /// Returns the error of the library's fit; `None` if the error has another cause.
-    fn fit(&self) -> Option<&Error> {
+    pub(super) fn of_fit(&self) -> Option<&Error> {
         match self {
             Self::Fit(error) => Some(error),
-            Self::Of { source, .. } => source.fit(),
+            Self::Of { source, .. } => source.of_fit(),
             _ => None,
         }
     }
@@ -185,7 +185,7 @@ pub fn concerns_all(error: &(dyn std::error::Error + 'static)) -> bool {
     };
     let kind = |cause: &(dyn std::error::Error + 'static)| {
         let fit = match cause.downcast_ref() {
-            Some(error) => RunError::fit(error),
+            Some(error) => RunError::of_fit(error),
             None => cause.downcast_ref(),
         };
         let io = || cause.downcast_ref::<std::io::Error>().map(std::io::Error::kind);

@@ -31,9 +31,9 @@ impl Work<'_> {
         step: &(dyn Fn(usize) + Sync),
     ) -> Result<(), RunError> {
         let threads = rayon::current_num_threads();
-        // A run that ends at the first failure has no outcomes of later rows.
-        let side_by_side = threads > 1 && group.rows.len() > 1 && self.params.keep_going;
-        let together = if side_by_side { threads * PER_THREAD } else { 1 };
+        // Without `keep_going`, rows are processed in order, so that none is processed after a failure.
+        let side_by_side = threads > 1 && self.params.keep_going;
+        let together = if side_by_side { group.rows.len().min(threads * PER_THREAD) } else { 1 };
         let share = (together > 1).then(|| self.params.fit.memory_budget() / together);
         for numbers in group.rows.chunks(together) {
             self.monitor.check()?;
@@ -55,13 +55,20 @@ impl Work<'_> {
         Ok(())
     }
 
-    /// Processes one row, within a share of the memory if one is given. Returns whether the share sufficed; if not,
-    /// nothing was done.
+    /// Processes one row, within a share of the memory if one is given. Returns whether the share sufficed; if not, the
+    /// row is still to be processed.
     fn row(&self, number: usize, share: Option<usize>, monitor: &dyn Monitor) -> Result<bool, RunError> {
         self.monitor.check()?;
         let row = &self.cohort.rows[number];
         self.ledger.start(number, row);
-        match self.on_its_own(number, row, share, monitor) {
+        let done = match self.on_its_own(number, row, share, monitor) {
+            // The share turned out to be too small in the course of the work.
+            Err(error) if share.is_some() && matches!(error.of_fit(), Some(spharm::Error::Memory { .. })) => {
+                Ok(Done::TooLarge)
+            }
+            done => done,
+        };
+        match done {
             Ok(Done::Fitted(fit)) => self.ledger.done(number, row, *fit)?,
             Ok(Done::Skipped) => {}
             Ok(Done::TooLarge) => return Ok(false),
