@@ -23,6 +23,7 @@ __all__ = [
     "Modes",
     "Transform",
     "__version__",
+    "choose_degree",
     "compare",
     "example_surface",
     "fit",
