@@ -197,8 +197,8 @@ fn a_cell_that_is_no_number_among_numbers_is_refused() {
 #[test]
 fn a_table_is_looked_at_before_a_study_is_made_for_it() {
     let site = site();
-    write(site.path(), "ages.tsv", "participant\tage\nx\t3\n");
-    for (table, expected) in [("nope.tsv", "nope.tsv"), ("ages.tsv", "id")] {
+    write(site.path(), "twice.tsv", "id\tsurface\nx\ta.ply\nx\tb.ply\n");
+    for (table, expected) in [("nope.tsv", "nope.tsv"), ("twice.tsv", "twice.tsv")] {
         let error = fail(&mut study_init(site.path(), table));
         assert!(error.contains(expected), "{error}");
     }
