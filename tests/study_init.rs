@@ -17,6 +17,13 @@ fn init(site: &Path, table: &str) -> String {
     text(&output)
 }
 
+fn has_lines(site: &Path, lines: &[&str]) {
+    let written = fs::read_to_string(site.join("study.toml")).expect("a study");
+    for line in lines {
+        assert!(written.lines().any(|found| found == *line), "{line}\n{written}");
+    }
+}
+
 /// Problem of first-time users, row 11: the table of a BIDS dataset is enough for a study.
 #[test]
 fn a_study_of_a_bids_dataset_runs_as_it_was_written() {
@@ -38,15 +45,15 @@ fn a_study_of_a_bids_dataset_runs_as_it_was_written() {
     fs::write(site.join("participants.tsv"), table).expect("a table");
     let said = init(site, "participants.tsv");
     assert!(said.contains("(6 of 6 subjects have one)") && said.contains("tested: group, a minus b"), "{said}");
-    let written = fs::read_to_string(site.join("study.toml")).expect("a study");
-    for line in [
-        "id = \"participant_id\"",
-        "surface = \"derivatives/{id}/anat/{id}_hemi-L_pial.surf.gii\"",
-        "# or, of 1 subject: surface = \"other/{id}/lh.pial\"",
-        "effect = \"group\"",
-    ] {
-        assert!(written.lines().any(|found| found == line), "{line}\n{written}");
-    }
+    has_lines(
+        site,
+        &[
+            "id = \"participant_id\"",
+            "surface = \"derivatives/{id}/anat/{id}_hemi-L_pial.surf.gii\"",
+            "# or, of 1 subject: surface = \"other/{id}/lh.pial\"",
+            "effect = \"group\"",
+        ],
+    );
     succeed(tool("study").args(["study.toml", "--dry-run"]).current_dir(site));
 }
 
@@ -59,15 +66,15 @@ fn the_subjects_of_freesurfer_have_spheres() {
     }
     fs::write(site.join("t.csv"), "who,dx\nbert,x\nernie,y\n").expect("a table");
     init(site, "t.csv");
-    let written = fs::read_to_string(site.join("study.toml")).expect("a study");
-    for line in [
-        "id = \"who\"",
-        "surface = \"fs/{id}/surf/lh.pial\"",
-        "sphere = \"fs/{id}/surf/lh.sphere.reg\"",
-        "effect = \"dx\"",
-    ] {
-        assert!(written.lines().any(|found| found == line), "{line}\n{written}");
-    }
+    has_lines(
+        site,
+        &[
+            "id = \"who\"",
+            "surface = \"fs/{id}/surf/lh.pial\"",
+            "sphere = \"fs/{id}/surf/lh.sphere.reg\"",
+            "effect = \"dx\"",
+        ],
+    );
 }
 
 #[test]

@@ -76,6 +76,19 @@ def _settings(
     }
 
 
+def _sphere_of(vertices: int, triangles: Any, sphere: Any) -> tuple[Any, Any, bool]:
+    """Returns the directions and triangles of a surface's sphere, and whether it is a map; its triangles by default are
+    the surface's."""
+    directions, faces, parametrized = sphere_arrays(named_icosphere(sphere))
+    if directions is not None and len(directions) != vertices:
+        raise errors.MeshError(
+            f"surface: {vertices} vertices, but the sphere has {len(directions)}; both must have the same vertices"
+        )
+    if directions is not None and faces is None:
+        faces = triangles
+    return directions, faces, parametrized
+
+
 def _model(fitted: Any) -> Model:
     core, standard_errors, report, problems = fitted
     for kind, text in problems:
@@ -225,13 +238,7 @@ def fit(
         values, triangles, is_surface = mesh.vertices, mesh.faces, True
     if isinstance(sphere, (int, float, np.number)):
         raise ValueError(f"sphere: expected a sphere, found {sphere!r}; give the degree as max_degree={sphere!r}")
-    directions, faces, parametrized = sphere_arrays(named_icosphere(sphere))
-    if directions is not None and len(directions) != len(values):
-        raise errors.MeshError(
-            f"surface: {len(values)} vertices, but the sphere has {len(directions)}; both must have the same vertices"
-        )
-    if directions is not None and faces is None and triangles is not None:
-        faces = triangles
+    directions, faces, parametrized = _sphere_of(len(values), triangles, sphere)
     settings = _settings(
         max_degree,
         len(values),
@@ -317,16 +324,12 @@ def choose_degree(
     if isinstance(surface, Parametrization):
         surface, sphere = surface.surface, surface if sphere is None else sphere
     mesh = as_surface(surface)
-    directions, faces, _ = sphere_arrays(named_icosphere(sphere))
-    if directions is not None and len(directions) != len(mesh.vertices):
-        raise errors.MeshError(
-            f"surface: {len(mesh.vertices)} vertices, but the sphere has {len(directions)}; both must have the same vertices"
-        )
+    directions, faces, _ = _sphere_of(len(mesh.vertices), mesh.faces, sphere)
     degree, rms, wanted = _core.choose_degree(
         mesh.vertices,
         mesh.faces,
         directions,
-        mesh.faces if faces is None and directions is not None else faces,
+        faces,
         accuracy=str(accuracy),
         settings=_settings(1, len(mesh.vertices), memory=memory, threads=threads),
         progress=callback(progress),

@@ -35,26 +35,34 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         return moments::run(cli, path, &params, &monitor);
     }
     let mut options = options(cli, params);
+    // The reader keeps the last volume until the run, which has a reader of its own.
+    let reader = SurfaceReader::new(options.run.preparation);
     let cohort = match &cli.input.manifest {
         Some(path) => of_manifest(cli, Manifest::read(path)?),
-        None => of_list(cli, &options, &monitor)?,
+        None => of_list(cli, &options, &reader, &monitor)?,
     };
     if cli.method.max_degree.is_none() {
-        options.run.fit.max_degree = chosen_degree(cli, &cohort, &options, &monitor)?;
+        options.run.fit.max_degree = chosen_degree(cli, &cohort, &options, &reader, &monitor)?;
     }
+    drop(reader);
     rows::run(&cohort, &options, &monitor, started)
 }
 
 /// Chooses the degree of all models, and prints it.
-fn chosen_degree(cli: &Cli, cohort: &Cohort, options: &Options, monitor: &ConsoleMonitor) -> Result<usize> {
-    let reader = SurfaceReader::new(options.run.preparation);
+fn chosen_degree(
+    cli: &Cli,
+    cohort: &Cohort,
+    options: &Options,
+    reader: &SurfaceReader,
+    monitor: &ConsoleMonitor,
+) -> Result<usize> {
     let (accuracy, params) = (cli.method.accuracy, &options.run.fit);
     let keep = match options.run.if_exists {
         IfExists::Refuse | IfExists::Skip => true,
         IfExists::Update => accuracy.is_none(),
         IfExists::Replace => false,
     };
-    let choose = || spharm_cohort::degree::choose(cohort, accuracy, keep, params, &reader, monitor);
+    let choose = || spharm_cohort::degree::choose(cohort, accuracy, keep, params, reader, monitor);
     let chosen = options.threads.pool()?.install(choose).map_err(|error| {
         let signal = matches!(&error, spharm::Error::Surface(SurfaceError::NotAMesh { .. }));
         let error = anyhow::Error::from(error);
@@ -110,11 +118,10 @@ fn of_manifest(cli: &Cli, manifest: Manifest) -> Cohort {
 }
 
 /// Returns the surfaces named in the arguments as rows, and reads their sphere.
-fn of_list(cli: &Cli, options: &Options, monitor: &ConsoleMonitor) -> Result<Cohort> {
+fn of_list(cli: &Cli, options: &Options, reader: &SurfaceReader, monitor: &ConsoleMonitor) -> Result<Cohort> {
     let (input, console) = (&cli.input, monitor.console());
     let read = |path: &PathBuf| -> Result<Sphere> { read_sphere(path, input.strict, console) };
     let sphere = input.sphere.as_ref().map(read).transpose()?;
-    let reader = SurfaceReader::new(preparation(input));
     let voxel_size = input.voxel_size;
     let of_volumes = sphere.is_none();
     let paths = input.paths();
@@ -122,7 +129,7 @@ fn of_list(cli: &Cli, options: &Options, monitor: &ConsoleMonitor) -> Result<Coh
         let mut surfaces = Vec::new();
         for path in expand_lists(&paths)? {
             let paths = std::slice::from_ref(&path);
-            match named(&reader, paths, &input.label, voxel_size, of_volumes, monitor) {
+            match named(reader, paths, &input.label, voxel_size, of_volumes, monitor) {
                 Ok(found) => surfaces.extend(found),
                 // Keep the surface without its label: its row fails for the same reason, without stopping the other
                 // rows.
@@ -132,7 +139,7 @@ fn of_list(cli: &Cli, options: &Options, monitor: &ConsoleMonitor) -> Result<Coh
         }
         surfaces
     } else {
-        named(&reader, &paths, &input.label, voxel_size, of_volumes, monitor)?
+        named(reader, &paths, &input.label, voxel_size, of_volumes, monitor)?
     };
     let models = model_files(cli.output.output.as_deref(), &cli.output.name_template, &surfaces)?;
     let row = |((surface, label), model): ((PathBuf, Option<i64>), PathBuf)| Row {

@@ -151,10 +151,15 @@ pub(crate) fn files_of(manifest: &Manifest, column: &str, table: &Path) -> Resul
     files.collect::<Result<_>>().map(Some)
 }
 
+/// Returns the finite number that a cell is, if it is one.
+pub(crate) fn finite(cell: &str) -> Option<f64> {
+    cell.trim().parse().ok().filter(|number: &f64| number.is_finite())
+}
+
 /// Returns a column of numbers or of levels. If most cells are numbers, a cell that isn't a number is an error, because
 /// it would turn the whole column into levels and so change the tested hypothesis; the error is the cell's row.
 pub(crate) fn column_of(cells: &[&str]) -> Result<Column, usize> {
-    let is_number = |cell: &str| cell.trim().parse::<f64>().is_ok_and(f64::is_finite);
+    let is_number = |cell: &str| finite(cell).is_some();
     // A cell such as 30,5 is a number with a decimal comma rather than a level.
     let is_meant = |cell: &&&str| is_number(cell) || is_number(&cell.replace(',', "."));
     let meant = cells.iter().filter(is_meant).count();

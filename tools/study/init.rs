@@ -123,8 +123,8 @@ fn patterns(folder: &Path, ids: &[&str]) -> (Vec<Pattern>, Option<String>) {
     list(here, "", DEPTH, &mut files);
     let mut counts: BTreeMap<String, usize> = BTreeMap::new();
     for file in files.iter().filter(|file| is_surface(file)) {
-        // The longest id is that of the file, as in sub-10 and sub-1.
-        if let Some(pattern) = ids.iter().rev().filter_map(|id| pattern_of(file, id)).next() {
+        // Of ids that begin alike, such as a and a-b, the longer comes last in their order, and is tried first.
+        if let Some(pattern) = ids.iter().rev().find_map(|id| pattern_of(file, id)) {
             *counts.entry(pattern).or_default() += 1;
         }
     }

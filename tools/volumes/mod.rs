@@ -9,7 +9,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use anyhow::{Context, Result, anyhow, bail};
 use spharm::fit_mesh::steps_of;
-use spharm::parametrize::volume::{LabelVolume, is_volume, steps_of_labels};
+use spharm::parametrize::volume::{is_volume, steps_of_labels};
 use spharm::shape::{MeasureParams, descriptors, measure};
 use spharm::{FileRecord, FitParams, Model, Monitor, Preparation};
 use spharm_cli::exit;
@@ -48,6 +48,10 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let volumes = volumes(&cli.volumes)?;
     let earlier = if cli.skip_existing && table.is_file() { Some(earlier(&table, cli.max_degree)?) } else { None };
     let earlier = earlier.filter(|text| table::has_models(text));
+    let voxel_size = cli.voxel_size.map(|size| size.0);
+    let preparation =
+        Preparation { voxel_size, label_surface: cli.label_surface, fix: cli.fix, cut_handles: cli.cut_handles };
+    let reader = SurfaceReader::new(preparation);
     let max_degree = match (cli.max_degree, &earlier) {
         (Some(degree), _) => degree,
         (None, Some(earlier)) => {
@@ -55,18 +59,24 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
             monitor.console().note(format!("degree {degree}, as in {}", table.display()));
             degree
         }
-        (None, None) => suitable_degree(cli, &volumes, &monitor)?,
+        (None, None) => suitable_degree(cli, &volumes, &reader, &monitor)?,
     };
     let memory = cli.memory.map(|size| size.0);
     let params = FitParams::lsq(max_degree).with_memory(memory).with_threads(cli.threads.count());
     params.check()?;
     let mut params = RunParams::new(params);
-    let voxel_size = cli.voxel_size.map(|size| size.0);
-    params.preparation =
-        Preparation { voxel_size, label_surface: cli.label_surface, fix: cli.fix, cut_handles: cli.cut_handles };
+    params.preparation = preparation;
     params.if_exists = if_exists(cli.force, false, cli.skip_existing);
     let found = Mutex::default();
-    let mut call = Call { cli, params, monitor: &monitor, found, names: HashSet::new(), inputs: Inputs::default() };
+    let mut call = Call {
+        cli,
+        params,
+        reader: &reader,
+        monitor: &monitor,
+        found,
+        names: HashSet::new(),
+        inputs: Inputs::default(),
+    };
     let pool = cli.threads.pool()?;
     let done = pool.install(|| volumes.iter().try_for_each(|path| call.volume(path)));
     prepare(&table)?;
@@ -129,16 +139,15 @@ fn earlier(table: &Path, max_degree: Option<usize>) -> Result<String> {
 }
 
 /// Returns the degree that suits the labels of the first volume that has any of the chosen labels.
-fn suitable_degree(cli: &Cli, volumes: &[PathBuf], monitor: &ConsoleMonitor) -> Result<usize> {
-    let voxel_size = cli.voxel_size.map(|size| size.0);
-    let wanted = |label: &i64| cli.label.contains(&Labels::All) || cli.label.contains(&Labels::One(*label));
+fn suitable_degree(cli: &Cli, volumes: &[PathBuf], reader: &SurfaceReader, monitor: &ConsoleMonitor) -> Result<usize> {
     for path in volumes {
-        let read = LabelVolume::read_with(path, voxel_size, monitor);
+        let read = reader.volume(path, monitor);
         monitor.check()?;
         // A volume that can't be read fails later, with the reason.
         let Ok(volume) = read else { continue };
-        let labels = volume.labels().into_iter().filter(|(label, _)| wanted(label));
-        let sizes: Vec<usize> = labels.map(|(_, voxels)| voxels).collect();
+        let there = volume.labels();
+        let sizes: Vec<usize> =
+            Labels::of(&cli.label, &there).iter().filter_map(|label| there.get(label).copied()).collect();
         if !sizes.is_empty() {
             let chosen = degree_of_labels(&sizes, volume.voxel_size());
             monitor.console().note(format!("{chosen} in {}; use --max-degree L to change it", path.display()));
@@ -180,6 +189,7 @@ fn volumes(given: &[PathBuf]) -> Result<Vec<PathBuf>> {
 struct Call<'a> {
     cli: &'a Cli,
     params: RunParams,
+    reader: &'a SurfaceReader,
     monitor: &'a ConsoleMonitor,
     found: Mutex<Found>,
     /// Paths of the models of this call, to refuse two labels with the same path.
@@ -206,7 +216,7 @@ struct OfVolume<'a> {
 impl Call<'_> {
     /// Makes the models of a volume's labels. Only an interruption is an error.
     fn volume(&mut self, path: &Path) -> Result<()> {
-        let read = LabelVolume::read_with(path, self.params.preparation.voxel_size, self.monitor);
+        let read = self.reader.volume(path, self.monitor);
         let read = read.map_err(anyhow::Error::from).and_then(|volume| Ok((FileRecord::of(path)?, volume)));
         let file = path.display().to_string();
         let row = |label, outcome| Row { file: file.clone(), label, voxels: None, border: None, outcome };
@@ -215,12 +225,7 @@ impl Call<'_> {
             Err(error) => return self.failed(row(None, Outcome::default()), &error),
         };
         let there = volume.labels();
-        let every = self.cli.label.contains(&Labels::All);
-        let one = |label: &Labels| if let Labels::One(label) = label { Some(*label) } else { None };
-        let mut wanted: Vec<i64> =
-            if every { there.keys().copied().collect() } else { self.cli.label.iter().filter_map(one).collect() };
-        let mut seen = HashSet::new();
-        wanted.retain(|label| seen.insert(*label));
+        let wanted = Labels::of(&self.cli.label, &there);
         if wanted.is_empty() {
             return self.failed(row(None, Outcome::default()), &anyhow!("{file}: no label but 0"));
         }
@@ -254,11 +259,10 @@ impl Call<'_> {
                 self.failed(row, &text)?;
             }
         }
-        let reader = SurfaceReader::with_volume(self.params.preparation, Some(volume));
         let observer = OfVolume { call: self, rows };
         let cohort = Cohort::new(fits, PathBuf::new());
         let before = self.lock().rows.len();
-        let ended = run::run_reading(&cohort, &self.params, reader, &observer, self.monitor);
+        let ended = run::run_reading(&cohort, &self.params, self.reader, &observer, self.monitor);
         // Labels are fitted side by side, and end in any order.
         let place = |row: &Row| observer.rows.iter().position(|of| of.label == row.label);
         self.lock().rows[before..].sort_by_key(place);

@@ -1,6 +1,6 @@
 //! Lists the surfaces named by arguments: mesh files, and labels of volumes.
 
-use std::collections::HashSet;
+use std::collections::{BTreeMap, HashSet};
 use std::path::PathBuf;
 use std::str::FromStr;
 
@@ -18,6 +18,20 @@ pub enum Labels {
     All,
     /// A single label.
     One(i64),
+}
+
+impl Labels {
+    /// Returns the chosen labels, each once, in the order given; all of `there`, the labels of a volume with their
+    /// numbers of voxels, if `all` is among them. A chosen label may be missing from the volume.
+    #[must_use]
+    pub fn of(chosen: &[Self], there: &BTreeMap<i64, usize>) -> Vec<i64> {
+        if chosen.contains(&Self::All) {
+            return there.keys().copied().collect();
+        }
+        let one = |label: &Self| if let Self::One(label) = label { Some(*label) } else { None };
+        let mut seen = HashSet::new();
+        chosen.iter().filter_map(one).filter(|label| seen.insert(*label)).collect()
+    }
 }
 
 impl FromStr for Labels {
@@ -78,16 +92,13 @@ pub fn surfaces(
             continue;
         }
         let volume = reader.volume(&path, monitor)?;
-        let one = |label: &Labels| if let Labels::One(label) = label { Some(*label) } else { None };
-        let mut found = match labels {
+        let found: Vec<i64> = match labels {
             [] => vec![volume.choose(None)?],
-            labels if labels.contains(&Labels::All) => volume.labels().into_keys().collect(),
             labels => {
-                labels.iter().filter_map(one).map(|label| volume.choose(Some(label))).collect::<Result<_, _>>()?
+                let chosen = Labels::of(labels, &volume.labels());
+                chosen.into_iter().map(|label| volume.choose(Some(label))).collect::<Result<_, _>>()?
             }
         };
-        let mut seen = HashSet::new();
-        found.retain(|label| seen.insert(*label));
         surfaces.extend(found.into_iter().map(|label| (path.clone(), Some(label))));
     }
     Ok(surfaces)

@@ -23,13 +23,7 @@ impl SurfaceReader {
     /// the fit refuses them.
     #[must_use]
     pub fn new(preparation: Preparation) -> Self {
-        Self::with_volume(preparation, None)
-    }
-
-    /// Creates a reader with a volume that has already been read.
-    #[must_use]
-    pub fn with_volume(preparation: Preparation, volume: Option<LabelVolume>) -> Self {
-        Self { preparation, volume: Mutex::new(volume.map(Arc::new)) }
+        Self { preparation, volume: Mutex::default() }
     }
 
     /// Reads a mesh, or the surface around a label.

@@ -19,6 +19,7 @@ mod surface_plan;
 mod surface_sums;
 mod vertex_noise;
 
+pub(crate) use check::check_sizes;
 pub use check::{check_mapping, check_memory};
 pub use from_moments::{MomentsFit, MomentsReport, fit_moments};
 pub use planned::PlannedSphere;

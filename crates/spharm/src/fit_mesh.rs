@@ -7,9 +7,10 @@ use spharm_monitor::{Monitor, Silent};
 use spharm_surface::repair::MeshRepair;
 use spharm_surface::{Mesh, Target};
 
+use crate::fit::check_sizes;
 use crate::parametrize::volume::{LabelSurface, Repair, VoxelSteps};
 use crate::parametrize::{HandlesReport, Input, Parametrized, Source, parametrize_with};
-use crate::{Error, Fit, FitParams, ManyReport, check_mapping, check_memory, fit_target};
+use crate::{Error, Fit, FitParams, ManyReport, check_mapping, fit_target};
 
 /// Changes to a surface before it is mapped to a sphere. A surface that is given with a sphere isn't changed.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -143,9 +144,9 @@ pub fn steps_of(provenance: &Provenance) -> Option<VoxelSteps> {
 ///
 /// [`Error::Memory`].
 pub fn check_surface(surface: &Input, params: &FitParams) -> Result<(), Error> {
-    // All triangulations of a label's quadrangles have the same size.
-    let of_label = surface.label().map(|label| label.quads.triangles(|_| false));
-    let fits = surface.mesh().or(of_label.as_ref()).map_or(Ok(()), |mesh| check_memory(mesh, params));
+    let of_mesh = surface.mesh().map(|mesh| (mesh.vertices.len(), mesh.faces.len()));
+    let of_label = surface.label().map(|label| (label.quads.vertices.len(), 2 * label.quads.quads.len()));
+    let fits = of_mesh.or(of_label).map_or(Ok(()), |(vertices, faces)| check_sizes(vertices, faces, params));
     match (fits, check_mapping(Source::from(surface).vertices(), params)) {
         (Err(Error::Memory { budget, needed }), Err(Error::Memory { needed: mapping, .. })) => {
             Err(Error::Memory { budget, needed: needed.max(mapping) })

@@ -12,7 +12,7 @@ use spharm::shape::stats::{Test, TestParams, test};
 use spharm_cli::paths::model_name;
 
 use super::super::outputs::csv;
-use super::super::table::Table;
+use super::super::table::{Table, finite};
 use super::args::Source;
 use super::question::Study;
 
@@ -41,7 +41,7 @@ impl Measures {
             let all: Vec<String> = table.names().skip(1).map(str::to_owned).collect();
             for name in if wanted.is_empty() { &all } else { wanted } {
                 let cells = table.texts(name)?;
-                let number = |row: &usize| cells[*row].trim().parse().ok().filter(|value: &f64| value.is_finite());
+                let number = |row: &usize| finite(cells[*row]);
                 let values: Vec<f64> = order.iter().filter_map(number).collect();
                 if let Some(at) = order.iter().position(|row| number(row).is_none()) {
                     let text = format!(

@@ -91,7 +91,7 @@ pub fn run(
     observer: &dyn Observer,
     monitor: &dyn Monitor,
 ) -> Result<(), RunError> {
-    run_reading(cohort, params, SurfaceReader::new(params.preparation), observer, monitor)
+    run_reading(cohort, params, &SurfaceReader::new(params.preparation), observer, monitor)
 }
 
 /// Fits all rows as [`run`] does, with a reader of the caller, which may already hold the volume of the first rows.
@@ -102,7 +102,7 @@ pub fn run(
 pub fn run_reading(
     cohort: &Cohort,
     params: &RunParams,
-    reader: SurfaceReader,
+    reader: &SurfaceReader,
     observer: &dyn Observer,
     monitor: &dyn Monitor,
 ) -> Result<(), RunError> {

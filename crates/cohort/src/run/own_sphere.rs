@@ -61,14 +61,7 @@ impl Work<'_> {
         self.monitor.check()?;
         let row = &self.cohort.rows[number];
         self.ledger.start(number, row);
-        let done = match self.on_its_own(number, row, share, monitor) {
-            // The share turned out to be too small in the course of the work.
-            Err(error) if share.is_some() && matches!(error.of_fit(), Some(spharm::Error::Memory { .. })) => {
-                Ok(Done::TooLarge)
-            }
-            done => done,
-        };
-        match done {
+        match self.attempt(number, row, share, monitor) {
             Ok(Done::Fitted(fit)) => self.ledger.done(number, row, *fit)?,
             Ok(Done::Skipped) => {}
             Ok(Done::TooLarge) => return Ok(false),
@@ -77,37 +70,45 @@ impl Work<'_> {
         Ok(true)
     }
 
+    fn attempt(&self, number: usize, row: &Row, share: Option<usize>, monitor: &dyn Monitor) -> Result<Done, RunError> {
+        let params = self.weighted(row)?;
+        let Some(item) = self.decide(number, None, &params)? else { return Ok(Done::Skipped) };
+        match self.on_its_own(row, &item, share, params, monitor) {
+            Err(error) if share.is_some() && matches!(error.of_fit(), Some(spharm::Error::Memory { .. })) => {
+                // Keep the decision about the row for the attempt with the whole budget.
+                lock(&self.items).insert(number, item);
+                Ok(Done::TooLarge)
+            }
+            fit => Ok(Done::Fitted(Box::new(fit?))),
+        }
+    }
+
     fn on_its_own(
         &self,
-        number: usize,
         row: &Row,
+        item: &Item,
         share: Option<usize>,
+        mut params: FitParams,
         monitor: &dyn Monitor,
-    ) -> Result<Done, RunError> {
-        let mut params = self.weighted(row)?;
-        let Some(item) = self.decide(number, None, &params)? else { return Ok(Done::Skipped) };
+    ) -> Result<RowFit, RunError> {
         let surface = self.reader.read(&row.surface, item.record.label, monitor)?;
-        if let Some(share) = share {
-            let budget = params.memory.replace(share);
-            if matches!(check_surface(&surface, &params), Err(spharm::Error::Memory { .. })) {
-                params.memory = budget;
-                lock(&self.items).insert(number, item);
-                return Ok(Done::TooLarge);
-            }
+        if share.is_some() {
+            // Before the surface's repairs are reported, which would be repeated in a second attempt.
+            params.memory = share;
+            check_surface(&surface, &params)?;
         }
-        let mapped = self.map(row, &item, &surface, &params, monitor)?;
+        let mapped = self.map(row, item, &surface, &params, monitor)?;
         let surface = &mapped.surface;
         let fit_and_write = || -> Result<RowFit, RunError> {
             let (fit, report) = surface.fit(&params, monitor)?;
             self.ledger.observer.event(&Event::Fitted(&report));
             let preparation = self.params.preparation.of(false, item.record.label);
             let made_of = MadeOf { preparation, surface: Some(surface), ..MadeOf::default() };
-            let mut fitted = self.write((row, &item), &surface.parametrized.sphere, fit, made_of, &params)?;
+            let mut fitted = self.write((row, item), &surface.parametrized.sphere, fit, made_of, &params)?;
             fitted.mapped = Some(Mapping::new(item.files.sphere(), surface));
             Ok(fitted)
         };
-        let fitted = fit_and_write().inspect_err(|_| mapped.remove())?;
-        Ok(Done::Fitted(Box::new(fitted)))
+        fit_and_write().inspect_err(|_| mapped.remove())
     }
 
     /// Maps one surface to a sphere.

@@ -72,7 +72,8 @@ pub fn preview(
     let numbers: Vec<usize> = (0..all).collect();
     let groups = groups(&cohort.rows, &numbers);
     let ledger = Ledger::new(observer, all, None)?;
-    let work = Work::new(cohort, params, SurfaceReader::new(params.preparation), monitor, &ledger);
+    let reader = SurfaceReader::new(params.preparation);
+    let work = Work::new(cohort, params, &reader, monitor, &ledger);
     let mut look = Look { work: &work, spheres: Vec::new(), own: 0, kept: 0, failed: Vec::new() };
     for group in &groups {
         monitor.check()?;

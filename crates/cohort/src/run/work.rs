@@ -28,7 +28,7 @@ pub(super) struct Work<'a> {
     pub(super) params: &'a RunParams,
     pub(super) monitor: &'a dyn Monitor,
     pub(super) ledger: &'a Ledger<'a>,
-    pub(super) reader: SurfaceReader,
+    pub(super) reader: &'a SurfaceReader,
     /// Files, record and decision of each row that has been checked but isn't finished.
     pub(super) items: Mutex<HashMap<usize, Item>>,
     /// Names of labels whose models reproduce the voxels' steps, with a description of the steps.
@@ -66,7 +66,7 @@ impl<'a> Work<'a> {
     pub(super) fn new(
         cohort: &'a Cohort,
         params: &'a RunParams,
-        reader: SurfaceReader,
+        reader: &'a SurfaceReader,
         monitor: &'a dyn Monitor,
         ledger: &'a Ledger<'a>,
     ) -> Self {

@@ -16,7 +16,11 @@ use crate::{Error, FitParams, Method};
 ///
 /// [`Error::Memory`] with the smallest sufficient budget.
 pub fn check_memory(surface: &Mesh, params: &FitParams) -> Result<(), Error> {
-    let (vertices, faces) = (surface.vertices.len(), surface.faces.len());
+    check_sizes(surface.vertices.len(), surface.faces.len(), params)
+}
+
+/// Checks the memory as [`check_memory`] does, for a surface of these numbers of vertices and triangles.
+pub(crate) fn check_sizes(vertices: usize, faces: usize, params: &FitParams) -> Result<(), Error> {
     let sizes = Sizes { vertices, faces, max_degree: params.max_degree, channels: 3, denoise: params.denoise };
     match params.method {
         Method::Lsq if params.fits_surface(Kind::Surface, true) => {
