@@ -43,6 +43,7 @@ mod rerun_settings;
 mod reruns;
 mod resumed;
 mod shape;
+mod shape_designs;
 mod shape_inference;
 mod shape_means;
 mod shape_study;

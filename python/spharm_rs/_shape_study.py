@@ -132,34 +132,46 @@ def _covariates(given: Any, count: int) -> list[tuple[str, Cells]]:
 
 
 def _asked(
-    count: int, groups: Any, effect: Any, mean: bool, design: Any, contrast: Any, covariates: Any, levels: Any
+    count: int, groups: Any, effect: Any, interaction: Any, mean: bool, design: Any, contrast: Any, covariates: Any, levels: Any
 ) -> dict[str, Any]:
     """Converts the tested design for the extension module."""
-    if sum(given is not None for given in (groups, effect, design)) + mean != 1:
-        raise ValueError("groups, effect, mean, design: expected exactly one of them")
-    if (design is None) != (contrast is None):
-        raise ValueError("design, contrast: expected both, or neither")
+    if sum(given is not None for given in (groups, effect, interaction, design)) + mean != 1:
+        raise ValueError("groups, effect, interaction, mean, design: expected exactly one of them")
     if levels is not None and groups is None:
         raise ValueError("levels: can only be given with groups")
+    rows = [contrast] if isinstance(contrast, str) else contrast
+    named = isinstance(rows, (list, tuple)) and len(rows) > 0 and all(isinstance(row, str) for row in rows)
     asked: dict[str, Any] = {
-        "name": "groups", "mean": mean, "effect": None, "levels": [], "covariates": [], "design": None, "columns": [], "contrast": None,
+        "effect": [], "levels": [], "covariates": [], "design": None, "columns": [], "weights": None,
+        "contrast": list(rows) if named else [], "relative": False,
     }  # fmt: skip
     if design is not None:
+        if contrast is None:
+            raise ValueError("design, contrast: expected both, or neither")
         if covariates is not None:
             raise ValueError("covariates: expected None with a design; add covariates as columns of the design")
         asked["columns"] = [str(name) for name in design.columns] if hasattr(design, "columns") else []
         asked["design"] = _arrays.channels("design", design)
-        weights = _arrays.real("contrast", contrast, "(p,) or (q, p)")
-        if weights.ndim not in (1, 2):
-            raise ValueError(f"contrast: expected shape (p,) or (q, p), found {weights.shape}")
-        asked["contrast"] = np.atleast_2d(weights)
+        if not named:
+            weights = _arrays.real("contrast", contrast, "(p,) or (q, p)")
+            if weights.ndim not in (1, 2):
+                raise ValueError(f"contrast: expected shape (p,) or (q, p), found {weights.shape}")
+            asked["weights"] = np.atleast_2d(weights)
         return asked
+    if contrast is not None and (mean or not named):
+        raise ValueError("contrast: expected names and weights, such as 'patient - control', for groups, effect or interaction")
     if groups is not None:
-        asked["effect"], order = levels_of("groups", column("groups", groups, count))
+        cells, order = levels_of("groups", column("groups", groups, count))
+        asked["effect"] = [("groups", cells)]
         asked["levels"] = order if levels is None else [str(level) for level in levels]
-    elif not mean:
-        numbers = _arrays.real("effect", column("effect", effect, count), f"({count},)")
-        asked.update(name="effect", effect=numbers)
+    elif effect is not None:
+        asked["effect"] = [("effect", _arrays.real("effect", column("effect", effect, count), f"({count},)"))]
+    elif interaction is not None:
+        if not isinstance(interaction, Mapping) or len(interaction) != 2:
+            raise ValueError("interaction: expected a dict of two columns, such as {'group': groups, 'age': ages}")
+        asked["effect"] = [
+            (str(name), _numbers_or_levels(f"interaction, {name}", cells, count)) for name, cells in interaction.items()
+        ]
     asked["covariates"] = _covariates(covariates, count)
     return asked
 
@@ -262,9 +274,10 @@ def test(
     groups: Any = None,
     *,
     effect: ArrayLike | None = None,
+    interaction: Mapping[str, Any] | None = None,
     mean: bool = False,
     design: Any = None,
-    contrast: ArrayLike | None = None,
+    contrast: str | Sequence[str] | ArrayLike | None = None,
     covariates: Any = None,
     levels: Sequence[Any] | None = None,
     minus: Sequence[Model] | ArrayLike | None = None,
@@ -303,14 +316,20 @@ def test(
         any difference between more than two groups.
     effect : array_like of float, (n,), optional
         A number for each subject; the slope of the values over it is tested.
+    interaction : dict of two array_like, (n,), optional
+        Two columns by name, each of numbers or of names of levels, whose interaction is tested: of levels and numbers the
+        difference of the slopes, of levels and levels the difference of the differences. Both are accounted for.
     mean : bool
         Test whether the mean of values, of a signal, or of differences (``minus``) is zero.
     design : array_like of float, (n, p), optional
         A custom design matrix, of full column rank.
-    contrast : array_like of float, (p,) or (q, p), optional
-        Combinations of the design's columns; the test's null hypothesis is that they are zero.
+    contrast : str, sequence of str, or array_like of float, (p,) or (q, p), optional
+        Combinations of the design's columns; the test's null hypothesis is that they are zero. As text, such as ``"mild -
+        control"`` or ``"severe - 1/2 mild - 1/2 control"``, they may replace the contrast of ``groups``, ``effect`` or
+        ``interaction``, whose columns are the groups (of an interaction ``level:name`` or ``level:level``), numbers by
+        their names, and ``name level`` for each level but the first of a covariate; weights are for a ``design``.
     covariates : dict of array_like, (n,), or array_like of float, (n, k), optional
-        Nuisance variables: numbers, or names of levels; for ``groups``, ``effect`` and ``mean``.
+        Nuisance variables: numbers, or names of levels; for ``groups``, ``effect``, ``interaction`` and ``mean``.
     levels : sequence, optional
         Order of the groups; sorted by default.
     minus : sequence of Model, or array_like of float, of the shape of subjects, optional
@@ -372,6 +391,15 @@ def test(
     >>> change.resampling, bool((change.p_fwe < 0.01).all())
     ('sign flips', True)
 
+    The difference of two slopes, and three groups of which two are compared:
+
+    >>> ages, group = np.arange(30, 80, 5.0), np.array(["a", "b"] * 5)
+    >>> sp.shape.test(values, interaction={"group": group, "age": ages}, permutations=0).meaning
+    'slope of age in a - in b'
+    >>> stages = ["none", "mild", "severe", "mild", "none"] * 2
+    >>> sp.shape.test(values, stages, contrast="mild - none", permutations=0).freedom
+    (7.0,)
+
     Two visits of ten subjects, as rows that are exchanged within each subject:
 
     >>> visits, subject = np.concatenate([values, later]), np.tile(np.arange(10), 2)
@@ -397,6 +425,8 @@ def test(
                 raise ValueError(f"minus: expected shape {values.shape}, found {others.shape}")
             values = values - others
     components = values.shape[2] if values.ndim == 3 else 1
+    asked = _asked(len(values), groups, effect, interaction, bool(mean), design, contrast, covariates, levels)
+    asked["relative"] = average is not None and minus is None and signal != "value" and design is None
     inference = inference_of(
         len(values), values.shape[1], bool(permutations), errors, blocks, whole_blocks, variance_groups, tfce, cluster,
         tested_surface(surface, sphere, average, signal) if tfce or cluster is not None else None,
@@ -404,7 +434,7 @@ def test(
     found = _core.shape_test(
         values.reshape(len(values), values.shape[1] * components),
         components,
-        _asked(len(values), groups, effect, bool(mean), design, contrast, covariates, levels),
+        asked,
         inference,
         welch=bool(welch),
         permutations=_arrays.whole("permutations", permutations),

@@ -165,3 +165,59 @@ def test_arguments_that_do_not_fit_are_refused() -> None:
             design = {"design": np.column_stack([np.eye(8)[0], np.ones(8)]), "contrast": [1, 0]}
         with pytest.raises(ValueError, match=message):
             sp.shape.test(values, **design, **arguments)
+
+
+def test_interactions_are_nested_models() -> None:
+    """Each interaction's F is that of the residuals of the models with and without it, in treatment coding."""
+    rng = np.random.default_rng(7)
+    n, values = 24, rng.normal(size=(24, 3))
+    group, sex = np.array(["b", "a", "c"] * 8), np.array(["m"] * 11 + ["f"] * 13)
+    age, weight = rng.uniform(20, 80, n), rng.uniform(50, 90, n)
+    values += np.outer((group == "a") * age, [0.05, 0.0, 0.0])
+
+    def coded(column: Any) -> Any:
+        if column.dtype.kind == "f":
+            return column[:, None]
+        return np.stack([column == level for level in np.unique(column)[1:]], 1).astype(float)
+
+    def rest(*columns: Any) -> Any:
+        design = np.column_stack([np.ones(n), *columns])
+        return ((values - design @ np.linalg.lstsq(design, values, rcond=None)[0]) ** 2).sum(0), n - design.shape[1]
+
+    for a, b in itertools.combinations([group, sex, age, weight], 2):
+        x, z = coded(a), coded(b)
+        products = (x[:, :, None] * z[:, None]).reshape(n, -1)
+        other = weight if a is not weight and b is not weight else age
+        covariates = {} if other is a or other is b else {"other": other}
+        more = [column[:, None] for column in covariates.values()]
+        (without, _), (full, freedom) = rest(x, z, *more), rest(x, z, products, *more)
+        expected = (without - full) / products.shape[1] / (full / freedom)
+        found = sp.shape.test(values, interaction={"a": a, "b": b}, covariates=covariates, permutations=0)
+        statistic = found.statistic**2 if products.shape[1] == 1 else found.statistic
+        assert np.allclose(statistic, expected, rtol=1e-9), found.meaning
+        assert found.freedom[-1] == freedom
+
+
+def test_contrasts_are_combinations_of_named_columns() -> None:
+    rng = np.random.default_rng(8)
+    values, group = rng.normal(size=(12, 4)), ["mild", "none", "severe"] * 4
+    means = {name: values[[one == name for one in group]].mean(0) for name in ("mild", "none", "severe")}
+    found = sp.shape.test(values, group, contrast="severe - 1/2 mild - 1/2 none", permutations=0)
+    assert np.allclose(found.effect, means["severe"] - (means["mild"] + means["none"]) / 2)
+    any_, both = (
+        sp.shape.test(values, group, contrast=rows, permutations=50)
+        for rows in (None, ["mild - none", "severe - none"])
+    )
+    assert np.allclose(any_.statistic, both.statistic) and np.array_equal(any_.p_fwe, both.p_fwe)
+    design = np.column_stack([np.ones(12), np.arange(12.0)])
+    named = sp.shape.test(values, design=design, contrast="column 2", permutations=0)
+    assert np.array_equal(named.statistic, sp.shape.test(values, design=design, contrast=[0, 1], permutations=0).statistic)
+    for bad, said in [("mild - cured", "'cured'|\"cured\""), ("", "combination"), ("mild - mild", "zero")]:
+        with pytest.raises(ValueError, match=said):
+            sp.shape.test(values, group, contrast=bad)
+    with pytest.raises(ValueError, match="expected names"):
+        sp.shape.test(values, group, contrast=[1, -1, 0])
+    with pytest.raises(ValueError, match="dict of two"):
+        sp.shape.test(values, interaction={"group": group})
+    with pytest.raises(ValueError, match="no subject is both"):
+        sp.shape.test(values, interaction={"group": group, "same": group})

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail};
-use spharm::shape::stats::Column;
+use spharm::shape::stats::{Column, Term};
 use spharm_cli::inputs::read_text;
 use spharm_cohort::Manifest;
 
@@ -106,6 +106,24 @@ impl Table {
         column_of(&cells).map_err(|row| {
             anyhow!("{}: row {}: column {name:?}: {}", self.path.display(), row + 1, no_number(cells[row]))
         })
+    }
+
+    /// Returns a term of a model: a column, or the interaction `a:b` of two columns. `is_of_levels` returns whether a
+    /// column's numbers are levels.
+    pub(crate) fn term(&self, name: &str, is_of_levels: impl Fn(&str) -> bool) -> Result<Term> {
+        let column = |name: &str| match (self.has(name), is_of_levels(name)) {
+            (false, _) => Ok(None),
+            (true, true) => self.levels(name).map(Some),
+            (true, false) => self.column(name).map(Some),
+        };
+        match Term::parse(name, column)? {
+            Some(term) => Ok(term),
+            None => {
+                let missing = name.split(':').find(|part| !self.has(part)).unwrap_or(name);
+                self.texts(missing)?;
+                bail!("{}: {name:?}: expected a column, or two columns a:b", self.path.display())
+            }
+        }
     }
 
     /// Returns a column of numbers.

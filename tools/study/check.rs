@@ -1,7 +1,7 @@
 //! Checks a study before its subjects are fitted, because fitting takes long.
 
 use anyhow::{Context, Result, anyhow, bail};
-use spharm::shape::stats::{Column, question};
+use spharm::shape::stats::{Column, Term, question};
 use spharm_cli::output::counted;
 
 use super::LEAST;
@@ -113,28 +113,41 @@ fn tested(plan: &Plan, test: &Test) -> Result<()> {
     if test.mask.is_some() && test.sphere.is_none() {
         bail!("mask: also give `sphere`, the sphere to whose vertices the mask belongs");
     }
-    let effect = cells(plan, &test.effect)?;
-    let column = |name: &str, cells: &[&str]| {
-        if test.categorical.iter().any(|of| of == name) {
-            return Ok(Column::Levels(cells.iter().map(|cell| (*cell).to_owned()).collect()));
-        }
-        column_of(cells).map_err(|row| {
-            let id = &plan.manifest.rows[row].id;
-            anyhow!("{}: {id}: column {name:?}: {}", plan.table.display(), no_number(cells[row]))
-        })
+    let is_column = |name: &str| plan.manifest.columns.iter().any(|other| other == name);
+    let term = |name: &String, ordered: bool| -> Result<Term> {
+        let column = |name: &str| match is_column(name) {
+            true => column(plan, test, name, ordered).map(Some),
+            false => Ok(None),
+        };
+        Term::parse(name, column)?.with_context(|| format!("{}: no column {name:?}", plan.table.display()))
     };
-    let effect = match test.levels.is_empty() {
-        true => column(&test.effect, &effect)?,
-        false => Column::Levels(effect.into_iter().map(str::to_owned).collect()),
+    let covariates = test.covariates.iter().map(|name| term(name, false)).collect::<Result<Vec<_>>>()?;
+    let ordered = !test.levels.is_empty() && is_column(&test.effect);
+    let question = question(&term(&test.effect, ordered)?, &test.levels, &covariates);
+    let question = match test.contrast.is_empty() {
+        true => question,
+        false => question.and_then(|question| question.with_contrast(&test.contrast)),
     };
-    let covariate = |name: &String| Ok((name.clone(), column(name, &cells(plan, name)?)?));
-    let covariates = test.covariates.iter().map(covariate).collect::<Result<Vec<_>>>()?;
-    let question = question((&test.effect, &effect), &test.levels, &covariates);
     let question = question.with_context(|| plan.table.display().to_string())?;
+    if !test.contrast.is_empty() && !test.is_of_values() {
+        question.check_differences()?;
+    }
     if test.welch && (question.levels.len() != 2 || !covariates.is_empty()) {
         bail!("welch: tests only the difference of two groups without covariates; omit it");
     }
     Ok(())
+}
+
+/// Returns a column of numbers or levels; `ordered` makes levels of numbers, as `categorical` does.
+fn column(plan: &Plan, test: &Test, name: &str, ordered: bool) -> Result<Column> {
+    let cells = cells(plan, name)?;
+    if ordered || test.categorical.iter().any(|of| of == name) {
+        return Ok(Column::Levels(cells.into_iter().map(str::to_owned).collect()));
+    }
+    column_of(&cells).map_err(|row| {
+        let id = &plan.manifest.rows[row].id;
+        anyhow!("{}: {id}: column {name:?}: {}", plan.table.display(), no_number(cells[row]))
+    })
 }
 
 /// Returns a column's cells, one per subject; a cell without a value is an error.

@@ -122,9 +122,18 @@ fn of_test(test: &Test, plan: &Plan) -> Result<String> {
         Some("value") => "the value at each point of the surface",
         _ => "the displacement of each point of the surface along the normal of the mean",
     };
-    let levels = if test.levels.is_empty() { String::new() } else { format!(" ({})", test.levels.join(" - ")) };
-    let mut text =
-        format!("In the test \"{}\", the effect of {}{levels} on {quantity} was tested", test.name, test.effect);
+    let about = about(plan, test)?;
+    let effect = match test.effect.split_once(':') {
+        Some((first, second)) if !plan.manifest.columns.contains(&test.effect) => {
+            format!("the interaction of {first} and {second}")
+        }
+        _ => format!("the effect of {}", test.effect),
+    };
+    let mut text = format!(
+        "In the test \"{}\", {effect} ({}) on {quantity} was tested",
+        test.name,
+        about["tested"].as_str().unwrap_or_default()
+    );
     if !test.covariates.is_empty() {
         let plural = if test.covariates.len() == 1 { "a covariate" } else { "covariates" };
         let _ = write!(text, ", with {} as {plural}", test.covariates.join(", "));
@@ -136,7 +145,6 @@ fn of_test(test: &Test, plan: &Plan) -> Result<String> {
         text += ", by Welch's t (Welch 1951)";
     }
     text += ". ";
-    let about = about(plan, test)?;
     if let (Some(count), Some(assumption)) = (about["relabellings"].as_u64(), about["assumption"].as_str()) {
         let which = if about["exact"] == true { "all" } else { "random" };
         let _ = write!(

@@ -91,8 +91,9 @@ impl Plan {
             );
         }
         for test in &study.test {
-            for column in test.columns() {
-                if !manifest.columns.contains(column) {
+            let is_column = |name: &str| manifest.columns.iter().any(|other| other == name);
+            for column in test.columns(is_column) {
+                if !is_column(column) {
                     bail!(
                         "{}: test {:?}: {} has no column {column:?}; it has {}",
                         path.display(),

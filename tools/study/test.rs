@@ -7,10 +7,11 @@ use serde::Deserialize;
 use spharm::shape::stats::{MAX_RELABELLINGS, Resampling};
 
 /// Keys of `[[test]]`, the two required ones first.
-pub(super) const KEYS: [&str; 16] = [
+pub(super) const KEYS: [&str; 17] = [
     "name",
     "effect",
     "levels",
+    "contrast",
     "covariates",
     "categorical",
     "signal",
@@ -35,6 +36,9 @@ pub(super) struct Test {
     pub(super) name: String,
     pub(super) effect: String,
     pub(super) levels: Vec<String>,
+    /// Combinations of the design's columns to test in place of the effect's own.
+    #[serde(deserialize_with = "one_or_more")]
+    pub(super) contrast: Vec<String>,
     pub(super) covariates: Vec<String>,
     /// Columns whose numbers are levels of a factor.
     pub(super) categorical: Vec<String>,
@@ -58,10 +62,9 @@ pub(super) struct Test {
 impl Test {
     /// Checks the values of the keys.
     pub(super) fn check(&self) -> Result<()> {
-        if let Some(name) =
-            self.categorical.iter().find(|name| **name != self.effect && !self.covariates.contains(name))
-        {
-            bail!("categorical: {name:?} is neither the effect nor one of the covariates");
+        let named = || std::iter::once(&self.effect).chain(&self.covariates).flat_map(|term| parts(term));
+        if let Some(name) = self.categorical.iter().find(|name| !named().any(|of| of == **name)) {
+            bail!("categorical: {name:?} is neither in the effect nor in the covariates");
         }
         if let Some(count) = self.permutations.filter(|count| *count > MAX_RELABELLINGS) {
             bail!("permutations: expected at most {MAX_RELABELLINGS}, found {count}");
@@ -120,7 +123,9 @@ impl Test {
             ("--cluster", self.cluster.map(|p| p.to_string())),
             ("--permutations", self.permutations.map(|count| count.to_string())),
         ];
-        let values = values.into_iter().filter_map(|(flag, value)| Some([flag.to_owned(), value?]));
+        let contrasts = self.contrast.iter().map(|row| ("--contrast", Some(row.clone())));
+        let values = values.into_iter().chain(contrasts);
+        let values = values.filter_map(|(flag, value)| Some([flag.to_owned(), value?]));
         values.flatten().chain(flags).collect()
     }
 
@@ -133,9 +138,33 @@ impl Test {
         }
     }
 
-    /// Returns all columns of the table that the test uses.
-    pub(super) fn columns(&self) -> impl Iterator<Item = &String> {
-        let more = self.blocks.iter().chain(&self.variance_groups);
-        std::iter::once(&self.effect).chain(&self.covariates).chain(more)
+    /// Returns all columns of the table that the test uses; `is_column` returns whether the table has a column.
+    pub(super) fn columns(&self, is_column: impl Fn(&str) -> bool) -> Vec<&str> {
+        let terms = std::iter::once(&self.effect).chain(&self.covariates);
+        let columns = terms.flat_map(|term| {
+            let parts = parts(term);
+            if is_column(term) { parts[..1].to_vec() } else { parts[parts.len().min(2) - 1..].to_vec() }
+        });
+        columns.chain(self.blocks.iter().chain(&self.variance_groups).map(String::as_str)).collect()
     }
+}
+
+/// Reads a string, or a list of strings.
+fn one_or_more<'de, D: serde::Deserializer<'de>>(from: D) -> Result<Vec<String>, D::Error> {
+    #[derive(Deserialize)]
+    #[serde(untagged)]
+    enum Given {
+        One(String),
+        More(Vec<String>),
+    }
+    Ok(match Given::deserialize(from)? {
+        Given::One(one) => vec![one],
+        Given::More(more) => more,
+    })
+}
+
+/// Returns the name of a term, and, if it may be an interaction `a:b`, those of its columns.
+fn parts(term: &str) -> Vec<&str> {
+    let columns = term.split_once(':').map(|(first, second)| [first, second]);
+    std::iter::once(term).chain(columns.into_iter().flatten()).collect()
 }

@@ -8,7 +8,7 @@ use spharm::Kind;
 use spharm::model::made;
 use spharm::shape::stats::{
     Blocks, Clusters, Column, Contrast, Design, Exchange, FamilyWise, PermutationParams, Question, SpatialParams,
-    Statistic, SurfaceGraph, TestParams, Tfce, mean_question, numbered, question, test,
+    Statistic, SurfaceGraph, Term, TestParams, Tfce, mean_question, numbered, question, test,
 };
 use spharm::shape::{Measurement, ShapeError, measure_group};
 
@@ -72,35 +72,52 @@ impl Cells<'_> {
     }
 }
 
-/// The hypothesis to test: an effect or a mean, with covariates; or a contrast of a design matrix.
+/// The hypothesis to test: an effect of one column, the interaction of two, or a mean (no column), with covariates; or
+/// a design matrix. A contrast is given as weights or as text.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Asked<'py> {
-    name: String,
-    mean: bool,
-    effect: Option<Cells<'py>>,
+    effect: Vec<(String, Cells<'py>)>,
     levels: Vec<String>,
     covariates: Vec<(String, Cells<'py>)>,
     design: Option<PyReadonlyArray2<'py, f64>>,
     columns: Vec<String>,
-    contrast: Option<PyReadonlyArray2<'py, f64>>,
+    weights: Option<PyReadonlyArray2<'py, f64>>,
+    contrast: Vec<String>,
+    /// Whether values are displacements from the mean, whose mean is zero.
+    relative: bool,
 }
 
 impl Asked<'_> {
     fn question(&self, subjects: usize) -> Result<Question, Failure> {
-        let covariates = self.covariates.iter().map(|(name, cells)| (name.clone(), cells.column()));
-        let covariates: Vec<(String, Column)> = covariates.collect();
-        if self.mean {
-            return Ok(mean_question(subjects, &covariates)?);
+        let column = |(name, cells): &(String, Cells<'_>)| (name.clone(), cells.column());
+        let term = |given: &(String, Cells<'_>)| {
+            let (name, column) = column(given);
+            Term::Column(name, column)
+        };
+        let covariates: Vec<Term> = self.covariates.iter().map(term).collect();
+        let mut asked = match (&self.design, &self.effect[..]) {
+            (Some(design), _) => {
+                let design = Design::new(design.as_array().to_owned(), self.columns.clone())?;
+                let contrast = Contrast { weights: ndarray::Array2::zeros((1, design.names().len())) };
+                let meaning = "a contrast of the design".to_owned();
+                Question { design, contrast, meaning, levels: Vec::new(), level_of: Vec::new(), codes: Vec::new() }
+            }
+            (None, []) => mean_question(subjects, &covariates)?,
+            (None, [effect]) => question(&term(effect), &self.levels, &covariates)?,
+            (None, [a, b, ..]) => question(&Term::Interaction([column(a), column(b)]), &self.levels, &covariates)?,
+        };
+        if let Some(weights) = &self.weights {
+            asked.contrast.weights = weights.as_array().to_owned();
         }
-        if let Some(effect) = &self.effect {
-            return Ok(question((&self.name, &effect.column()), &self.levels, &covariates)?);
+        if self.contrast.is_empty() {
+            return Ok(asked);
         }
-        let (Some(design), Some(contrast)) = (&self.design, &self.contrast) else { return Err(Failure::Panic) };
-        let design = Design::new(design.as_array().to_owned(), self.columns.clone())?;
-        let contrast = Contrast { weights: contrast.as_array().to_owned() };
-        let meaning = "a contrast of the design".to_owned();
-        Ok(Question { design, contrast, meaning, levels: Vec::new(), codes: Vec::new() })
+        let asked = asked.with_contrast(&self.contrast)?;
+        if self.relative {
+            asked.check_differences()?;
+        }
+        Ok(asked)
     }
 }
 
@@ -218,7 +235,11 @@ pub(crate) fn shape_test<'py>(
     result.set_item("meaning", &question.meaning)?;
     result.set_item("levels", question.levels.clone())?;
     // Omit the tested effect: its numbers aren't codes of levels, because the caller declared them to be amounts.
-    let codes = question.codes.iter().filter(|(column, _)| *column != asked.name).cloned();
+    let declared = match &asked.effect[..] {
+        [(name, _)] => Some(name),
+        _ => None,
+    };
+    let codes = question.codes.iter().filter(|(column, _)| declared != Some(column)).cloned();
     result.set_item("codes", codes.collect::<Vec<_>>())?;
     result.set_item("columns", design.names().to_vec())?;
     result.set_item("warnings", found.warnings.iter().map(ToString::to_string).collect::<Vec<_>>())?;

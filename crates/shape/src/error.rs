@@ -108,6 +108,34 @@ pub enum ShapeError {
         /// The contrast found.
         found: String,
     },
+    /// A name in a contrast that isn't a column of its design.
+    #[error("contrast: expected columns of the design, which are {}; found {found:?}", columns.join(", "))]
+    NoColumn {
+        /// The name found.
+        found: String,
+        /// Names of the design's columns.
+        columns: Vec<String>,
+    },
+    /// A contrast of means, for displacements from the mean.
+    #[error(
+        "contrast {tested:?}: its weights of the levels don't add up to zero, so that a mean is tested, and the mean of \
+         displacements from the mean is always zero; test a difference, or the differences from other models"
+    )]
+    MeanOfDisplacements {
+        /// The contrast.
+        tested: String,
+    },
+    /// An interaction whose levels don't occur together.
+    #[error(
+        "the interaction {interaction} can't be estimated: no subject is both {:?} and {:?}; leave out a level, or the \
+         interaction", levels[0], levels[1]
+    )]
+    EmptyCell {
+        /// Names of the columns.
+        interaction: String,
+        /// A level of each column.
+        levels: [String; 2],
+    },
     /// Welch's test of anything other than the difference of two groups.
     #[error("Welch's test needs two groups without covariates; use pooled variances instead")]
     NotTwoGroups,

@@ -16,7 +16,8 @@
 //! | module | contents |
 //! |---|---|
 //! | [`design`] | [`Design`], [`Contrast`]: the model and the hypothesis |
-//! | [`study`] | designs from tables of subjects |
+//! | [`study`], [`terms`] | designs from tables of subjects |
+//! | `contrasts` | contrasts as text |
 //! | [`linear`] | statistics, p values, effects and their confidence intervals at each vertex |
 //! | [`welch`] | two groups of unequal variance |
 //! | `variances` | the warning of unequal variances |
@@ -50,6 +51,7 @@
 pub mod arrangements;
 mod aspin_welch;
 pub mod blocks;
+mod contrasts;
 pub mod design;
 pub mod distributions;
 mod explained;
@@ -60,6 +62,7 @@ mod projection;
 mod resampling;
 pub mod spatial;
 pub mod study;
+pub mod terms;
 #[cfg(test)]
 mod tests;
 mod variances;
@@ -77,7 +80,8 @@ pub use linear::{Effect, Statistic};
 pub use permutation::{FamilyWise, MAX_RELABELLINGS, PermutationParams};
 pub use resampling::Resampling;
 pub use spatial::{Cluster, Clusters, SpatialParams, SurfaceGraph, Tfce};
-pub use study::{Column, Question, mean_question, question};
+pub use study::{Question, mean_question, question};
+pub use terms::{Column, Term};
 
 /// Settings of a test.
 #[derive(Debug, Clone)]

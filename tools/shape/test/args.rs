@@ -23,6 +23,8 @@ use super::super::args::{ReportArgs, Resources};
         "spharm shape test --a @patients.txt --b @controls.txt -o test",
         "spharm shape test --table study.csv --effect group --covariates age,sex -o test",
         "spharm shape test --table subjects.csv --models aligned --effect group -o test",
+        "spharm shape test --table study.csv --effect group:age --covariates sex -o test",
+        "spharm shape test --table study.csv --effect stage --contrast 'mild - control' --contrast 'severe - control' -o test",
         "spharm shape test --table study.csv --effect age --signal position --permutations 50000 -o test",
         "spharm shape test --a thick/a* --b thick/b* --signal value --surface mean.spharm.npz --welch -o test",
         "spharm shape test --table study.csv --effect group --measures measures.csv:area,volume scores.csv -o test",
@@ -62,7 +64,11 @@ pub(crate) struct Cli {
     /// --models, in this folder
     #[arg(long, value_name = "COLUMN|DIR", requires = "table", help_heading = INPUT)]
     pub(super) minus: Option<PathBuf>,
-    /// Column of the table to test: the slope of a column of numbers, or the difference between levels
+    /// Column of the table to test: the slope of a column of numbers, or the difference between levels; or the
+    /// interaction of two columns, such as group:age
+    ///
+    /// An interaction of levels and numbers is the difference of the slopes within the levels; that of levels and
+    /// levels is the difference of the differences.
     #[arg(long, value_name = "COLUMN", requires = "table", help_heading = METHOD)]
     pub(super) effect: Option<String>,
     /// Test whether the mean is zero: of differences (--minus), or of a signal's values
@@ -72,7 +78,15 @@ pub(crate) struct Cli {
     /// sorted]
     #[arg(long, value_name = "LEVELS", value_delimiter = ',', requires = "effect", help_heading = METHOD)]
     pub(super) levels: Vec<String>,
-    /// Columns of the table to account for
+    /// Combinations of the design's columns to test in place of the effect's own, such as "mild - control"; given
+    /// several times, any of them (F)
+    ///
+    /// The columns are the effect's levels (of an interaction LEVEL:NUMBERS and LEVEL:LEVEL), a column of numbers by
+    /// its name, and NAME LEVEL for each level except the first of a covariate. Weights are numbers or fractions:
+    /// "severe - 1/2 mild - 1/2 control".
+    #[arg(long, value_name = "CONTRAST", requires = "effect", allow_hyphen_values = true, help_heading = METHOD)]
+    pub(super) contrast: Vec<String>,
+    /// Columns of the table to account for, and their interactions, such as age,sex,age:sex
     #[arg(long, value_name = "COLUMNS", value_delimiter = ',', requires = "table", help_heading = METHOD)]
     pub(super) covariates: Vec<String>,
     /// Columns of --effect and --covariates whose numbers are levels, such as codes of sites

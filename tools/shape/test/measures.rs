@@ -82,7 +82,7 @@ impl Measures {
         let (design, contrast) = (&study.question.design, &study.question.contrast);
         let found = test(self.values.view(), 1, design, contrast, &params, monitor)?;
         let levels = study.question.levels.iter().map(|(level, _)| level.clone()).collect();
-        Ok(Tested { measures: self, found, levels, groups: study.groups.clone() })
+        Ok(Tested { measures: self, found, levels, groups: study.question.level_of.clone() })
     }
 }
 

@@ -4,7 +4,7 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use spharm::shape::stats::{Blocks, Column, Exchange, Question, mean_question, numbered, question};
+use spharm::shape::stats::{Blocks, Column, Exchange, Question, Term, mean_question, numbered, question};
 use spharm_cli::Usage;
 use spharm_cli::paths::with_ending;
 
@@ -19,8 +19,6 @@ pub(super) struct Study {
     /// Whether models are pairs, whose differences are tested.
     pub(super) pairs: bool,
     pub(super) question: Question,
-    /// Level of each subject in the tested column; empty if it has no levels.
-    pub(super) groups: Vec<String>,
     /// Name of the tested column, or `mean` if a mean is tested.
     pub(super) of: String,
     /// Names of the covariates; a covariate with levels also shows their number.
@@ -44,7 +42,6 @@ impl Cli {
         }
         let (a, b) = (files(&self.a)?, files(&self.b)?);
         distinct(&a, &b)?;
-        let mut groups = Vec::new();
         let (question, of) = if self.paired {
             if a.len() != b.len() {
                 bail!("--paired: expected as many models in --b as in --a, {}, found {}", a.len(), b.len());
@@ -53,14 +50,12 @@ impl Cli {
             (Question { meaning: "mean of a - b".to_owned(), ..question }, "mean")
         } else {
             let levels = std::iter::repeat_n("a", a.len()).chain(std::iter::repeat_n("b", b.len()));
-            groups = levels.clone().map(str::to_owned).collect();
-            (question(("group", &Column::of(levels)), &[], &[])?, "group")
+            (question(&Term::Column("group".to_owned(), Column::of(levels)), &[], &[])?, "group")
         };
         Ok(Study {
             paths: a.into_iter().chain(b).collect(),
             pairs: self.paired,
             question,
-            groups,
             of: of.to_owned(),
             covariates: Vec::new(),
             blocks: None,
@@ -84,35 +79,30 @@ impl Cli {
             distinct(&paths, &others)?;
             paths.extend(others);
         }
-        for name in &self.categorical {
-            if self.effect.as_ref() != Some(name) && !self.covariates.contains(name) {
-                return Err(Usage::conflict(format!(
-                    "--categorical {name}: this column is neither the --effect nor one of the --covariates"
-                ))
-                .into());
-            }
-        }
         // Blocks, such as subjects, are levels as covariates, also if their names are numbers.
         let of_levels = self.categorical.iter().chain(&self.blocks);
-        let column = |name: &str| match of_levels.clone().any(|of| of == name) {
-            true => table.levels(name),
-            false => table.column(name),
-        };
-        let covariates = self.covariates.iter().map(|name| Ok((name.clone(), column(name)?)));
+        let is_of_levels = |name: &str| of_levels.clone().any(|of| of == name);
+        let covariates = self.covariates.iter().map(|name| table.term(name, is_of_levels));
         let covariates = covariates.collect::<Result<Vec<_>>>()?;
-        let mut groups = Vec::new();
-        let (mut question, of) = match &self.effect {
-            Some(effect) => {
-                // With --levels, the column's numbers are names of levels.
-                let column = if self.levels.is_empty() { column(effect)? } else { table.levels(effect)? };
-                let question = question((effect, &column), &self.levels, &covariates);
-                if let Column::Levels(levels) = column {
-                    groups = levels;
-                }
-                (question.with_context(|| path.display().to_string())?, effect.clone())
+        // With --levels, the column's numbers are names of levels.
+        let is_ordered =
+            |name: &str| is_of_levels(name) || !self.levels.is_empty() && self.effect.as_deref() == Some(name);
+        let effect = self.effect.as_ref().map(|name| table.term(name, is_ordered)).transpose()?;
+        let named = effect.iter().chain(&covariates).flat_map(Term::columns).map(|(name, _)| name);
+        if let Some(name) = self.categorical.iter().find(|name| !named.clone().any(|of| of == *name)) {
+            return Err(Usage::conflict(format!(
+                "--categorical {name}: this column is neither in the --effect nor in the --covariates"
+            ))
+            .into());
+        }
+        let (mut question, of) = match (&effect, &self.effect) {
+            (Some(effect), Some(name)) => {
+                let question = question(effect, &self.levels, &covariates);
+                let question = question.with_context(|| path.display().to_string())?;
+                (self.with_contrast(question)?, name.clone())
             }
-            None if self.mean => (mean_question(table.len(), &covariates)?, "mean".to_owned()),
-            None => return Err(Usage::missing("--effect names the column of --table to test, or --mean").into()),
+            _ if self.mean => (mean_question(table.len(), &covariates)?, "mean".to_owned()),
+            _ => return Err(Usage::missing("--effect names the column of --table to test, or --mean").into()),
         };
         if let Some(minus) = &self.minus {
             let first = self.models.as_deref().unwrap_or(Path::new(&self.model_column));
@@ -127,7 +117,6 @@ impl Cli {
             paths,
             pairs: self.minus.is_some(),
             question,
-            groups,
             of,
             covariates: covariates.iter().map(with_levels).collect(),
             blocks,
@@ -138,6 +127,18 @@ impl Cli {
                 .transpose()?,
             warnings,
         })
+    }
+
+    /// Returns the question with the contrasts of --contrast, if given.
+    fn with_contrast(&self, question: Question) -> Result<Question> {
+        if self.contrast.is_empty() {
+            return Ok(question);
+        }
+        let question = question.with_contrast(&self.contrast)?;
+        if self.minus.is_none() && self.signal != What::Value {
+            question.check_differences().context("--contrast (--minus gives each subject's other model)")?;
+        }
+        Ok(question)
     }
 
     /// Returns the models of a table's rows: by their paths, or by their names in a folder.
@@ -211,9 +212,10 @@ fn distinct(a: &[PathBuf], b: &[PathBuf]) -> Result<()> {
 const SUBJECTS: [&str; 5] = ["participant_id", "participant", "subject", "subject_id", "subject_label"];
 
 /// Returns a warning about subjects with several rows, unless a covariate identifies the subjects.
-fn repeated(table: &Table, covariates: &[(String, Column)]) -> Option<String> {
+fn repeated(table: &Table, covariates: &[Term]) -> Option<String> {
     let is_subject = |name: &str| SUBJECTS.iter().any(|other| name.eq_ignore_ascii_case(other));
-    if covariates.iter().any(|(name, column)| is_subject(name) && matches!(column, Column::Levels(_))) {
+    let identifies = |term: &Term| matches!(term, Term::Column(name, Column::Levels(_)) if is_subject(name));
+    if covariates.iter().any(identifies) {
         return None;
     }
     table.names().filter(|name| is_subject(name)).find_map(|name| {
@@ -233,9 +235,11 @@ fn repeated(table: &Table, covariates: &[(String, Column)]) -> Option<String> {
 }
 
 /// Returns a covariate's name, with the number of its levels if it has levels.
-fn with_levels((name, column): &(String, Column)) -> String {
-    match column {
-        Column::Levels(levels) => format!("{name} ({} levels)", levels.iter().collect::<HashSet<_>>().len()),
-        Column::Numbers(_) => name.clone(),
+fn with_levels(term: &Term) -> String {
+    match term {
+        Term::Column(name, Column::Levels(levels)) => {
+            format!("{name} ({} levels)", levels.iter().collect::<HashSet<_>>().len())
+        }
+        _ => term.to_string(),
     }
 }

@@ -1,75 +1,11 @@
-//! Creates designs from tables of subjects: a column to test, and covariates to account for.
-
-use std::collections::BTreeSet;
+//! Creates designs from tables of subjects: a term to test, and covariates to account for.
 
 use ndarray::Array2;
 
 use super::design::{Contrast, Design};
+use super::projection::contrast_in_basis;
+use super::terms::{Coded, Column, Term, centred, check_varies, coded, distinct, indicator, times};
 use crate::ShapeError;
-
-/// A table's column, with one value per subject.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Column {
-    /// Numbers, such as age or volume.
-    Numbers(Vec<f64>),
-    /// Levels, such as group, sex or site.
-    Levels(Vec<String>),
-}
-
-impl Column {
-    /// Parses the cells of a column: numbers if all cells are finite numbers, otherwise levels.
-    ///
-    /// ```
-    /// use spharm_shape::stats::Column;
-    /// assert_eq!(Column::of(["1", " 2.5"]), Column::Numbers(vec![1.0, 2.5]));
-    /// assert_eq!(Column::of(["1", "n/a"]), Column::Levels(vec!["1".into(), "n/a".into()]));
-    /// ```
-    pub fn of<'a>(cells: impl IntoIterator<Item = &'a str>) -> Self {
-        let cells: Vec<&str> = cells.into_iter().map(str::trim).collect();
-        let number = |cell: &&str| cell.parse::<f64>().ok().filter(|number| number.is_finite());
-        let numbers: Option<Vec<f64>> = cells.iter().map(number).collect();
-        numbers.map_or_else(|| Self::Levels(cells.into_iter().map(str::to_owned).collect()), Self::Numbers)
-    }
-
-    /// Returns the number of subjects, n.
-    pub fn len(&self) -> usize {
-        match self {
-            Self::Numbers(numbers) => numbers.len(),
-            Self::Levels(levels) => levels.len(),
-        }
-    }
-
-    /// Returns the distinct values of numbers that may be codes of levels: at most six distinct values, all integers,
-    /// fewer than subjects. Returns `None` otherwise, and for levels.
-    ///
-    /// ```
-    /// use spharm_shape::stats::Column;
-    /// assert_eq!(Column::of(["3", "1", "1", "2"]).codes(), Some(vec![1.0, 2.0, 3.0]));
-    /// assert_eq!(Column::of(["31.5", "28", "31.5", "40"]).codes(), None);
-    /// ```
-    pub fn codes(&self) -> Option<Vec<f64>> {
-        let Self::Numbers(numbers) = self else { return None };
-        let mut values = Vec::new();
-        for number in numbers {
-            if !values.contains(number) {
-                values.push(*number);
-            }
-            if number.fract() != 0.0 || values.len() > MAX_CODES {
-                return None;
-            }
-        }
-        values.sort_by(f64::total_cmp);
-        (values.len() < numbers.len()).then_some(values)
-    }
-
-    /// Returns whether there are no subjects.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-}
-
-/// With more distinct values than this, numbers are treated as measurements.
-const MAX_CODES: usize = 6;
 
 /// A design, the contrast to test, and the contrast's meaning.
 #[derive(Debug, Clone)]
@@ -80,65 +16,127 @@ pub struct Question {
     pub contrast: Contrast,
     /// Description of the contrast: "control - patient", "slope of age".
     pub meaning: String,
-    /// Levels of the effect, if it is a column of levels, and their numbers of subjects.
+    /// Levels of the effect, or cells of two columns of levels, and their numbers of subjects.
     pub levels: Vec<(String, usize)>,
+    /// Level or cell of each subject; empty if the effect has no levels.
+    pub level_of: Vec<String>,
     /// Columns treated as numbers that may be codes of levels, with their distinct values.
     pub codes: Vec<(String, Vec<f64>)>,
 }
 
-/// Returns the design and the contrast of an effect, given its name, with covariates: the slope of a number, the
-/// difference of two levels (the first minus the second), or any difference between more levels. Levels are in the
-/// order of `order`, by default sorted. Covariates are centred; each level of a covariate except the first has a
-/// column.
+impl Question {
+    /// Replaces the contrast by combinations of the design's columns, such as `patient - control`: t of one, F of
+    /// several ([`Design::contrast`]).
+    ///
+    /// # Errors
+    ///
+    /// The errors of [`Design::contrast`].
+    pub fn with_contrast(mut self, rows: &[impl AsRef<str>]) -> Result<Self, ShapeError> {
+        self.contrast = self.design.contrast(rows)?;
+        let rows: Vec<&str> = rows.iter().map(|row| row.as_ref().trim()).collect();
+        self.meaning = if rows.len() == 1 { rows[0].to_owned() } else { format!("any of {}", rows.join("; ")) };
+        Ok(self)
+    }
+
+    /// Checks that the contrast is one of differences or slopes, for displacements from the mean.
+    ///
+    /// # Errors
+    ///
+    /// [`ShapeError::MeanOfDisplacements`] if it is of means.
+    pub fn check_differences(&self) -> Result<(), ShapeError> {
+        if self.is_of_means() {
+            return Err(ShapeError::MeanOfDisplacements { tested: self.meaning.clone() });
+        }
+        Ok(())
+    }
+
+    /// Returns whether the contrast's estimates change when a number is added to all values, as means do and
+    /// differences and slopes don't.
+    pub fn is_of_means(&self) -> bool {
+        let (basis, u) = contrast_in_basis(&self.design, &self.contrast);
+        let ones = Array2::<f64>::ones((self.design.subjects(), 1));
+        let estimates = u.t().dot(&basis.t().dot(&ones));
+        let scale = self.contrast.weights.iter().fold(0.0_f64, |most, weight| most.max(weight.abs()));
+        estimates.iter().any(|estimate| estimate.abs() > 1e-9 * scale)
+    }
+}
+
+/// The part of a design that is tested.
+struct Effect {
+    /// Columns that are ones and zeros, or the constant.
+    base: Coded,
+    /// Columns of numbers that the base doesn't have.
+    slopes: Coded,
+    /// Weights of the contrast's rows over the columns of base and slopes.
+    weights: Vec<Vec<f64>>,
+    meaning: String,
+    levels: Vec<String>,
+    level_of: Vec<String>,
+}
+
+/// Returns the design and the contrast of an effect, with covariates.
+///
+/// | effect | columns | tested |
+/// |---|---|---|
+/// | numbers | `mean`, the numbers | the slope |
+/// | levels | one for each level | the first minus the second; any difference between more levels |
+/// | levels, numbers | one for each level, and a slope for each, `LEVEL:NUMBERS` | differences of the slopes |
+/// | levels, levels | one for each pair of levels, `LEVEL:LEVEL` | differences of differences |
+/// | numbers, numbers | `mean`, both, and their product | the product's slope |
+///
+/// Levels are in the order of `order`, by default sorted; of an interaction, the order is that of its first column of
+/// levels. Covariates are centred, and each level except the first has a column; interactions among them are products
+/// of such columns. The columns of interactions are accounted for also if they aren't listed.
 ///
 /// # Errors
 ///
 /// [`ShapeError::Subjects`] for columns of different lengths, [`ShapeError::Levels`] for an effect of one level or an
-/// `order` that doesn't list all levels, [`ShapeError::Constant`] for numbers that are all equal; the errors of
-/// [`Design`].
-pub fn question(
-    (name, effect): (&str, &Column),
-    order: &[String],
-    covariates: &[(String, Column)],
-) -> Result<Question, ShapeError> {
-    let n = effect.len();
-    let (mut columns, mut names) = columns_of(n, covariates)?;
-    check_varies(name, effect)?;
-    let mut codes = codes_of(covariates);
-    codes.extend(effect.codes().map(|values| (name.to_owned(), values)));
-    let (base, effects, meaning, levels) = match effect {
-        Column::Numbers(numbers) => {
-            columns.insert(0, numbers.clone());
-            names.insert(0, name.to_owned());
-            (Design::new(Array2::ones((n, 1)), vec!["mean".to_owned()])?, None, format!("slope of {name}"), Vec::new())
+/// `order` that doesn't list all levels, [`ShapeError::Constant`] for numbers that are all equal,
+/// [`ShapeError::EmptyCell`] for a pair of levels without subjects; the errors of [`Design`].
+pub fn question(effect: &Term, order: &[String], covariates: &[Term]) -> Result<Question, ShapeError> {
+    let n = effect.columns()[0].1.len();
+    let terms: Vec<&Term> = std::iter::once(effect).chain(covariates).collect();
+    check(n, &terms)?;
+    let codes = codes_of(Some(effect), covariates);
+    let tested = match effect {
+        Term::Column(name, Column::Numbers(numbers)) => Effect {
+            base: constant(n),
+            slopes: vec![(name.clone(), numbers.clone())],
+            weights: vec![vec![0.0, 1.0]],
+            meaning: format!("slope of {name}"),
+            levels: Vec::new(),
+            level_of: Vec::new(),
+        },
+        Term::Column(name, Column::Levels(of)) => of_levels(of, &ordered(name, of, order)?),
+        Term::Interaction([(first, Column::Levels(a)), (second, Column::Levels(b))]) => {
+            let levels = [ordered(first, a, order)?, ordered(second, b, &[])?];
+            of_cells([first, second], [a, b], &levels)?
         }
-        Column::Levels(of) => {
-            let found = distinct(of);
-            let asked: BTreeSet<&String> = order.iter().collect();
-            if found.len() < 2 || !order.is_empty() && asked.into_iter().ne(found.iter()) {
-                return Err(ShapeError::Levels { column: name.to_owned(), found, order: order.to_vec() });
-            }
-            let found = if order.is_empty() { found } else { order.to_vec() };
-            let matrix = Array2::from_shape_fn((n, found.len()), |(i, level)| f64::from(of[i] == found[level]));
-            let meaning = match &found[..] {
-                [first, second] => format!("{first} - {second}"),
-                _ => format!("any difference between {}", found.join(", ")),
-            };
-            let counts = found.iter().map(|level| (level.clone(), of.iter().filter(|other| *other == level).count()));
-            (Design::new(matrix, found.clone())?, Some(found.len()), meaning, counts.collect())
+        Term::Interaction([(first, Column::Levels(of)), (second, Column::Numbers(numbers))])
+        | Term::Interaction([(second, Column::Numbers(numbers)), (first, Column::Levels(of))]) => {
+            of_slopes((of, &ordered(first, of, order)?), (second, numbers))
         }
-    };
-    let design = with_columns(base, &columns, &names)?;
-    let all = design.matrix().ncols();
-    let contrast = match effects {
-        None => Contrast::column(all, 1),
-        Some(levels) => Contrast {
-            weights: Array2::from_shape_fn((levels - 1, all), |(row, column)| {
-                f64::from(column == row) - f64::from(column == row + 1)
-            }),
+        Term::Interaction([(first, Column::Numbers(a)), (second, Column::Numbers(b))]) => Effect {
+            base: constant(n),
+            slopes: vec![
+                (first.clone(), a.clone()),
+                (second.clone(), b.clone()),
+                (effect.to_string(), times(&centred(a), &centred(b))),
+            ],
+            weights: vec![vec![0.0, 0.0, 0.0, 1.0]],
+            meaning: format!("change of the slope of {first} with {second}"),
+            levels: Vec::new(),
+            level_of: Vec::new(),
         },
     };
-    Ok(Question { design, contrast, meaning, levels, codes })
+    let design = assemble(tested.base, tested.slopes, &expanded(Some(effect), covariates))?;
+    let columns = design.matrix().ncols();
+    let weight = |row: usize, column: usize| tested.weights[row].get(column).copied().unwrap_or(0.0);
+    let weights = Array2::from_shape_fn((tested.weights.len(), columns), |(row, column)| weight(row, column));
+    let count = |level: &String| tested.level_of.iter().filter(|other| *other == level).count();
+    let levels = tested.levels.iter().map(|level| (level.clone(), count(level))).collect();
+    let contrast = Contrast { weights };
+    Ok(Question { design, contrast, meaning: tested.meaning, levels, level_of: tested.level_of, codes })
 }
 
 /// Returns the design and the contrast of the mean of n subjects, with centred covariates; the hypothesis is that the
@@ -148,109 +146,163 @@ pub fn question(
 /// # Errors
 ///
 /// The errors of [`question`].
-pub fn mean_question(subjects: usize, covariates: &[(String, Column)]) -> Result<Question, ShapeError> {
-    let (columns, names) = columns_of(subjects, covariates)?;
-    let base = Design::new(Array2::ones((subjects, 1)), vec!["mean".to_owned()])?;
-    let design = with_columns(base, &columns, &names)?;
+pub fn mean_question(subjects: usize, covariates: &[Term]) -> Result<Question, ShapeError> {
+    let terms: Vec<&Term> = covariates.iter().collect();
+    check(subjects, &terms)?;
+    let design = assemble(constant(subjects), Vec::new(), &expanded(None, covariates))?;
     let contrast = Contrast::column(design.matrix().ncols(), 0);
-    let codes = codes_of(covariates);
-    Ok(Question { design, contrast, meaning: "mean".to_owned(), levels: Vec::new(), codes })
+    let codes = codes_of(None, covariates);
+    let (levels, level_of) = (Vec::new(), Vec::new());
+    Ok(Question { design, contrast, meaning: "mean".to_owned(), levels, level_of, codes })
 }
 
-fn with_columns(base: Design, columns: &[Vec<f64>], names: &[String]) -> Result<Design, ShapeError> {
+fn constant(n: usize) -> Coded {
+    vec![("mean".to_owned(), vec![1.0; n])]
+}
+
+/// Returns the levels in the given order, by default sorted.
+fn ordered(name: &str, of: &[String], order: &[String]) -> Result<Vec<String>, ShapeError> {
+    let found = distinct(of);
+    if found.len() < 2 || !order.is_empty() && distinct(order) != found {
+        return Err(ShapeError::Levels { column: name.to_owned(), found, order: order.to_vec() });
+    }
+    Ok(if order.is_empty() { found } else { order.to_vec() })
+}
+
+/// Returns rows of weights, each of a column minus the next one, for `count` columns after the first `before`.
+fn successive(before: usize, count: usize) -> Vec<Vec<f64>> {
+    let weight = |row: usize, column: usize| f64::from(column == row) - f64::from(column == row + 1);
+    (0..count - 1)
+        .map(|row| vec![0.0; before].into_iter().chain((0..count).map(|at| weight(row, at))).collect())
+        .collect()
+}
+
+fn of_levels(of: &[String], levels: &[String]) -> Effect {
+    Effect {
+        base: levels.iter().map(|level| (level.clone(), indicator(of, level))).collect(),
+        slopes: Vec::new(),
+        weights: successive(0, levels.len()),
+        meaning: match levels {
+            [first, second] => format!("{first} - {second}"),
+            _ => format!("any difference between {}", levels.join(", ")),
+        },
+        levels: levels.to_vec(),
+        level_of: of.to_vec(),
+    }
+}
+
+/// Returns the interaction of levels and numbers: differences between the slopes within the levels.
+fn of_slopes((of, levels): (&[String], &[String]), (name, numbers): (&str, &[f64])) -> Effect {
+    let centred = centred(numbers);
+    let slope = |level: &String| (format!("{level}:{name}"), times(&indicator(of, level), &centred));
+    Effect {
+        slopes: levels.iter().map(slope).collect(),
+        weights: successive(levels.len(), levels.len()),
+        meaning: match levels {
+            [first, second] => format!("slope of {name} in {first} - in {second}"),
+            _ => format!("any difference between the slopes of {name} in {}", levels.join(", ")),
+        },
+        ..of_levels(of, levels)
+    }
+}
+
+/// Returns the interaction of two columns of levels: differences of differences between the cells' means.
+fn of_cells(names: [&str; 2], of: [&[String]; 2], levels: &[Vec<String>; 2]) -> Result<Effect, ShapeError> {
+    let level_of: Vec<String> = of[0].iter().zip(of[1]).map(|(a, b)| format!("{a}:{b}")).collect();
+    let mut cells = Vec::new();
+    for (a, b) in levels[0].iter().flat_map(|a| levels[1].iter().map(move |b| (a, b))) {
+        let cell = format!("{a}:{b}");
+        let members: Vec<f64> = of[0].iter().zip(of[1]).map(|(x, y)| f64::from(x == a && y == b)).collect();
+        if members.iter().all(|member| *member == 0.0) {
+            return Err(ShapeError::EmptyCell { interaction: names.join(":"), levels: [a.clone(), b.clone()] });
+        }
+        cells.push((cell, members));
+    }
+    // Row (i, j): the difference of rows i and i + 1 of the cells, at j minus at j + 1.
+    let (rows, columns) = (successive(0, levels[0].len()), successive(0, levels[1].len()));
+    let product = |a: &[f64], b: &[f64]| a.iter().flat_map(|a| b.iter().map(move |b| a * b)).collect();
+    Ok(Effect {
+        levels: cells.iter().map(|(cell, _)| cell.clone()).collect(),
+        base: cells,
+        slopes: Vec::new(),
+        weights: rows.iter().flat_map(|a| columns.iter().map(move |b| product(a, b))).collect(),
+        meaning: match (&levels[0][..], &levels[1][..]) {
+            ([a, b], [first, second]) => format!("{a} - {b} at {first}, minus {a} - {b} at {second}"),
+            _ => format!("any interaction of {} and {}", names[0], names[1]),
+        },
+        level_of,
+    })
+}
+
+/// Returns the covariates, with the columns of their interactions that aren't listed, and without columns of the
+/// effect's interaction, which are accounted for anyway.
+fn expanded(effect: Option<&Term>, covariates: &[Term]) -> Vec<Term> {
+    let names = |term: &Term| term.columns().into_iter().map(|(name, _)| name.to_owned()).collect::<Vec<_>>();
+    let tested: Vec<String> = effect.map(names).unwrap_or_default();
+    let is_listed = |name: &str| covariates.iter().any(|term| matches!(term, Term::Column(other, _) if other == name));
+    let mut terms: Vec<Term> = Vec::new();
+    for term in covariates {
+        match (term, effect) {
+            (Term::Column(name, _), Some(Term::Interaction(_))) if tested.contains(name) => continue,
+            (Term::Interaction(columns), _) => {
+                for (name, column) in columns {
+                    let added = terms.iter().any(|term| matches!(term, Term::Column(other, _) if other == name));
+                    if !(tested.contains(name) || is_listed(name) || added) {
+                        terms.push(Term::Column(name.clone(), column.clone()));
+                    }
+                }
+            }
+            (Term::Column(..), _) => {}
+        }
+        terms.push(term.clone());
+    }
+    terms
+}
+
+/// Returns the design of a base and of centred columns.
+fn assemble(base: Coded, slopes: Coded, covariates: &[Term]) -> Result<Design, ShapeError> {
+    let n = base[0].1.len();
+    let (names, columns): (Vec<String>, Vec<Vec<f64>>) = base.into_iter().unzip();
+    let base = Design::new(Array2::from_shape_fn((n, columns.len()), |(i, column)| columns[column][i]), names)?;
+    let (names, columns): (Vec<String>, Vec<Vec<f64>>) =
+        slopes.into_iter().chain(covariates.iter().flat_map(coded)).unzip();
     if columns.is_empty() {
         return Ok(base);
     }
-    let table = Array2::from_shape_fn((base.subjects(), columns.len()), |(i, column)| columns[column][i]);
-    base.with_covariates(table.view(), names)
+    let table = Array2::from_shape_fn((n, columns.len()), |(i, column)| columns[column][i]);
+    base.with_covariates(table.view(), &names)
 }
 
-/// Returns the columns of covariates and their names: numbers unchanged, ones and zeros for each level except the
-/// first.
-fn columns_of(n: usize, covariates: &[(String, Column)]) -> Result<(Vec<Vec<f64>>, Vec<String>), ShapeError> {
-    if let Some((_, other)) = covariates.iter().find(|(_, column)| column.len() != n) {
-        return Err(ShapeError::Subjects { what: "covariates", expected: n, found: other.len() });
-    }
-    let (mut columns, mut names): (Vec<Vec<f64>>, Vec<String>) = (Vec::new(), Vec::new());
-    for (name, column) in covariates {
+/// Checks the lengths of columns, and that numbers vary.
+fn check(n: usize, terms: &[&Term]) -> Result<(), ShapeError> {
+    for (name, column) in terms.iter().flat_map(|term| term.columns()) {
+        if column.len() != n {
+            return Err(ShapeError::Subjects { what: "covariates", expected: n, found: column.len() });
+        }
         check_varies(name, column)?;
-        match column {
-            Column::Numbers(numbers) => {
-                columns.push(numbers.clone());
-                names.push(name.clone());
-            }
-            Column::Levels(of) => {
-                for level in distinct(of).into_iter().skip(1) {
-                    columns.push(of.iter().map(|other| f64::from(*other == level)).collect());
-                    names.push(format!("{name} {level}"));
-                }
-            }
-        }
     }
-    Ok((columns, names))
+    Ok(())
 }
 
-/// Rejects numbers that are all equal, which would be a linearly dependent column of the design.
-fn check_varies(name: &str, column: &Column) -> Result<(), ShapeError> {
-    let Column::Numbers(values) = column else { return Ok(()) };
-    match values.first() {
-        Some(&value) if values.iter().all(|other| *other == value) => {
-            Err(ShapeError::Constant { column: name.to_owned(), value })
+/// Returns columns of numbers that may be codes of levels. Covariates of two values aren't included: as numbers and as
+/// levels they give the same model.
+fn codes_of(effect: Option<&Term>, covariates: &[Term]) -> Vec<(String, Vec<f64>)> {
+    let of = |terms: &[Term], least: usize| {
+        let columns = terms.iter().flat_map(Term::columns);
+        let codes = columns.filter_map(|(name, column)| Some((name.to_owned(), column.codes()?)));
+        codes.filter(|(_, values)| values.len() >= least).collect::<Vec<_>>()
+    };
+    let mut codes = of(covariates, 3);
+    codes.extend(effect.map(|effect| of(std::slice::from_ref(effect), 2)).unwrap_or_default());
+    let mut seen = Vec::new();
+    codes.retain(|(name, _)| {
+        !seen.contains(name) && {
+            seen.push(name.clone());
+            true
         }
-        _ => Ok(()),
-    }
-}
-
-/// Returns covariates that may be codes of levels. Covariates of two values aren't included: as numbers and as levels
-/// they give the same model.
-fn codes_of(covariates: &[(String, Column)]) -> Vec<(String, Vec<f64>)> {
-    let codes = covariates.iter().filter_map(|(name, column)| Some((name.clone(), column.codes()?)));
-    codes.filter(|(_, values)| values.len() > 2).collect()
-}
-
-fn distinct(levels: &[String]) -> Vec<String> {
-    levels.iter().collect::<BTreeSet<_>>().into_iter().cloned().collect()
+    });
+    codes
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn levels(of: &str) -> Column {
-        Column::of(of.split(' '))
-    }
-
-    #[test]
-    fn effects_and_covariates_become_columns() {
-        let group = levels("b a a b b a");
-        let covariates = [("age".to_owned(), levels("1 2 3 4 5 9")), ("site".to_owned(), levels("x y z x z y"))];
-        let found = question(("group", &group), &[], &covariates).unwrap();
-        assert_eq!(found.design.names(), ["a", "b", "age", "site y", "site z"]);
-        assert_eq!(found.contrast.weights, ndarray::array![[1.0, -1.0, 0.0, 0.0, 0.0]]);
-        assert_eq!((found.meaning.as_str(), found.levels[1].1), ("a - b", 3));
-        assert_eq!(found.design.matrix().column(2).sum(), 0.0);
-        let order = ["b".to_owned(), "a".to_owned()];
-        assert_eq!(question(("group", &group), &order, &[]).unwrap().meaning, "b - a");
-        let slope = question(("age", &covariates[0].1), &[], &[("group".to_owned(), group)]).unwrap();
-        assert_eq!(slope.design.names(), ["mean", "age", "group b"]);
-        assert_eq!(slope.contrast.weights, ndarray::array![[0.0, 1.0, 0.0]]);
-        let three = question(("site", &covariates[1].1), &[], &[]).unwrap();
-        assert_eq!(three.contrast.weights, ndarray::array![[1.0, -1.0, 0.0], [0.0, 1.0, -1.0]]);
-    }
-
-    #[test]
-    fn columns_that_say_nothing_are_refused() {
-        assert!(matches!(question(("group", &levels("a a a")), &[], &[]), Err(ShapeError::Levels { .. })));
-        let order = ["a".to_owned(), "c".to_owned()];
-        assert!(matches!(question(("group", &levels("a b a")), &order, &[]), Err(ShapeError::Levels { .. })));
-        let short = [("age".to_owned(), levels("1 2"))];
-        assert!(matches!(question(("group", &levels("a b a")), &[], &short), Err(ShapeError::Subjects { .. })));
-        let constant = levels("7 7 7 7");
-        let found = question(("age", &constant), &[], &[]).unwrap_err();
-        assert!(matches!(&found, ShapeError::Constant { column, value: 7.0 } if column == "age"), "{found}");
-        let found = question(("group", &levels("a b a b")), &[], &[("age".to_owned(), constant)]).unwrap_err();
-        assert!(matches!(found, ShapeError::Constant { .. }), "{found}");
-        let same = [("sex".to_owned(), levels("m f m f"))];
-        assert!(matches!(question(("group", &levels("a b a b")), &[], &same), Err(ShapeError::Rank { .. })));
-    }
-}
+mod tests;

@@ -1,0 +1,126 @@
+//! Parses contrasts: linear combinations of a design's columns, such as `patient - control`.
+//!
+//! A contrast is a sum of terms `WEIGHT NAME`, `WEIGHT * NAME` or `NAME`, with signs between them; weights are numbers
+//! or fractions, `1/3`. Names may contain spaces, signs and digits: of the names that fit, the longest is taken.
+
+use ndarray::Array2;
+
+use super::design::{Contrast, Design};
+use crate::ShapeError;
+
+impl Design {
+    /// Parses a contrast, each row of which is a combination of the design's columns, such as `patient - control` or
+    /// `0.5 mild + 0.5 severe - control`.
+    ///
+    /// # Errors
+    ///
+    /// [`ShapeError::Contrast`] for text other than such a combination; [`ShapeError::NoColumn`] for a name that isn't
+    /// a column's.
+    ///
+    /// ```
+    /// use spharm_shape::stats::Design;
+    /// let design = Design::groups(&[2, 2, 2])?;
+    /// let contrast = design.contrast(&["group 1 - 1/2 group 2 - 0.5*group 3"])?;
+    /// assert_eq!(contrast.weights, ndarray::array![[1.0, -0.5, -0.5]]);
+    /// # Ok::<(), spharm_shape::ShapeError>(())
+    /// ```
+    pub fn contrast(&self, rows: &[impl AsRef<str>]) -> Result<Contrast, ShapeError> {
+        let names = self.names();
+        let mut weights = Array2::zeros((rows.len(), names.len()));
+        for (text, mut weights) in rows.iter().zip(weights.rows_mut()) {
+            for (weight, column) in terms(text.as_ref(), names)? {
+                weights[column] += weight;
+            }
+        }
+        Ok(Contrast { weights })
+    }
+}
+
+/// Parses the terms of one row: weights and columns.
+fn terms(text: &str, names: &[String]) -> Result<Vec<(f64, usize)>, ShapeError> {
+    let mut rest = text.trim();
+    let mut terms = Vec::new();
+    while !rest.is_empty() || terms.is_empty() {
+        let sign = if rest.starts_with(['-', '\u{2212}']) { -1.0 } else { 1.0 };
+        let signed = rest.strip_prefix(['+', '-', '\u{2212}']);
+        if signed.is_none() && !terms.is_empty() {
+            return Err(malformed(text));
+        }
+        rest = signed.unwrap_or(rest).trim_start();
+        // A name first: levels may be numbers.
+        let (weight, named) = match column_at(rest, names) {
+            Some(_) => (1.0, rest),
+            None => weight_at(rest).unwrap_or((1.0, rest)),
+        };
+        let Some((column, left)) = column_at(named, names) else {
+            let end = named.find(" - ").or(named.find(" + ")).unwrap_or(named.len());
+            let found = named[..end].trim();
+            if found.is_empty() {
+                return Err(malformed(text));
+            }
+            return Err(ShapeError::NoColumn { found: found.to_owned(), columns: names.to_vec() });
+        };
+        terms.push((sign * weight, column));
+        rest = left;
+    }
+    Ok(terms)
+}
+
+fn malformed(text: &str) -> ShapeError {
+    ShapeError::Contrast {
+        expected: "a combination of columns of the design, such as \"patient - control\" or \"0.5 a + 0.5 b - c\"",
+        found: format!("{text:?}"),
+    }
+}
+
+/// Returns the longest column name at the start of a text, followed by a sign or the end, and the text after it.
+fn column_at<'a>(text: &'a str, names: &[String]) -> Option<(usize, &'a str)> {
+    let candidates = names.iter().enumerate().filter_map(|(column, name)| {
+        let rest = text.strip_prefix(name.as_str())?.trim_start();
+        (rest.is_empty() || rest.starts_with(['+', '-', '\u{2212}'])).then_some((name.len(), column, rest))
+    });
+    candidates.max_by_key(|(length, ..)| *length).map(|(_, column, rest)| (column, rest))
+}
+
+/// Returns the number or fraction at the start of a text, and the text after it and an asterisk.
+fn weight_at(text: &str) -> Option<(f64, &str)> {
+    let end = text.find(|c: char| !(c.is_ascii_digit() || matches!(c, '.' | '/'))).unwrap_or(text.len());
+    let weight = match text[..end].split_once('/') {
+        Some((over, under)) => over.parse::<f64>().ok()? / under.parse::<f64>().ok()?,
+        None => text[..end].parse().ok()?,
+    };
+    let rest = text[end..].trim_start();
+    weight.is_finite().then(|| (weight, rest.strip_prefix('*').unwrap_or(rest).trim_start()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parsed(text: &str, names: &[&str]) -> Result<Vec<(f64, usize)>, String> {
+        let names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
+        terms(text, &names).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn combinations_of_names_are_parsed() {
+        let names = ["a", "b", "non-responder", "site y", "1", "2", "a:age"];
+        assert_eq!(parsed("a-b", &names).unwrap(), [(1.0, 0), (-1.0, 1)]);
+        assert_eq!(parsed("-1/2a + 0.5 * b", &names).unwrap(), [(-0.5, 0), (0.5, 1)]);
+        assert_eq!(parsed("non-responder - a", &names).unwrap(), [(1.0, 2), (-1.0, 0)]);
+        assert_eq!(parsed("2 site y", &names).unwrap(), [(2.0, 3)]);
+        assert_eq!(parsed("1 - 2", &names).unwrap(), [(1.0, 4), (-1.0, 5)]);
+        assert_eq!(parsed("3 2", &names).unwrap(), [(3.0, 5)]);
+        assert_eq!(parsed("a:age", &names).unwrap(), [(1.0, 6)]);
+    }
+
+    #[test]
+    fn other_text_is_refused_by_what_is_wrong() {
+        for text in ["", "  ", "a -", "+", "a - 3"] {
+            assert!(parsed(text, &["a", "b"]).unwrap_err().contains("expected a combination"), "{text:?}");
+        }
+        let found = parsed("a - patient", &["a", "b"]).unwrap_err();
+        assert!(found.contains("\"patient\"") && found.contains("a, b"), "{found}");
+        assert!(parsed("a b", &["a", "b"]).unwrap_err().contains("\"a b\""));
+    }
+}

@@ -1,0 +1,91 @@
+use super::*;
+
+fn column(name: &str, cells: &str) -> Term {
+    Term::Column(name.to_owned(), Column::of(cells.split(' ')))
+}
+
+fn interaction(first: (&str, &str), second: (&str, &str)) -> Term {
+    Term::Interaction([first, second].map(|(name, cells)| (name.to_owned(), Column::of(cells.split(' ')))))
+}
+
+const GROUP: &str = "b a a b b a";
+
+#[test]
+fn effects_and_covariates_become_columns() {
+    let group = column("group", GROUP);
+    let covariates = [column("age", "1 2 3 4 5 9"), column("site", "x y z x z y")];
+    let found = question(&group, &[], &covariates).unwrap();
+    assert_eq!(found.design.names(), ["a", "b", "age", "site y", "site z"]);
+    assert_eq!(found.contrast.weights, ndarray::array![[1.0, -1.0, 0.0, 0.0, 0.0]]);
+    assert_eq!((found.meaning.as_str(), found.levels[1].1), ("a - b", 3));
+    assert_eq!(found.design.matrix().column(2).sum(), 0.0);
+    let order = ["b".to_owned(), "a".to_owned()];
+    assert_eq!(question(&group, &order, &[]).unwrap().meaning, "b - a");
+    let slope = question(&covariates[0], &[], &[group]).unwrap();
+    assert_eq!(slope.design.names(), ["mean", "age", "group b"]);
+    assert_eq!(slope.contrast.weights, ndarray::array![[0.0, 1.0, 0.0]]);
+    let three = question(&covariates[1], &[], &[]).unwrap();
+    assert_eq!(three.contrast.weights, ndarray::array![[1.0, -1.0, 0.0], [0.0, 1.0, -1.0]]);
+}
+
+#[test]
+fn interactions_compare_slopes_and_differences() {
+    let slopes = question(&interaction(("group", GROUP), ("age", "1 2 3 4 5 9")), &[], &[]).unwrap();
+    assert_eq!(slopes.design.names(), ["a", "b", "a:age", "b:age"]);
+    assert_eq!(slopes.contrast.weights, ndarray::array![[0.0, 0.0, 1.0, -1.0]]);
+    assert_eq!(slopes.meaning, "slope of age in a - in b");
+    let (site, sex) = (("site", "x x x x y y y y"), ("sex", "f f m m f f m m"));
+    let cells =
+        question(&interaction(site, sex), &["y".to_owned(), "x".to_owned()], &[column("site", site.1)]).unwrap();
+    assert_eq!(cells.design.names(), ["y:f", "y:m", "x:f", "x:m"]);
+    assert_eq!(cells.contrast.weights, ndarray::array![[1.0, -1.0, -1.0, 1.0]]);
+    assert_eq!(cells.meaning, "y - x at f, minus y - x at m");
+    assert_eq!(cells.levels[3], ("x:m".to_owned(), 2));
+    let numbers = question(&interaction(("age", "1 2 3 4 6 5"), ("size", "3 1 4 1 5 9")), &[], &[]).unwrap();
+    assert_eq!(numbers.design.names(), ["mean", "age", "size", "age:size"]);
+    let missing = interaction(("site", "x x x y y"), ("sex", "f m f f f"));
+    let found = question(&missing, &[], &[]).unwrap_err();
+    assert!(matches!(&found, ShapeError::EmptyCell { levels, .. } if *levels == ["y", "m"]), "{found}");
+}
+
+#[test]
+fn covariates_may_interact_and_bring_their_columns() {
+    let group = column("group", "a a a a b b b b");
+    let covariates = [interaction(("group", "a a a a b b b b"), ("age", "1 2 3 4 9 6 7 8"))];
+    let found = question(&group, &[], &covariates).unwrap();
+    assert_eq!(found.design.names(), ["a", "b", "age", "group b:age"]);
+    // The difference of the groups at the average age: that of the fitted lines there.
+    let mean = mean_question(8, &covariates).unwrap();
+    assert_eq!(mean.design.names(), ["mean", "group b", "age", "group b:age"]);
+    let listed = [covariates[0].clone(), column("age", "1 2 3 4 9 6 7 8")];
+    assert_eq!(question(&group, &[], &listed).unwrap().design.names().len(), 4);
+}
+
+#[test]
+fn contrasts_replace_the_default_one() {
+    let group = column("group", "a a a b b b c c c");
+    let ask = |rows: &[&str]| question(&group, &[], &[]).unwrap().with_contrast(rows);
+    let one = ask(&["c - 0.5 a - 0.5 b"]).unwrap();
+    assert_eq!(one.contrast.weights, ndarray::array![[-0.5, -0.5, 1.0]]);
+    assert_eq!(one.meaning, "c - 0.5 a - 0.5 b");
+    let two = ask(&["a - b", "a - c"]).unwrap();
+    assert!(!one.is_of_means() && ask(&["a - b", "c"]).unwrap().is_of_means());
+    assert_eq!((two.contrast.weights.nrows(), two.meaning.as_str()), (2, "any of a - b; a - c"));
+}
+
+#[test]
+fn columns_that_say_nothing_are_refused() {
+    assert!(matches!(question(&column("group", "a a a"), &[], &[]), Err(ShapeError::Levels { .. })));
+    let order = ["a".to_owned(), "c".to_owned()];
+    let group = column("group", "a b a");
+    assert!(matches!(question(&group, &order, &[]), Err(ShapeError::Levels { .. })));
+    let short = [column("age", "1 2")];
+    assert!(matches!(question(&group, &[], &short), Err(ShapeError::Subjects { .. })));
+    let constant = column("age", "7 7 7 7");
+    let found = question(&constant, &[], &[]).unwrap_err();
+    assert!(matches!(&found, ShapeError::Constant { column, value: 7.0 } if column == "age"), "{found}");
+    let pairs = column("group", "a b a b");
+    let found = question(&pairs, &[], &[constant]).unwrap_err();
+    assert!(matches!(found, ShapeError::Constant { .. }), "{found}");
+    assert!(matches!(question(&pairs, &[], &[column("sex", "m f m f")]), Err(ShapeError::Rank { .. })));
+}

@@ -1,0 +1,168 @@
+//! Columns of tables of subjects, and the terms of linear models that are made of them.
+
+use std::collections::BTreeSet;
+use std::fmt;
+
+use crate::ShapeError;
+
+/// A table's column, with one value per subject.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Column {
+    /// Numbers, such as age or volume.
+    Numbers(Vec<f64>),
+    /// Levels, such as group, sex or site.
+    Levels(Vec<String>),
+}
+
+impl Column {
+    /// Parses the cells of a column: numbers if all cells are finite numbers, otherwise levels.
+    ///
+    /// ```
+    /// use spharm_shape::stats::Column;
+    /// assert_eq!(Column::of(["1", " 2.5"]), Column::Numbers(vec![1.0, 2.5]));
+    /// assert_eq!(Column::of(["1", "n/a"]), Column::Levels(vec!["1".into(), "n/a".into()]));
+    /// ```
+    pub fn of<'a>(cells: impl IntoIterator<Item = &'a str>) -> Self {
+        let cells: Vec<&str> = cells.into_iter().map(str::trim).collect();
+        let number = |cell: &&str| cell.parse::<f64>().ok().filter(|number| number.is_finite());
+        let numbers: Option<Vec<f64>> = cells.iter().map(number).collect();
+        numbers.map_or_else(|| Self::Levels(cells.into_iter().map(str::to_owned).collect()), Self::Numbers)
+    }
+
+    /// Returns the number of subjects, n.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::Numbers(numbers) => numbers.len(),
+            Self::Levels(levels) => levels.len(),
+        }
+    }
+
+    /// Returns the distinct values of numbers that may be codes of levels: at most six distinct values, all integers,
+    /// fewer than subjects. Returns `None` otherwise, and for levels.
+    ///
+    /// ```
+    /// use spharm_shape::stats::Column;
+    /// assert_eq!(Column::of(["3", "1", "1", "2"]).codes(), Some(vec![1.0, 2.0, 3.0]));
+    /// assert_eq!(Column::of(["31.5", "28", "31.5", "40"]).codes(), None);
+    /// ```
+    pub fn codes(&self) -> Option<Vec<f64>> {
+        let Self::Numbers(numbers) = self else { return None };
+        let mut values = Vec::new();
+        for number in numbers {
+            if !values.contains(number) {
+                values.push(*number);
+            }
+            if number.fract() != 0.0 || values.len() > MAX_CODES {
+                return None;
+            }
+        }
+        values.sort_by(f64::total_cmp);
+        (values.len() < numbers.len()).then_some(values)
+    }
+
+    /// Returns whether there are no subjects.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+/// With more distinct values than this, numbers are treated as measurements.
+const MAX_CODES: usize = 6;
+
+/// A term of a linear model: a column, or the interaction of two columns. Displayed as `group` or `group:age`.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Term {
+    /// A column, by name.
+    Column(String, Column),
+    /// The interaction of two columns: the dependence of the effect of the one on the other.
+    Interaction([(String, Column); 2]),
+}
+
+impl Term {
+    /// Parses the name of a term, `group` or `group:age`, given a function that returns a column by its name, or `None`
+    /// if there is no such column. A column whose name has a colon precedes an interaction.
+    ///
+    /// # Errors
+    ///
+    /// The errors of `column`; `None` if a column is missing.
+    pub fn parse<E>(name: &str, mut column: impl FnMut(&str) -> Result<Option<Column>, E>) -> Result<Option<Self>, E> {
+        if let Some(whole) = column(name)? {
+            return Ok(Some(Self::Column(name.to_owned(), whole)));
+        }
+        let Some((first, second)) = name.split_once(':') else { return Ok(None) };
+        let (Some(a), Some(b)) = (column(first)?, column(second)?) else { return Ok(None) };
+        Ok(Some(Self::Interaction([(first.to_owned(), a), (second.to_owned(), b)])))
+    }
+
+    /// Returns the term's columns, by name.
+    pub fn columns(&self) -> Vec<(&str, &Column)> {
+        match self {
+            Self::Column(name, column) => vec![(name, column)],
+            Self::Interaction(columns) => columns.iter().map(|(name, column)| (name.as_str(), column)).collect(),
+        }
+    }
+}
+
+impl fmt::Display for Term {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let names: Vec<&str> = self.columns().into_iter().map(|(name, _)| name).collect();
+        formatter.write_str(&names.join(":"))
+    }
+}
+
+/// Returns the distinct levels, sorted.
+pub(crate) fn distinct(levels: &[String]) -> Vec<String> {
+    levels.iter().collect::<BTreeSet<_>>().into_iter().cloned().collect()
+}
+
+/// Rejects numbers that are all equal, which would be a linearly dependent column of the design.
+pub(crate) fn check_varies(name: &str, column: &Column) -> Result<(), ShapeError> {
+    let Column::Numbers(values) = column else { return Ok(()) };
+    match values.first() {
+        Some(&value) if values.iter().all(|other| *other == value) => {
+            Err(ShapeError::Constant { column: name.to_owned(), value })
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Columns of a design, by name.
+pub(crate) type Coded = Vec<(String, Vec<f64>)>;
+
+/// Returns numbers minus their mean.
+pub(crate) fn centred(values: &[f64]) -> Vec<f64> {
+    let mean = values.iter().sum::<f64>() / values.len() as f64;
+    values.iter().map(|value| value - mean).collect()
+}
+
+/// Returns ones for the subjects of a level, zeros for the others.
+pub(crate) fn indicator(of: &[String], level: &str) -> Vec<f64> {
+    of.iter().map(|other| f64::from(other == level)).collect()
+}
+
+/// Returns the product of two columns.
+pub(crate) fn times(a: &[f64], b: &[f64]) -> Vec<f64> {
+    a.iter().zip(b).map(|(a, b)| a * b).collect()
+}
+
+/// Codes a covariate: numbers unchanged; ones and zeros for each level except the first. Interactions are the products
+/// of the centred columns of both, so that they leave other effects those of subjects with average covariates.
+pub(crate) fn coded(term: &Term) -> Coded {
+    let of_column = |name: &str, column: &Column| match column {
+        Column::Numbers(numbers) => vec![(name.to_owned(), numbers.clone())],
+        Column::Levels(of) => {
+            let levels = distinct(of).into_iter().skip(1);
+            levels.map(|level| (format!("{name} {level}"), indicator(of, &level))).collect()
+        }
+    };
+    match term {
+        Term::Column(name, column) => of_column(name, column),
+        Term::Interaction([(first, a), (second, b)]) => {
+            let (a, b) = (of_column(first, a), of_column(second, b));
+            let product = |(a, x): &(String, Vec<f64>), (b, z): &(String, Vec<f64>)| {
+                (format!("{a}:{b}"), times(&centred(x), &centred(z)))
+            };
+            a.iter().flat_map(|a| b.iter().map(move |b| product(a, b))).collect()
+        }
+    }
+}
