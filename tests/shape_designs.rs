@@ -23,6 +23,11 @@ fn subjects() -> tempfile::TempDir {
     site
 }
 
+fn about(site: &Path, folder: &str) -> serde_json::Value {
+    let text = fs::read_to_string(site.join(folder).join("test.json")).expect("a description");
+    serde_json::from_str(&text).expect("JSON")
+}
+
 fn largest(site: &Path, folder: &str, name: &str) -> f64 {
     map(site, folder, name).into_iter().fold(0.0, |most, value| if value.abs() > f64::abs(most) { value } else { most })
 }
@@ -32,7 +37,9 @@ fn an_interaction_is_the_difference_of_slopes() {
     let site = subjects();
     let site = site.path();
     let found = report(site, &["--table", "t.csv", "--effect", "group:age", "--covariates", "sex,age"], "slopes");
-    assert_eq!(found["meaning"], "slope of age in a - in b", "{found}");
+    assert_eq!(found["meaning"], "slope of age in a - slope in b", "{found}");
+    let covariates = about(site, "slopes")["covariates"].clone();
+    assert_eq!(covariates, serde_json::json!(["group (2 levels)", "age", "sex (2 levels)"]));
     assert_eq!((&found["levels"][0]["subjects"], &found["statistic"]["freedom"]), (&5.into(), &5.0.into()), "{found}");
     // The slope of the radius is 0.02 in a, and 0.05 in b.
     assert!((largest(site, "slopes", "effect") + 0.03).abs() < 0.01, "{}", largest(site, "slopes", "effect"));
@@ -40,7 +47,7 @@ fn an_interaction_is_the_difference_of_slopes() {
     assert_eq!(one["meaning"], "b:age");
     assert!((largest(site, "one", "effect") - 0.05).abs() < 0.01);
     let cells = report(site, &["--table", "t.csv", "--effect", "group:sex"], "cells");
-    assert_eq!(cells["meaning"], "a - b at f, minus a - b at m");
+    assert_eq!(cells["meaning"], "(a - b at f) - (a - b at m)");
     assert_eq!(cells["levels"][0], serde_json::json!({ "level": "a:f", "subjects": 3 }));
     // As a covariate, the interaction takes the groups' slopes out of their difference.
     let plain = report(site, &["--table", "t.csv", "--effect", "group", "--covariates", "age"], "plain");
@@ -65,9 +72,7 @@ fn contrasts_are_tested_alone_or_together() {
     let turned = report(site, &[&table[..], &["--contrast", "well - mild"]].concat(), "turned");
     assert_eq!(one["summary"]["p"], turned["summary"]["p"]);
     assert!((largest(site, "first", "effect") + largest(site, "turned", "effect")).abs() < 1e-9);
-    let about: serde_json::Value =
-        serde_json::from_str(&fs::read_to_string(site.join("first/test.json")).expect("a file")).expect("JSON");
-    assert_eq!(about["columns"], serde_json::json!(["mild", "severe", "well"]));
+    assert_eq!(about(site, "first")["columns"], serde_json::json!(["mild", "severe", "well"]));
 }
 
 #[test]
@@ -82,9 +87,11 @@ fn designs_that_cannot_be_estimated_are_refused() {
     refused(&["--effect", "group:stage"], &["group:stage", "\"a\" and \"severe\""]);
     refused(&["--effect", "group:height"], &["no column \"height\"", "stage"]);
     refused(&["--effect", "stage", "--contrast", "mild - patient"], &["mild, severe, well", "\"patient\""]);
-    refused(&["--effect", "stage", "--contrast", "mild"], &["test a difference", "--minus"]);
+    refused(&["--effect", "stage", "--contrast", "mild"], &["\"mild\" tests a mean", "test a difference"]);
     refused(&["--effect", "stage", "--contrast", "mild - mild"], &["row 1 is zero"]);
     refused(&["--effect", "group", "--covariates", "age,age"], &["age"]);
+    refused(&["--effect", "age:sex", "--levels", "m,f,x"], &["sex", "m, f, x"]);
+    refused(&["--effect", "age:age"], &["age"]);
 }
 
 #[test]
@@ -111,12 +118,21 @@ fn a_study_takes_interactions_and_contrasts() {
     let groups = "[[test]]\nname = \"groups\"\neffect = \"group\"\ncontrast = \"b - a\"\ncovariates = [\"group:age\"]\npermutations = 20\n";
     let error = text(&finish(&mut study(&format!("{slopes}contrast = [\"c:age\"]\n"))));
     assert!(error.contains("\"c:age\"") && error.contains("a, b, a:age, b:age"), "{error}");
+    // What the test would refuse is refused before the fits.
+    for (more, said) in [
+        ("contrast = [\"a:age - b:age\", \"b:age - a:age\"]", "row 2"),
+        ("contrast = [1, -1]", "such as \"patient - control\""),
+        ("contrast = \"a\"", "tests a mean"),
+        ("welch = true", "welch"),
+        ("contrast = [\"a:age\", \"b:age\"]\nsignal = \"position\"", "several components"),
+    ] {
+        let error = text(&finish(&mut study(&format!("{slopes}{more}\n"))));
+        assert!(error.contains(said) && !site.join("study/models").exists(), "{more}: {error}");
+    }
     let error = text(&finish(&mut study("[[test]]\nname = \"x\"\neffect = \"group:height\"\n")));
     assert!(error.contains("no column \"height\""), "{error}");
     succeed(&mut study(&format!("{slopes}{groups}")));
-    for (name, tested) in [("slopes", "slope of age in a - in b"), ("groups", "b - a")] {
-        let about = fs::read_to_string(site.join(format!("study/tests/{name}/test.json"))).expect("a description");
-        let about: serde_json::Value = serde_json::from_str(&about).expect("JSON");
-        assert_eq!(about["tested"], tested, "{about}");
+    for (name, tested) in [("slopes", "slope of age in a - slope in b"), ("groups", "b - a")] {
+        assert_eq!(about(&site.join("study/tests"), name)["tested"], tested);
     }
 }

@@ -87,3 +87,26 @@ fn a_table_whose_subjects_have_no_files_says_what_to_fill_in() {
     let error = fail(tool("study").args(["init", "--force", "--table", "gone.tsv"]).current_dir(site));
     assert!(error.contains("gone.tsv"), "{error}");
 }
+
+/// Problem of first-time users, row 1: a header with voxels ten times too wide is named first.
+#[test]
+fn a_generated_study_of_labels_names_its_wrong_header() {
+    let site = tempfile::tempdir().expect("a folder");
+    let site = site.path();
+    let made = succeed(tool("generate").args(["--volumes", "labels", "--subjects", "8"]).current_dir(site));
+    assert!(made.contains("8 label volumes") && made.contains("the header of a04"), "{made}");
+    succeed(tool("study").args(["init", "--table", "labels/study.csv"]).current_dir(site));
+    let written = fs::read_to_string(site.join("study.toml")).expect("a study");
+    fs::write(site.join("study.toml"), written.replace("[align]", "[align]\nmethod = \"joint\"")).expect("a study");
+    succeed(tool("study").args(["study.toml", "-q"]).current_dir(site));
+    let quality = fs::read_to_string(site.join("study/quality.tsv")).expect("a table");
+    let first = quality.lines().nth(1).expect("a row");
+    assert!(first.starts_with("a04\t") && first.contains("as if lengths were 10 times"), "{quality}");
+    assert!(quality.lines().skip(2).all(|row| !row.contains("as if lengths")), "{quality}");
+    // The voxels are those of the bodies.
+    let at = quality.lines().next().and_then(|head| head.split('\t').position(|name| name == "voxels"));
+    let voxels =
+        |line: &str| line.split('\t').nth(at.expect("a column")).map(|cell| cell.parse::<f64>().expect("a number"));
+    let counts: Vec<f64> = quality.lines().skip(1).filter_map(voxels).collect();
+    assert!(counts.len() == 8 && counts.iter().all(|count| (6e3..9e3).contains(count)), "{counts:?}");
+}

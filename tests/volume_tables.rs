@@ -38,8 +38,12 @@ impl Site {
 
     /// Returns the rows of the table, with cells by column name.
     fn table(&self) -> Vec<std::collections::HashMap<String, String>> {
-        let text = std::fs::read_to_string(self.path("out/volumes.tsv")).expect("a table");
-        let mut lines = text.lines().map(|line| line.split('\t').map(str::to_owned).collect::<Vec<_>>());
+        self.rows("out/volumes.tsv", '\t')
+    }
+
+    fn rows(&self, file: &str, mark: char) -> Vec<std::collections::HashMap<String, String>> {
+        let text = std::fs::read_to_string(self.path(file)).expect("a table");
+        let mut lines = text.lines().map(|line| line.split(mark).map(str::to_owned).collect::<Vec<_>>());
         let head = lines.next().expect("a head");
         assert!(head.last().is_some_and(|name| name == "power_5"));
         lines.map(|row| head.iter().cloned().zip(row).collect()).collect()
@@ -152,4 +156,25 @@ fn voxel_sizes_are_given_where_files_have_none() {
     let mut fit = tool("fit");
     fit.current_dir(site.0.path()).args(["--surface", "cube.npy", "--voxel-size", "0.5,1,2", "--max-degree", "4"]);
     succeed(fit.args(["-o", "fit"]));
+}
+
+#[test]
+fn small_labels_and_those_at_the_border_are_skipped() {
+    let site = Site::new();
+    let arguments = ["in/a.nii", "in/b.nii", "--label", "17", "53", "--min-voxels", "500", "--skip-border"];
+    // Of 17, a has about 690 voxels and b 370; 53 is at the border; b doesn't have it.
+    let output = finish(&mut site.run(&arguments));
+    assert!(text(&output).contains("1 model, 2 skipped, 1 failed"), "{}", text(&output));
+    let rows = site.table();
+    let states: Vec<&str> = rows.iter().map(|row| row["state"].as_str()).collect();
+    assert_eq!(states, ["fitted", "skipped", "skipped", "failed"], "{rows:?}");
+    assert_eq!(rows[1]["error"], "at the border of the volume");
+    assert!(rows[2]["error"].ends_with("voxels, fewer than --min-voxels 500"), "{:?}", rows[2]);
+    assert!(!site.path("out/b.spharm.npz").exists());
+    // Without the options, the models made are kept, and the others added; in a table of commas.
+    succeed(&mut site.run(&["in/a.nii", "--label", "17", "--table", "t.csv", "--skip-existing"]));
+    succeed(&mut site.run(&["in/b.nii", "--table", "t.csv", "--skip-existing"]));
+    let rows = site.rows("t.csv", ',');
+    let found: Vec<[&str; 2]> = rows.iter().map(|row| ["file", "state"].map(|name| row[name].as_str())).collect();
+    assert_eq!(found, [["in/b.nii", "fitted"], ["in/a.nii", "kept"]]);
 }

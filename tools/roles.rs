@@ -11,7 +11,7 @@ pub(crate) fn check_arguments(command: &Command, matches: &ArgMatches) -> anyhow
 /// Returns the role of an argument from its verb and its name.
 fn role(verb: &str, name: &str) -> Option<Role> {
     Some(match (verb, name) {
-        ("generate", "surface" | "sphere" | "study") => Role::Output,
+        ("generate", "surface" | "sphere" | "study" | "volumes") => Role::Output,
         ("report", "status" | "warnings" | "quality" | "correspondence") => Role::Input,
         ("report", "check") | ("shape quality" | "shape check", "frames") => Role::Input,
         ("shape check", "aligned" | "mean" | "scores" | "warnings" | "status") => Role::Input,

@@ -139,7 +139,7 @@ def _asked(
         raise ValueError("groups, effect, interaction, mean, design: expected exactly one of them")
     if levels is not None and groups is None:
         raise ValueError("levels: can only be given with groups")
-    rows = [contrast] if isinstance(contrast, str) else contrast
+    rows = [contrast] if isinstance(contrast, str) else contrast.tolist() if isinstance(contrast, np.ndarray) else contrast
     named = isinstance(rows, (list, tuple)) and len(rows) > 0 and all(isinstance(row, str) for row in rows)
     asked: dict[str, Any] = {
         "effect": [], "levels": [], "covariates": [], "design": None, "columns": [], "weights": None,
@@ -207,8 +207,9 @@ class TestResult:
     columns : list of str
         Names of the design's columns.
     codes : dict
-        Covariates with three to six different whole numbers, and these numbers. They are treated as amounts, with one
-        slope each; if they are codes of levels, such as sites, give names instead.
+        Covariates with three to six different whole numbers, and columns of an interaction with two to six, and these
+        numbers. They are treated as amounts, with one slope each; if they are codes of levels, such as sites, give names
+        instead.
     resampling : str or None
         Kind of relabelling: "permutations" of subjects, "sign flips", or both.
     assumption : str or None
@@ -318,16 +319,17 @@ def test(
         A number for each subject; the slope of the values over it is tested.
     interaction : dict of two array_like, (n,), optional
         Two columns by name, each of numbers or of names of levels, whose interaction is tested: of levels and numbers the
-        difference of the slopes, of levels and levels the difference of the differences. Both are accounted for.
+        difference of the slopes, of levels and levels the difference of the differences. The model also has both columns.
     mean : bool
         Test whether the mean of values, of a signal, or of differences (``minus``) is zero.
     design : array_like of float, (n, p), optional
         A custom design matrix, of full column rank.
     contrast : str, sequence of str, or array_like of float, (p,) or (q, p), optional
-        Combinations of the design's columns; the test's null hypothesis is that they are zero. As text, such as ``"mild -
-        control"`` or ``"severe - 1/2 mild - 1/2 control"``, they may replace the contrast of ``groups``, ``effect`` or
-        ``interaction``, whose columns are the groups (of an interaction ``level:name`` or ``level:level``), numbers by
-        their names, and ``name level`` for each level but the first of a covariate; weights are for a ``design``.
+        Combinations of the design's columns; the test's null hypothesis is that they are zero. Weights are for a
+        ``design``; text, such as ``"mild - control"`` or ``"severe - 1/2 mild - 1/2 control"``, names columns of any
+        design. The columns of ``groups`` are the groups, that of ``effect`` is ``effect``, those of an interaction are
+        ``level:name`` or ``level:level``, those of covariates their names, with the level for each level but the first
+        (`TestResult.columns` lists them).
     covariates : dict of array_like, (n,), or array_like of float, (n, k), optional
         Nuisance variables: numbers, or names of levels; for ``groups``, ``effect``, ``interaction`` and ``mean``.
     levels : sequence, optional
@@ -395,7 +397,7 @@ def test(
 
     >>> ages, group = np.arange(30, 80, 5.0), np.array(["a", "b"] * 5)
     >>> sp.shape.test(values, interaction={"group": group, "age": ages}, permutations=0).meaning
-    'slope of age in a - in b'
+    'slope of age in a - slope in b'
     >>> stages = ["none", "mild", "severe", "mild", "none"] * 2
     >>> sp.shape.test(values, stages, contrast="mild - none", permutations=0).freedom
     (7.0,)

@@ -203,11 +203,13 @@ def test_contrasts_are_combinations_of_named_columns() -> None:
     values, group = rng.normal(size=(12, 4)), ["mild", "none", "severe"] * 4
     means = {name: values[[one == name for one in group]].mean(0) for name in ("mild", "none", "severe")}
     found = sp.shape.test(values, group, contrast="severe - 1/2 mild - 1/2 none", permutations=0)
+    assert found.effect is not None
     assert np.allclose(found.effect, means["severe"] - (means["mild"] + means["none"]) / 2)
     any_, both = (
         sp.shape.test(values, group, contrast=rows, permutations=50)
         for rows in (None, ["mild - none", "severe - none"])
     )
+    assert any_.p_fwe is not None and both.p_fwe is not None
     assert np.allclose(any_.statistic, both.statistic) and np.array_equal(any_.p_fwe, both.p_fwe)
     design = np.column_stack([np.ones(12), np.arange(12.0)])
     named = sp.shape.test(values, design=design, contrast="column 2", permutations=0)

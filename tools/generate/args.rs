@@ -19,6 +19,7 @@ use spharm_surface::generate::Family;
         "spharm generate --surface cortex.surf.gii --sphere sphere.surf.gii",
         "spharm generate --variant 1 --subdivisions 4 --surface small.ply",
         "spharm generate --study meshes --subjects 12 --bump 2",
+        "spharm generate --volumes labels --subjects 20",
         "spharm generate --group rods --members 20 --output-dir rods",
     ],
     &[help::MESHES],
@@ -39,18 +40,24 @@ pub(crate) struct Cli {
     #[arg(long, value_name = "OUT", help_heading = OUTPUT)]
     pub(super) surface: Option<PathBuf>,
     /// Sphere to write
-    #[arg(long, value_name = "OUT", required_unless_present_any = ["surface", "study", "group"], help_heading = OUTPUT)]
+    #[arg(long, value_name = "OUT", required_unless_present_any = ["surface", "study", "volumes", "group"], help_heading = OUTPUT)]
     pub(super) sphere: Option<PathBuf>,
     /// Folder for the meshes of a study, with study.csv
     ///
     /// Subjects of two groups, a and b: bodies of 40 mm in random poses, without spheres; those of b have a bump.
-    #[arg(long, value_name = "DIR", conflicts_with_all = ["surface", "sphere", "subdivisions"], help_heading = OUTPUT)]
+    #[arg(long, value_name = "DIR", group = "subjects_of", conflicts_with_all = ["surface", "sphere", "subdivisions"], help_heading = OUTPUT)]
     pub(super) study: Option<PathBuf>,
+    /// Folder for the label volumes of a study, ID.nii.gz, with study.csv
+    ///
+    /// The bodies of --study in voxels of 1 mm. The header of one subject, the last of group a, is wrong: it has voxels
+    /// of 10 mm. The checks of a study name this subject.
+    #[arg(long, value_name = "DIR", group = "subjects_of", conflicts_with_all = ["surface", "sphere", "subdivisions"], help_heading = OUTPUT)]
+    pub(super) volumes: Option<PathBuf>,
     /// Number of subjects of a study, half of them in each group
-    #[arg(long, value_name = "N", default_value_t = 12, requires = "study", value_parser = clap::value_parser!(u64).range(2..=10_000), help_heading = METHOD)]
+    #[arg(long, value_name = "N", default_value_t = 12, requires = "subjects_of", value_parser = clap::value_parser!(u64).range(2..=10_000), help_heading = METHOD)]
     pub(super) subjects: u64,
     /// Height of the bump, in mm
-    #[arg(long, value_name = "MM", default_value_t = 2.0, requires = "study", help_heading = METHOD)]
+    #[arg(long, value_name = "MM", default_value_t = 2.0, requires = "subjects_of", help_heading = METHOD)]
     pub(super) bump: f64,
     /// Family of a group to write, with known correspondence
     ///
@@ -60,7 +67,7 @@ pub(crate) struct Cli {
         long,
         value_name = "FAMILY",
         value_parser = PossibleValuesParser::new(Family::ALL.map(Family::name)),
-        conflicts_with_all = ["surface", "sphere", "study"],
+        conflicts_with_all = ["surface", "sphere", "study", "volumes"],
         requires = "output_dir",
         help_heading = METHOD
     )]

@@ -12,6 +12,7 @@ mod check;
 mod compress;
 pub(crate) mod correspond;
 mod describe;
+pub(crate) mod design;
 mod expand;
 mod frames;
 mod groups;

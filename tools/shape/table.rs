@@ -3,9 +3,28 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail};
-use spharm::shape::stats::{Column, Term};
+use spharm::shape::stats::Column;
 use spharm_cli::inputs::read_text;
 use spharm_cohort::Manifest;
+
+/// A table of subjects, for designs.
+pub(crate) trait Subjects {
+    /// Returns the number of subjects.
+    fn count(&self) -> usize;
+
+    /// Returns the names of the columns.
+    fn names(&self) -> Vec<&str>;
+
+    /// Returns the cells of a column.
+    ///
+    /// # Errors
+    ///
+    /// If there is no such column, or a cell has no value.
+    fn cells(&self, column: &str) -> Result<Vec<&str>>;
+
+    /// Returns the name of the table and of a row, for errors.
+    fn place(&self, row: usize) -> String;
+}
 
 /// A table with a header.
 pub(crate) struct Table {
@@ -95,35 +114,12 @@ impl Table {
         Ok(cells)
     }
 
-    /// Returns a column of levels, even if its cells are numbers.
-    pub(crate) fn levels(&self, name: &str) -> Result<Column> {
-        Ok(Column::Levels(self.cells(name)?.into_iter().map(str::to_owned).collect()))
-    }
-
     /// Returns a column of numbers or levels.
     pub(crate) fn column(&self, name: &str) -> Result<Column> {
         let cells = self.cells(name)?;
         column_of(&cells).map_err(|row| {
             anyhow!("{}: row {}: column {name:?}: {}", self.path.display(), row + 1, no_number(cells[row]))
         })
-    }
-
-    /// Returns a term of a model: a column, or the interaction `a:b` of two columns. `is_of_levels` returns whether a
-    /// column's numbers are levels.
-    pub(crate) fn term(&self, name: &str, is_of_levels: impl Fn(&str) -> bool) -> Result<Term> {
-        let column = |name: &str| match (self.has(name), is_of_levels(name)) {
-            (false, _) => Ok(None),
-            (true, true) => self.levels(name).map(Some),
-            (true, false) => self.column(name).map(Some),
-        };
-        match Term::parse(name, column)? {
-            Some(term) => Ok(term),
-            None => {
-                let missing = name.split(':').find(|part| !self.has(part)).unwrap_or(name);
-                self.texts(missing)?;
-                bail!("{}: {name:?}: expected a column, or two columns a:b", self.path.display())
-            }
-        }
     }
 
     /// Returns a column of numbers.
@@ -147,6 +143,24 @@ impl Table {
             bail!("{}: row {}: {:?} already is in an earlier row", self.path.display(), row + 1, cells[row]);
         }
         Ok(cells)
+    }
+}
+
+impl Subjects for Table {
+    fn count(&self) -> usize {
+        self.len()
+    }
+
+    fn names(&self) -> Vec<&str> {
+        self.names().collect()
+    }
+
+    fn cells(&self, column: &str) -> Result<Vec<&str>> {
+        self.cells(column)
+    }
+
+    fn place(&self, row: usize) -> String {
+        format!("{}: row {}", self.path.display(), row + 1)
     }
 }
 
@@ -219,8 +233,6 @@ mod tests {
         let found = table("a.csv", "\u{feff}model,age\r\n\"a,b.npz\", 31\r\nc.npz,2.5\r\n".as_bytes()).unwrap();
         assert_eq!(found.column("age").unwrap(), Column::Numbers(vec![31.0, 2.5]));
         assert!(found.paths("model").unwrap()[0].ends_with("a,b.npz"));
-        let found = table("a.csv", b"model,sex\na,0\nb,1\n").unwrap();
-        assert_eq!(found.levels("sex").unwrap(), Column::Levels(vec!["0".into(), "1".into()]));
         let found = table("a.tsv", b"model\tgroup\nx\tpatient\ny\tcontrol\n").unwrap();
         assert_eq!(found.column("group").unwrap(), Column::Levels(vec!["patient".into(), "control".into()]));
     }

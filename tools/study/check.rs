@@ -1,14 +1,15 @@
 //! Checks a study before its subjects are fitted, because fitting takes long.
 
-use anyhow::{Context, Result, anyhow, bail};
-use spharm::shape::stats::{Column, Term, question};
+use anyhow::{Context, Result, bail};
+use spharm::shape::stats::{self, TestParams};
 use spharm_cli::output::counted;
 
 use super::LEAST;
 use super::config::Method;
 use super::plan::Plan;
 use super::test::Test;
-use crate::shape::table::{column_of, is_missing, no_number};
+use crate::shape::design::Asked;
+use crate::shape::table::{Subjects, is_missing};
 
 /// Refuses a study that would fail after its fits, or give misleading results.
 ///
@@ -113,41 +114,36 @@ fn tested(plan: &Plan, test: &Test) -> Result<()> {
     if test.mask.is_some() && test.sphere.is_none() {
         bail!("mask: also give `sphere`, the sphere to whose vertices the mask belongs");
     }
-    let is_column = |name: &str| plan.manifest.columns.iter().any(|other| other == name);
-    let term = |name: &String, ordered: bool| -> Result<Term> {
-        let column = |name: &str| match is_column(name) {
-            true => column(plan, test, name, ordered).map(Some),
-            false => Ok(None),
-        };
-        Term::parse(name, column)?.with_context(|| format!("{}: no column {name:?}", plan.table.display()))
-    };
-    let covariates = test.covariates.iter().map(|name| term(name, false)).collect::<Result<Vec<_>>>()?;
-    let ordered = !test.levels.is_empty() && is_column(&test.effect);
-    let question = question(&term(&test.effect, ordered)?, &test.levels, &covariates);
-    let question = match test.contrast.is_empty() {
-        true => question,
-        false => question.and_then(|question| question.with_contrast(&test.contrast)),
-    };
-    let question = question.with_context(|| plan.table.display().to_string())?;
-    if !test.contrast.is_empty() && !test.is_of_values() {
-        question.check_differences()?;
-    }
-    if test.welch && (question.levels.len() != 2 || !covariates.is_empty()) {
+    let asked = Asked { relative: !test.is_of_values(), ..test.asked() };
+    let question = asked.question(&Rows(plan)).with_context(|| plan.table.display().to_string())?;
+    let components = if test.signal.as_deref() == Some("position") { 3 } else { 1 };
+    let params = TestParams { welch: test.welch, ..TestParams::default() };
+    if test.welch && (question.levels.len() != 2 || !question.covariates.is_empty()) {
         bail!("welch: tests only the difference of two groups without covariates; omit it");
     }
-    Ok(())
+    stats::check(components, &question.design, &question.contrast, &params)
+        .with_context(|| plan.table.display().to_string())
 }
 
-/// Returns a column of numbers or levels; `ordered` makes levels of numbers, as `categorical` does.
-fn column(plan: &Plan, test: &Test, name: &str, ordered: bool) -> Result<Column> {
-    let cells = cells(plan, name)?;
-    if ordered || test.categorical.iter().any(|of| of == name) {
-        return Ok(Column::Levels(cells.into_iter().map(str::to_owned).collect()));
+/// The table of a study's subjects.
+struct Rows<'a>(&'a Plan);
+
+impl Subjects for Rows<'_> {
+    fn count(&self) -> usize {
+        self.0.manifest.rows.len()
     }
-    column_of(&cells).map_err(|row| {
-        let id = &plan.manifest.rows[row].id;
-        anyhow!("{}: {id}: column {name:?}: {}", plan.table.display(), no_number(cells[row]))
-    })
+
+    fn names(&self) -> Vec<&str> {
+        self.0.manifest.columns.iter().map(String::as_str).collect()
+    }
+
+    fn cells(&self, column: &str) -> Result<Vec<&str>> {
+        cells(self.0, column)
+    }
+
+    fn place(&self, row: usize) -> String {
+        self.0.manifest.rows[row].id.clone()
+    }
 }
 
 /// Returns a column's cells, one per subject; a cell without a value is an error.

@@ -123,11 +123,11 @@ fn of_test(test: &Test, plan: &Plan) -> Result<String> {
         _ => "the displacement of each point of the surface along the normal of the mean",
     };
     let about = about(plan, test)?;
-    let effect = match test.effect.split_once(':') {
-        Some((first, second)) if !plan.manifest.columns.contains(&test.effect) => {
-            format!("the interaction of {first} and {second}")
-        }
-        _ => format!("the effect of {}", test.effect),
+    let effect = match test.effect.split_once(':').filter(|_| !plan.manifest.columns.contains(&test.effect)) {
+        Some((first, second)) if test.contrast.is_empty() => format!("the interaction of {first} and {second}"),
+        Some((first, second)) => format!("a contrast in the model of {first}, {second} and their interaction"),
+        None if test.contrast.is_empty() => format!("the effect of {}", test.effect),
+        None => format!("a contrast of {}", test.effect),
     };
     let mut text = format!(
         "In the test \"{}\", {effect} ({}) on {quantity} was tested",

@@ -6,6 +6,8 @@ use anyhow::{Result, bail};
 use serde::Deserialize;
 use spharm::shape::stats::{MAX_RELABELLINGS, Resampling};
 
+use crate::shape::design::{Asked, parts};
+
 /// Keys of `[[test]]`, the two required ones first.
 pub(super) const KEYS: [&str; 17] = [
     "name",
@@ -62,8 +64,7 @@ pub(super) struct Test {
 impl Test {
     /// Checks the values of the keys.
     pub(super) fn check(&self) -> Result<()> {
-        let named = || std::iter::once(&self.effect).chain(&self.covariates).flat_map(|term| parts(term));
-        if let Some(name) = self.categorical.iter().find(|name| !named().any(|of| of == **name)) {
+        if let Some(name) = self.asked().unused() {
             bail!("categorical: {name:?} is neither in the effect nor in the covariates");
         }
         if let Some(count) = self.permutations.filter(|count| *count > MAX_RELABELLINGS) {
@@ -100,6 +101,19 @@ impl Test {
             bail!("errors: expected \"symmetric\" with welch");
         }
         Ok(())
+    }
+
+    /// Returns what is asked of the table; values may have a mean.
+    pub(super) fn asked(&self) -> Asked<'_> {
+        Asked {
+            effect: Some(&self.effect),
+            levels: &self.levels,
+            contrast: &self.contrast,
+            covariates: &self.covariates,
+            categorical: &self.categorical,
+            blocks: self.blocks.as_deref(),
+            relative: false,
+        }
     }
 
     /// Returns whether the values of the subjects' signals are tested.
@@ -143,7 +157,8 @@ impl Test {
         let terms = std::iter::once(&self.effect).chain(&self.covariates);
         let columns = terms.flat_map(|term| {
             let parts = parts(term);
-            if is_column(term) { parts[..1].to_vec() } else { parts[parts.len().min(2) - 1..].to_vec() }
+            // Without a column of this name, an interaction's columns.
+            if is_column(term) || parts.len() == 1 { vec![parts[0]] } else { parts[1..].to_vec() }
         });
         columns.chain(self.blocks.iter().chain(&self.variance_groups).map(String::as_str)).collect()
     }
@@ -152,7 +167,7 @@ impl Test {
 /// Reads a string, or a list of strings.
 fn one_or_more<'de, D: serde::Deserializer<'de>>(from: D) -> Result<Vec<String>, D::Error> {
     #[derive(Deserialize)]
-    #[serde(untagged)]
+    #[serde(untagged, expecting = "expected a contrast, such as \"patient - control\", or a list of contrasts")]
     enum Given {
         One(String),
         More(Vec<String>),
@@ -161,10 +176,4 @@ fn one_or_more<'de, D: serde::Deserializer<'de>>(from: D) -> Result<Vec<String>,
         Given::One(one) => vec![one],
         Given::More(more) => more,
     })
-}
-
-/// Returns the name of a term, and, if it may be an interaction `a:b`, those of its columns.
-fn parts(term: &str) -> Vec<&str> {
-    let columns = term.split_once(':').map(|(first, second)| [first, second]);
-    std::iter::once(term).chain(columns.into_iter().flatten()).collect()
 }

@@ -20,7 +20,7 @@ use spharm_cli::threads::Threads;
 #[command(after_long_help = help::examples(
     &[
         "spharm volumes aseg/*.mgz --label 17 53 --max-degree 15 -o hippocampi",
-        "spharm volumes cells.ome.tif --max-degree 12 --fix -o cells",
+        "spharm volumes cells.ome.tif --max-degree 12 --fix --skip-border --min-voxels 100 -o cells",
         "spharm volumes stacks --voxel-size 0.2,0.2,0.6 --max-degree 12 -o cells --skip-existing",
     ],
     &[help::VOLUMES],
@@ -56,6 +56,12 @@ pub(crate) struct Cli {
     /// reconstruct restores the original surface.
     #[arg(long, help_heading = INPUT)]
     pub(super) cut_handles: bool,
+    /// Skip labels of fewer voxels
+    #[arg(long, value_name = "N", default_value_t = 1, hide_default_value = true, help_heading = INPUT)]
+    pub(super) min_voxels: usize,
+    /// Skip labels that touch the border of their volume, which may be cut off
+    #[arg(long, help_heading = INPUT)]
+    pub(super) skip_border: bool,
     /// Highest degree, inclusive [default: by the labels' size in voxels]
     ///
     /// The default is from 4 to 60, and suits the label of median size in the first volume that has one: a model of it
@@ -65,8 +71,8 @@ pub(crate) struct Cli {
     /// Folder of the models
     #[arg(short, long, value_name = "DIR", help_heading = OUTPUT)]
     pub(super) output: PathBuf,
-    /// Table to write [default: volumes.tsv in that folder]
-    #[arg(long, value_name = "OUT.tsv", help_heading = OUTPUT)]
+    /// Table to write, .tsv or .csv [default: volumes.tsv in that folder]
+    #[arg(long, value_name = "OUT.tsv|OUT.csv", help_heading = OUTPUT)]
     pub(super) table: Option<PathBuf>,
     /// Names of the models
     ///

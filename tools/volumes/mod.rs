@@ -9,7 +9,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use anyhow::{Context, Result, anyhow, bail};
 use spharm::fit_mesh::steps_of;
-use spharm::parametrize::volume::{is_volume, steps_of_labels};
+use spharm::parametrize::volume::{LabelVolume, is_volume, steps_of_labels};
 use spharm::shape::{MeasureParams, descriptors, measure};
 use spharm::{FileRecord, FitParams, Model, Monitor, Preparation};
 use spharm_cli::exit;
@@ -44,7 +44,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
             table.display()
         );
     }
-    check_outputs([OutputFile::with_ending(&table, "--table", &[".tsv"])], replaced)?;
+    check_outputs([OutputFile::with_ending(&table, "--table", &[".tsv", ".csv"])], replaced)?;
     let volumes = volumes(&cli.volumes)?;
     let earlier = if cli.skip_existing && table.is_file() { Some(earlier(&table, cli.max_degree)?) } else { None };
     let earlier = earlier.filter(|text| table::has_models(text));
@@ -91,16 +91,19 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
             counted_were(refused)
         );
     }
-    write_new(&table, replaced, |out| out.write_all(text.as_bytes()))?;
+    let written = table::to_file(&table, text)?;
+    write_new(&table, replaced, |out| out.write_all(written.as_bytes()))?;
     let steps = rows.iter().filter_map(|row| match &row.outcome {
         Outcome::Model(model) => Some((row.label.map_or(String::new(), |label| label.to_string()), model.steps?)),
-        Outcome::Failed(_) => None,
+        Outcome::Failed(_) | Outcome::Skipped(_) => None,
     });
     let doubts = call.inputs.warnings().into_iter().chain(steps_of_labels(&steps.collect::<Vec<_>>()));
     doubts.for_each(|warning| monitor.console().warn(warning));
     let failed = rows.iter().filter(|row| matches!(row.outcome, Outcome::Failed(_))).count();
-    let models = rows.len() - failed;
-    print_line(&format!("{}: {}, {failed} failed", table.display(), counted(models, "model")))?;
+    let skipped = rows.iter().filter(|row| matches!(row.outcome, Outcome::Skipped(_))).count();
+    let models = counted(rows.len() - failed - skipped, "model");
+    let skipped = if skipped > 0 { format!(", {skipped} skipped") } else { String::new() };
+    print_line(&format!("{}: {models}{skipped}, {failed} failed", table.display()))?;
     // The table of the finished rows has been written; now return an interruption as the error.
     done?;
     if failed > 0 {
@@ -115,13 +118,18 @@ fn counted_were(models: usize) -> String {
 
 /// Returns whether a table was written by a call whose labels all failed, so that replacing it loses no results.
 fn is_without_models(table: &Path) -> bool {
-    let text = if table.is_file() { read_text(table, "table", LARGEST).unwrap_or_default() } else { String::new() };
+    let text = if table.is_file() { read_table(table).unwrap_or_default() } else { String::new() };
     text.starts_with("file\tlabel\tstate\t") && !table::has_models(&text)
+}
+
+/// Reads a table, and returns its cells separated by tabs.
+fn read_table(table: &Path) -> Result<String> {
+    table::of_file(table, read_text(table, "table", LARGEST)?)
 }
 
 /// Reads the table of an earlier call, which must have the same columns.
 fn earlier(table: &Path, max_degree: Option<usize>) -> Result<String> {
-    let text = read_text(table, "table", LARGEST)?;
+    let text = read_table(table)?;
     let powers = table::powers(&text);
     let max_degree = max_degree.unwrap_or(powers);
     let (found, expected) = (text.lines().next().unwrap_or_default(), table::head(max_degree));
@@ -146,8 +154,9 @@ fn suitable_degree(cli: &Cli, volumes: &[PathBuf], reader: &SurfaceReader, monit
         // A volume that can't be read fails later, with the reason.
         let Ok(volume) = read else { continue };
         let there = volume.labels();
-        let sizes: Vec<usize> =
-            Labels::of(&cli.label, &there).iter().filter_map(|label| there.get(label).copied()).collect();
+        let wanted =
+            Labels::of(&cli.label, &there).into_iter().filter(|label| cli.reason_to_skip(&volume, *label).is_none());
+        let sizes: Vec<usize> = wanted.filter_map(|label| there.get(&label).copied()).collect();
         if !sizes.is_empty() {
             let chosen = degree_of_labels(&sizes, volume.voxel_size());
             monitor.console().note(format!("{chosen} in {}; use --max-degree L to change it", path.display()));
@@ -183,6 +192,17 @@ fn volumes(given: &[PathBuf]) -> Result<Vec<PathBuf>> {
     let mut seen = HashSet::new();
     found.retain(|path| seen.insert(path.clone()));
     Ok(found)
+}
+
+impl Cli {
+    /// Returns why a label is skipped, if it is.
+    fn reason_to_skip(&self, volume: &LabelVolume, label: i64) -> Option<String> {
+        let voxels = volume.labels().get(&label).copied()?;
+        if voxels < self.min_voxels {
+            return Some(format!("{}, fewer than --min-voxels {}", counted(voxels, "voxel"), self.min_voxels));
+        }
+        (self.skip_border && volume.touches_border(label)).then(|| "at the border of the volume".to_owned())
+    }
 }
 
 /// A call of `volumes`.
@@ -230,7 +250,8 @@ impl Call<'_> {
             return self.failed(row(None, Outcome::default()), &anyhow!("{file}: no label but 0"));
         }
         let (mut fits, mut rows) = (Vec::new(), Vec::new());
-        for label in wanted {
+        let before = self.lock().rows.len();
+        for &label in &wanted {
             let record = FileRecord { label: Some(label), ..record.clone() };
             let row = Row {
                 voxels: there.get(&label).copied(),
@@ -238,6 +259,10 @@ impl Call<'_> {
                 border: there.contains_key(&label).then(|| volume.touches_border(label)),
                 ..row(Some(label), Outcome::default())
             };
+            if let Some(reason) = self.cli.reason_to_skip(&volume, label) {
+                self.lock().rows.push(Row { outcome: Outcome::Skipped(reason), ..row });
+                continue;
+            }
             self.inputs.add(&record, None, record.to_string());
             let named = [(path.to_owned(), Some(label))];
             let named = self.cli.name_template.outputs(&named, &self.cli.output, ".spharm.npz")?;
@@ -261,11 +286,10 @@ impl Call<'_> {
         }
         let observer = OfVolume { call: self, rows };
         let cohort = Cohort::new(fits, PathBuf::new());
-        let before = self.lock().rows.len();
         let ended = run::run_reading(&cohort, &self.params, self.reader, &observer, self.monitor);
-        // Labels are fitted side by side, and end in any order.
-        let place = |row: &Row| observer.rows.iter().position(|of| of.label == row.label);
-        self.lock().rows[before..].sort_by_key(place);
+        // Labels are fitted side by side, and end in any order; others were skipped before.
+        let place = |row: &Row| wanted.iter().position(|label| Some(*label) == row.label);
+        self.lock().rows[before..].sort_by_cached_key(place);
         match ended {
             // The failed rows record failures such as a full disk; continue with the next volume.
             Err(error) if !error.is_interrupted() => Ok(()),

@@ -1,7 +1,9 @@
 //! The table of all labels.
 
 use std::collections::HashSet;
+use std::path::Path;
 
+use anyhow::{Context, Result};
 use spharm::model::Provenance;
 use spharm::parametrize::volume::VoxelSteps;
 use spharm::shape::{Descriptors, Measures};
@@ -25,6 +27,8 @@ pub(super) enum Outcome {
     Model(Box<Model>),
     /// No model was made; the text is the reason.
     Failed(String),
+    /// No model was wanted, for this reason.
+    Skipped(String),
 }
 
 impl Default for Outcome {
@@ -75,6 +79,32 @@ pub(super) fn lines(rows: &[Row], max_degree: usize) -> String {
     std::iter::once(head(max_degree) + "\n").chain(lines).collect()
 }
 
+/// Returns the text of the file of a table: tabs between cells, or commas if its name ends in .csv.
+pub(super) fn to_file(path: &Path, text: String) -> Result<String> {
+    if !has_commas(path) {
+        return Ok(text);
+    }
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    for line in text.lines() {
+        writer.write_record(line.split('\t'))?;
+    }
+    Ok(String::from_utf8(writer.into_inner().map_err(|error| error.into_error())?)?)
+}
+
+/// Returns a table with tabs between cells, given the text of its file.
+pub(super) fn of_file(path: &Path, text: String) -> Result<String> {
+    if !has_commas(path) {
+        return Ok(text);
+    }
+    let mut reader = csv::ReaderBuilder::new().has_headers(false).from_reader(text.as_bytes());
+    let line = |record: csv::Result<csv::StringRecord>| Ok(record?.iter().collect::<Vec<_>>().join("\t") + "\n");
+    reader.records().map(line).collect::<csv::Result<_>>().with_context(|| path.display().to_string())
+}
+
+fn has_commas(path: &Path) -> bool {
+    path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("csv"))
+}
+
 /// Returns the header line of the table.
 pub(super) fn head(max_degree: usize) -> String {
     let powers = (1..=max_degree).map(|degree| format!("power_{degree}"));
@@ -113,11 +143,11 @@ pub(super) fn with_earlier(earlier: &str, table: &str) -> String {
 fn cells(row: &Row, max_degree: usize) -> Vec<String> {
     let or_none = |text: Option<String>| text.unwrap_or_else(|| NONE.to_owned());
     let number = |value: f64| format!("{value:?}");
-    let (model, error) = match &row.outcome {
-        Outcome::Model(model) => (Some(model), None),
-        Outcome::Failed(error) => (None, Some(error)),
+    let (state, model, error) = match &row.outcome {
+        Outcome::Model(model) => (if model.kept { "kept" } else { "fitted" }, Some(model), None),
+        Outcome::Failed(error) => ("failed", None, Some(error)),
+        Outcome::Skipped(reason) => ("skipped", None, Some(reason)),
     };
-    let state = model.map_or("failed", |model| if model.kept { "kept" } else { "fitted" });
     let of = |value: fn(&Model) -> f64| or_none(model.map(|model| number(value(model))));
     let powers =
         (0..max_degree).map(|at| or_none(model.and_then(|m| m.descriptors.power.get(at).copied()).map(number)));

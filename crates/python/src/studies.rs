@@ -101,7 +101,8 @@ impl Asked<'_> {
                 let design = Design::new(design.as_array().to_owned(), self.columns.clone())?;
                 let contrast = Contrast { weights: ndarray::Array2::zeros((1, design.names().len())) };
                 let meaning = "a contrast of the design".to_owned();
-                Question { design, contrast, meaning, levels: Vec::new(), level_of: Vec::new(), codes: Vec::new() }
+                let (levels, level_of, covariates, codes) = Default::default();
+                Question { design, contrast, meaning, levels, level_of, covariates, codes }
             }
             (None, []) => mean_question(subjects, &covariates)?,
             (None, [effect]) => question(&term(effect), &self.levels, &covariates)?,

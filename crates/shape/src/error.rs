@@ -116,10 +116,10 @@ pub enum ShapeError {
         /// Names of the design's columns.
         columns: Vec<String>,
     },
-    /// A contrast of means, for displacements from the mean.
+    /// A contrast of means, for values relative to the mean.
     #[error(
-        "contrast {tested:?}: its weights of the levels don't add up to zero, so that a mean is tested, and the mean of \
-         displacements from the mean is always zero; test a difference, or the differences from other models"
+        "contrast {tested:?} tests a mean, but surfaces are compared with the mean of all subjects; test a difference, \
+         whose weights add up to zero, or the differences from other models"
     )]
     MeanOfDisplacements {
         /// The contrast.

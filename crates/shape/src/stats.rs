@@ -194,6 +194,20 @@ pub enum TestWarning {
     },
 }
 
+/// Checks a test of values of d components per vertex before there are values.
+///
+/// # Errors
+///
+/// Those errors of [`test`] that don't depend on the values.
+pub fn check(components: usize, design: &Design, contrast: &Contrast, params: &TestParams) -> Result<(), ShapeError> {
+    linear::check_design(components, design, contrast, params)?;
+    projection::Projection::new(design, contrast)?;
+    if params.welch {
+        welch::groups(design, contrast, components)?;
+    }
+    Ok(())
+}
+
 /// Tests a contrast at each vertex: `values` is (n, V d), the d components of a vertex side by side.
 ///
 /// # Errors

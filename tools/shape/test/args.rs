@@ -76,14 +76,16 @@ pub(crate) struct Cli {
     pub(super) mean: bool,
     /// Order of the effect's levels, which may be numbers: the difference is the first minus the second [default:
     /// sorted]
+    ///
+    /// Of an interaction, the order of its first column of levels.
     #[arg(long, value_name = "LEVELS", value_delimiter = ',', requires = "effect", help_heading = METHOD)]
     pub(super) levels: Vec<String>,
-    /// Combinations of the design's columns to test in place of the effect's own, such as "mild - control"; given
-    /// several times, any of them (F)
+    /// Combination of the design's columns to test in place of the effect's own, such as "mild - control"; if given
+    /// several times, tests whether any of them differs from zero (F)
     ///
     /// The columns are the effect's levels (of an interaction LEVEL:NUMBERS and LEVEL:LEVEL), a column of numbers by
-    /// its name, and NAME LEVEL for each level except the first of a covariate. Weights are numbers or fractions:
-    /// "severe - 1/2 mild - 1/2 control".
+    /// its name, NAME LEVEL for each level except the first of a covariate, and products of these, a:b. test.json lists
+    /// them. Weights are numbers or fractions: "severe - 1/2 mild - 1/2 control"; spaces separate signs from names.
     #[arg(long, value_name = "CONTRAST", requires = "effect", allow_hyphen_values = true, help_heading = METHOD)]
     pub(super) contrast: Vec<String>,
     /// Columns of the table to account for, and their interactions, such as age,sex,age:sex

@@ -152,8 +152,8 @@ impl Tested {
         Spread::of(of.map(|(value, _)| *value))
     }
 
-    /// Returns the estimate of an effect and the limits of its confidence interval; `None` for effects of more than two
-    /// levels.
+    /// Returns the estimate of an effect and the limits of its confidence interval; `None` for several
+    /// contrasts.
     fn effect(&self, at: usize) -> Option<[f64; 3]> {
         let effect = self.found.effect.as_ref()?;
         let (estimate, margin) = (effect.estimate[[at, 0]], effect.margin[[at, 0]]);

@@ -9,6 +9,7 @@ use spharm_cli::Usage;
 use spharm_cli::paths::with_ending;
 
 use super::super::args::files;
+use super::super::design::{Asked, parts, with_levels};
 use super::super::table::Table;
 use super::args::{Cli, What};
 
@@ -79,46 +80,42 @@ impl Cli {
             distinct(&paths, &others)?;
             paths.extend(others);
         }
-        // Blocks, such as subjects, are levels as covariates, also if their names are numbers.
-        let of_levels = self.categorical.iter().chain(&self.blocks);
-        let is_of_levels = |name: &str| of_levels.clone().any(|of| of == name);
-        let covariates = self.covariates.iter().map(|name| table.term(name, is_of_levels));
-        let covariates = covariates.collect::<Result<Vec<_>>>()?;
-        // With --levels, the column's numbers are names of levels.
-        let is_ordered =
-            |name: &str| is_of_levels(name) || !self.levels.is_empty() && self.effect.as_deref() == Some(name);
-        let effect = self.effect.as_ref().map(|name| table.term(name, is_ordered)).transpose()?;
-        let named = effect.iter().chain(&covariates).flat_map(Term::columns).map(|(name, _)| name);
-        if let Some(name) = self.categorical.iter().find(|name| !named.clone().any(|of| of == *name)) {
+        let asked = Asked {
+            effect: self.effect.as_deref(),
+            levels: &self.levels,
+            contrast: &self.contrast,
+            covariates: &self.covariates,
+            categorical: &self.categorical,
+            blocks: self.blocks.as_deref(),
+            relative: self.minus.is_none() && self.signal != What::Value,
+        };
+        if let Some(name) = asked.unused() {
             return Err(Usage::conflict(format!(
                 "--categorical {name}: this column is neither in the --effect nor in the --covariates"
             ))
             .into());
         }
-        let (mut question, of) = match (&effect, &self.effect) {
-            (Some(effect), Some(name)) => {
-                let question = question(effect, &self.levels, &covariates);
-                let question = question.with_context(|| path.display().to_string())?;
-                (self.with_contrast(question)?, name.clone())
-            }
-            _ if self.mean => (mean_question(table.len(), &covariates)?, "mean".to_owned()),
-            _ => return Err(Usage::missing("--effect names the column of --table to test, or --mean").into()),
-        };
+        if self.effect.is_none() && !self.mean {
+            return Err(Usage::missing("--effect names the column of --table to test, or --mean").into());
+        }
+        let mut question = asked.question(&table).with_context(|| path.display().to_string())?;
         if let Some(minus) = &self.minus {
             let first = self.models.as_deref().unwrap_or(Path::new(&self.model_column));
-            question.meaning = format!("{} of {} - {}", question.meaning, first.display(), minus.display());
+            let of = if self.mean { " of" } else { ", of the differences" };
+            question.meaning += &format!("{of} {} - {}", first.display(), minus.display());
         }
         let exchange = if self.whole_blocks { Exchange::Whole } else { Exchange::Within };
         let blocks =
             self.blocks.as_ref().map(|name| anyhow::Ok(Blocks::new(table.cells(name)?, exchange))).transpose()?;
         // Blocks say which rows depend on each other.
-        let warnings = if blocks.is_some() { None } else { repeated(&table, &covariates) }.into_iter().collect();
+        let warnings =
+            if blocks.is_some() { None } else { repeated(&table, &question.covariates) }.into_iter().collect();
         Ok(Study {
             paths,
             pairs: self.minus.is_some(),
+            of: self.effect.clone().unwrap_or_else(|| "mean".to_owned()),
+            covariates: question.covariates.iter().map(with_levels).collect(),
             question,
-            of,
-            covariates: covariates.iter().map(with_levels).collect(),
             blocks,
             variance_groups: self
                 .variance_groups
@@ -127,18 +124,6 @@ impl Cli {
                 .transpose()?,
             warnings,
         })
-    }
-
-    /// Returns the question with the contrasts of --contrast, if given.
-    fn with_contrast(&self, question: Question) -> Result<Question> {
-        if self.contrast.is_empty() {
-            return Ok(question);
-        }
-        let question = question.with_contrast(&self.contrast)?;
-        if self.minus.is_none() && self.signal != What::Value {
-            question.check_differences().context("--contrast (--minus gives each subject's other model)")?;
-        }
-        Ok(question)
     }
 
     /// Returns the models of a table's rows: by their paths, or by their names in a folder.
@@ -171,7 +156,7 @@ impl Study {
         let note = |(column, values): &(String, Vec<f64>)| {
             let steps_by_one = values.windows(2).all(|pair| pair[1] - pair[0] == 1.0);
             let values: Vec<String> = values.iter().map(f64::to_string).collect();
-            let sign = if *column == self.of && values.len() == 2 && steps_by_one {
+            let sign = if parts(&self.of).contains(&column.as_str()) && values.len() == 2 && steps_by_one {
                 format!("the effect is {} minus {}; ", values[1], values[0])
             } else {
                 String::new()
@@ -232,14 +217,4 @@ fn repeated(table: &Table, covariates: &[Term]) -> Option<String> {
             seen.len(),
         ))
     })
-}
-
-/// Returns a covariate's name, with the number of its levels if it has levels.
-fn with_levels(term: &Term) -> String {
-    match term {
-        Term::Column(name, Column::Levels(levels)) => {
-            format!("{name} ({} levels)", levels.iter().collect::<HashSet<_>>().len())
-        }
-        _ => term.to_string(),
-    }
 }

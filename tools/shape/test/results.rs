@@ -77,7 +77,7 @@ pub(super) fn about(found: &Test, study: &Study, cli: &Cli, warnings: &[String])
     json!({
         "tested": question.meaning,
         "of": study.of,
-        "contrast": cli.contrast,
+        "contrasts": cli.contrast,
         "columns": question.design.names(),
         "signal": cli.signal.to_possible_value().map(|value| value.get_name().to_owned()),
         "subjects": question.design.subjects(),

@@ -1,7 +1,7 @@
 //! Parses contrasts: linear combinations of a design's columns, such as `patient - control`.
 //!
-//! A contrast is a sum of terms `WEIGHT NAME`, `WEIGHT * NAME` or `NAME`, with signs between them; weights are numbers
-//! or fractions, `1/3`. Names may contain spaces, signs and digits: of the names that fit, the longest is taken.
+//! A contrast is a sum of `WEIGHT NAME`, `WEIGHT * NAME` or `NAME`, with signs between them; weights are numbers or
+//! fractions, `1/3`. Names may contain spaces, signs and digits: of the names that fit, the longest is taken.
 
 use ndarray::Array2;
 
@@ -28,7 +28,7 @@ impl Design {
         let names = self.names();
         let mut weights = Array2::zeros((rows.len(), names.len()));
         for (text, mut weights) in rows.iter().zip(weights.rows_mut()) {
-            for (weight, column) in terms(text.as_ref(), names)? {
+            for (weight, column) in summands(text.as_ref(), names)? {
                 weights[column] += weight;
             }
         }
@@ -36,40 +36,51 @@ impl Design {
     }
 }
 
-/// Parses the terms of one row: weights and columns.
-fn terms(text: &str, names: &[String]) -> Result<Vec<(f64, usize)>, ShapeError> {
+/// Parses the summands of one row: weights and columns.
+fn summands(text: &str, names: &[String]) -> Result<Vec<(f64, usize)>, ShapeError> {
     let mut rest = text.trim();
-    let mut terms = Vec::new();
-    while !rest.is_empty() || terms.is_empty() {
-        let sign = if rest.starts_with(['-', '\u{2212}']) { -1.0 } else { 1.0 };
-        let signed = rest.strip_prefix(['+', '-', '\u{2212}']);
-        if signed.is_none() && !terms.is_empty() {
-            return Err(malformed(text));
+    let mut found = Vec::new();
+    while !rest.is_empty() || found.is_empty() {
+        let mut sign = 1.0;
+        // Levels may begin with a sign.
+        if !(found.is_empty() && column_at(rest, names).is_some()) {
+            let signed = rest.strip_prefix(SIGNS);
+            if signed.is_none() && !found.is_empty() {
+                return Err(malformed(text, names));
+            }
+            sign = if rest.starts_with(['-', '\u{2212}']) { -1.0 } else { 1.0 };
+            rest = signed.unwrap_or(rest).trim_start();
         }
-        rest = signed.unwrap_or(rest).trim_start();
         // A name first: levels may be numbers.
         let (weight, named) = match column_at(rest, names) {
             Some(_) => (1.0, rest),
             None => weight_at(rest).unwrap_or((1.0, rest)),
         };
         let Some((column, left)) = column_at(named, names) else {
-            let end = named.find(" - ").or(named.find(" + ")).unwrap_or(named.len());
-            let found = named[..end].trim();
-            if found.is_empty() {
-                return Err(malformed(text));
+            let end = [" - ", " + "].into_iter().filter_map(|sign| named.find(sign)).min().unwrap_or(named.len());
+            let unknown = named[..end].trim();
+            if unknown.is_empty() {
+                return Err(malformed(text, names));
             }
-            return Err(ShapeError::NoColumn { found: found.to_owned(), columns: names.to_vec() });
+            return Err(ShapeError::NoColumn { found: unknown.to_owned(), columns: names.to_vec() });
         };
-        terms.push((sign * weight, column));
+        if names.iter().filter(|name| **name == names[column]).count() > 1 {
+            let found = format!("{:?}, the name of two columns", names[column]);
+            return Err(ShapeError::Contrast { expected: "names of single columns of the design", found });
+        }
+        found.push((sign * weight, column));
         rest = left;
     }
-    Ok(terms)
+    Ok(found)
 }
 
-fn malformed(text: &str) -> ShapeError {
+/// Signs between summands.
+const SIGNS: [char; 3] = ['+', '-', '\u{2212}'];
+
+fn malformed(text: &str, names: &[String]) -> ShapeError {
     ShapeError::Contrast {
         expected: "a combination of columns of the design, such as \"patient - control\" or \"0.5 a + 0.5 b - c\"",
-        found: format!("{text:?}"),
+        found: format!("{text:?}; the columns are {}", names.join(", ")),
     }
 }
 
@@ -77,7 +88,7 @@ fn malformed(text: &str) -> ShapeError {
 fn column_at<'a>(text: &'a str, names: &[String]) -> Option<(usize, &'a str)> {
     let candidates = names.iter().enumerate().filter_map(|(column, name)| {
         let rest = text.strip_prefix(name.as_str())?.trim_start();
-        (rest.is_empty() || rest.starts_with(['+', '-', '\u{2212}'])).then_some((name.len(), column, rest))
+        (rest.is_empty() || rest.starts_with(SIGNS)).then_some((name.len(), column, rest))
     });
     candidates.max_by_key(|(length, ..)| *length).map(|(_, column, rest)| (column, rest))
 }
@@ -99,7 +110,7 @@ mod tests {
 
     fn parsed(text: &str, names: &[&str]) -> Result<Vec<(f64, usize)>, String> {
         let names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
-        terms(text, &names).map_err(|error| error.to_string())
+        summands(text, &names).map_err(|error| error.to_string())
     }
 
     #[test]
@@ -112,6 +123,10 @@ mod tests {
         assert_eq!(parsed("1 - 2", &names).unwrap(), [(1.0, 4), (-1.0, 5)]);
         assert_eq!(parsed("3 2", &names).unwrap(), [(3.0, 5)]);
         assert_eq!(parsed("a:age", &names).unwrap(), [(1.0, 6)]);
+        let signed = ["-1", "0", "1", "+/-", "+/+"];
+        assert_eq!(parsed("-1 - 1", &signed).unwrap(), [(1.0, 0), (-1.0, 2)]);
+        assert_eq!(parsed("1 - -1", &signed).unwrap(), [(1.0, 2), (-1.0, 0)]);
+        assert_eq!(parsed("+/- - +/+", &signed).unwrap(), [(1.0, 3), (-1.0, 4)]);
     }
 
     #[test]
@@ -122,5 +137,7 @@ mod tests {
         let found = parsed("a - patient", &["a", "b"]).unwrap_err();
         assert!(found.contains("\"patient\"") && found.contains("a, b"), "{found}");
         assert!(parsed("a b", &["a", "b"]).unwrap_err().contains("\"a b\""));
+        assert!(parsed("patient + a - b", &["a", "b"]).unwrap_err().contains("found \"patient\""));
+        assert!(parsed("a - b", &["a", "b", "a"]).unwrap_err().contains("two columns"));
     }
 }

@@ -98,7 +98,6 @@ pub(crate) fn check(
     params: &TestParams,
 ) -> Result<(), ShapeError> {
     let (n, columns) = values.dim();
-    let p = design.matrix().ncols();
     if n != design.subjects() {
         return Err(ShapeError::Subjects { what: "the values", expected: design.subjects(), found: n });
     }
@@ -108,6 +107,17 @@ pub(crate) fn check(
     if let Some(at) = values.iter().position(|value| !value.is_finite()) {
         return Err(ShapeError::NotFiniteValue { what: "the values", row: at / columns, column: at % columns });
     }
+    check_design(components, design, contrast, params)
+}
+
+/// Checks what doesn't depend on the values.
+pub(crate) fn check_design(
+    components: usize,
+    design: &Design,
+    contrast: &Contrast,
+    params: &TestParams,
+) -> Result<(), ShapeError> {
+    let (n, p) = design.matrix().dim();
     let (rows, weights) = contrast.weights.dim();
     if weights != p || rows == 0 || rows > p {
         return Err(ShapeError::Contrast {

@@ -3,7 +3,7 @@
 use ndarray::Array2;
 
 use super::design::{Contrast, Design};
-use super::projection::contrast_in_basis;
+use super::projection::{Projection, contrast_in_basis};
 use super::terms::{Coded, Column, Term, centred, check_varies, coded, distinct, indicator, times};
 use crate::ShapeError;
 
@@ -20,6 +20,8 @@ pub struct Question {
     pub levels: Vec<(String, usize)>,
     /// Level or cell of each subject; empty if the effect has no levels.
     pub level_of: Vec<String>,
+    /// Terms that are accounted for: covariates, and the columns of interactions.
+    pub covariates: Vec<Term>,
     /// Columns treated as numbers that may be codes of levels, with their distinct values.
     pub codes: Vec<(String, Vec<f64>)>,
 }
@@ -30,9 +32,11 @@ impl Question {
     ///
     /// # Errors
     ///
-    /// The errors of [`Design::contrast`].
+    /// The errors of [`Design::contrast`]; [`ShapeError::Contrast`] if a combination is zero or depends on those before
+    /// it.
     pub fn with_contrast(mut self, rows: &[impl AsRef<str>]) -> Result<Self, ShapeError> {
         self.contrast = self.design.contrast(rows)?;
+        Projection::new(&self.design, &self.contrast)?;
         let rows: Vec<&str> = rows.iter().map(|row| row.as_ref().trim()).collect();
         self.meaning = if rows.len() == 1 { rows[0].to_owned() } else { format!("any of {}", rows.join("; ")) };
         Ok(self)
@@ -62,10 +66,10 @@ impl Question {
 }
 
 /// The part of a design that is tested.
-struct Effect {
-    /// Columns that are ones and zeros, or the constant.
+struct Tested {
+    /// Columns of ones and zeros, or the constant.
     base: Coded,
-    /// Columns of numbers that the base doesn't have.
+    /// Columns of numbers, which are zero for average subjects.
     slopes: Coded,
     /// Weights of the contrast's rows over the columns of base and slopes.
     weights: Vec<Vec<f64>>,
@@ -85,8 +89,8 @@ struct Effect {
 /// | numbers, numbers | `mean`, both, and their product | the product's slope |
 ///
 /// Levels are in the order of `order`, by default sorted; of an interaction, the order is that of its first column of
-/// levels. Covariates are centred, and each level except the first has a column; interactions among them are products
-/// of such columns. The columns of interactions are accounted for also if they aren't listed.
+/// levels. Numbers are centred. Of a covariate, each level except the first has a centred column; interactions among
+/// covariates are products of such columns. The model has the columns of interactions also if they aren't listed.
 ///
 /// # Errors
 ///
@@ -99,9 +103,9 @@ pub fn question(effect: &Term, order: &[String], covariates: &[Term]) -> Result<
     check(n, &terms)?;
     let codes = codes_of(Some(effect), covariates);
     let tested = match effect {
-        Term::Column(name, Column::Numbers(numbers)) => Effect {
+        Term::Column(name, Column::Numbers(numbers)) => Tested {
             base: constant(n),
-            slopes: vec![(name.clone(), numbers.clone())],
+            slopes: vec![(name.clone(), centred(numbers))],
             weights: vec![vec![0.0, 1.0]],
             meaning: format!("slope of {name}"),
             levels: Vec::new(),
@@ -114,13 +118,13 @@ pub fn question(effect: &Term, order: &[String], covariates: &[Term]) -> Result<
         }
         Term::Interaction([(first, Column::Levels(of)), (second, Column::Numbers(numbers))])
         | Term::Interaction([(second, Column::Numbers(numbers)), (first, Column::Levels(of))]) => {
-            of_slopes((of, &ordered(first, of, order)?), (second, numbers))
+            of_slopes((of, &ordered(first, of, order)?), (second, numbers))?
         }
-        Term::Interaction([(first, Column::Numbers(a)), (second, Column::Numbers(b))]) => Effect {
+        Term::Interaction([(first, Column::Numbers(a)), (second, Column::Numbers(b))]) => Tested {
             base: constant(n),
             slopes: vec![
-                (first.clone(), a.clone()),
-                (second.clone(), b.clone()),
+                (first.clone(), centred(a)),
+                (second.clone(), centred(b)),
                 (effect.to_string(), times(&centred(a), &centred(b))),
             ],
             weights: vec![vec![0.0, 0.0, 0.0, 1.0]],
@@ -129,14 +133,21 @@ pub fn question(effect: &Term, order: &[String], covariates: &[Term]) -> Result<
             level_of: Vec::new(),
         },
     };
-    let design = assemble(tested.base, tested.slopes, &expanded(Some(effect), covariates))?;
+    if tested.levels.is_empty() && !order.is_empty() {
+        let (found, expected) = (order.join(", "), "expected none, for an effect of numbers");
+        return Err(ShapeError::Setting { name: "levels", found, expected });
+    }
+    let [own, covariates] = expanded(Some(effect), covariates);
+    let design = assemble(tested.base, tested.slopes, &covariates)?;
+    let covariates = [own, covariates].concat();
     let columns = design.matrix().ncols();
     let weight = |row: usize, column: usize| tested.weights[row].get(column).copied().unwrap_or(0.0);
     let weights = Array2::from_shape_fn((tested.weights.len(), columns), |(row, column)| weight(row, column));
     let count = |level: &String| tested.level_of.iter().filter(|other| *other == level).count();
     let levels = tested.levels.iter().map(|level| (level.clone(), count(level))).collect();
     let contrast = Contrast { weights };
-    Ok(Question { design, contrast, meaning: tested.meaning, levels, level_of: tested.level_of, codes })
+    let Tested { meaning, level_of, .. } = tested;
+    Ok(Question { design, contrast, meaning, levels, level_of, covariates, codes })
 }
 
 /// Returns the design and the contrast of the mean of n subjects, with centred covariates; the hypothesis is that the
@@ -149,11 +160,12 @@ pub fn question(effect: &Term, order: &[String], covariates: &[Term]) -> Result<
 pub fn mean_question(subjects: usize, covariates: &[Term]) -> Result<Question, ShapeError> {
     let terms: Vec<&Term> = covariates.iter().collect();
     check(subjects, &terms)?;
-    let design = assemble(constant(subjects), Vec::new(), &expanded(None, covariates))?;
-    let contrast = Contrast::column(design.matrix().ncols(), 0);
     let codes = codes_of(None, covariates);
+    let [_, covariates] = expanded(None, covariates);
+    let design = assemble(constant(subjects), Vec::new(), &covariates)?;
+    let contrast = Contrast::column(design.matrix().ncols(), 0);
     let (levels, level_of) = (Vec::new(), Vec::new());
-    Ok(Question { design, contrast, meaning: "mean".to_owned(), levels, level_of, codes })
+    Ok(Question { design, contrast, meaning: "mean".to_owned(), levels, level_of, covariates, codes })
 }
 
 fn constant(n: usize) -> Coded {
@@ -177,8 +189,8 @@ fn successive(before: usize, count: usize) -> Vec<Vec<f64>> {
         .collect()
 }
 
-fn of_levels(of: &[String], levels: &[String]) -> Effect {
-    Effect {
+fn of_levels(of: &[String], levels: &[String]) -> Tested {
+    Tested {
         base: levels.iter().map(|level| (level.clone(), indicator(of, level))).collect(),
         slopes: Vec::new(),
         weights: successive(0, levels.len()),
@@ -192,22 +204,26 @@ fn of_levels(of: &[String], levels: &[String]) -> Effect {
 }
 
 /// Returns the interaction of levels and numbers: differences between the slopes within the levels.
-fn of_slopes((of, levels): (&[String], &[String]), (name, numbers): (&str, &[f64])) -> Effect {
+fn of_slopes((of, levels): (&[String], &[String]), (name, numbers): (&str, &[f64])) -> Result<Tested, ShapeError> {
     let centred = centred(numbers);
     let slope = |level: &String| (format!("{level}:{name}"), times(&indicator(of, level), &centred));
-    Effect {
+    for level in levels {
+        let own: Vec<f64> = of.iter().zip(numbers).filter(|(of, _)| *of == level).map(|(_, number)| *number).collect();
+        check_varies(&format!("{name} in {level}"), &Column::Numbers(own))?;
+    }
+    Ok(Tested {
         slopes: levels.iter().map(slope).collect(),
         weights: successive(levels.len(), levels.len()),
         meaning: match levels {
-            [first, second] => format!("slope of {name} in {first} - in {second}"),
+            [first, second] => format!("slope of {name} in {first} - slope in {second}"),
             _ => format!("any difference between the slopes of {name} in {}", levels.join(", ")),
         },
         ..of_levels(of, levels)
-    }
+    })
 }
 
 /// Returns the interaction of two columns of levels: differences of differences between the cells' means.
-fn of_cells(names: [&str; 2], of: [&[String]; 2], levels: &[Vec<String>; 2]) -> Result<Effect, ShapeError> {
+fn of_cells(names: [&str; 2], of: [&[String]; 2], levels: &[Vec<String>; 2]) -> Result<Tested, ShapeError> {
     let level_of: Vec<String> = of[0].iter().zip(of[1]).map(|(a, b)| format!("{a}:{b}")).collect();
     let mut cells = Vec::new();
     for (a, b) in levels[0].iter().flat_map(|a| levels[1].iter().map(move |b| (a, b))) {
@@ -216,61 +232,65 @@ fn of_cells(names: [&str; 2], of: [&[String]; 2], levels: &[Vec<String>; 2]) -> 
         if members.iter().all(|member| *member == 0.0) {
             return Err(ShapeError::EmptyCell { interaction: names.join(":"), levels: [a.clone(), b.clone()] });
         }
+        if cells.iter().any(|(other, _)| *other == cell) {
+            let expected = "expected levels whose pairs, joined by colons, differ";
+            return Err(ShapeError::Setting { name: "levels", found: cell, expected });
+        }
         cells.push((cell, members));
     }
     // Row (i, j): the difference of rows i and i + 1 of the cells, at j minus at j + 1.
     let (rows, columns) = (successive(0, levels[0].len()), successive(0, levels[1].len()));
     let product = |a: &[f64], b: &[f64]| a.iter().flat_map(|a| b.iter().map(move |b| a * b)).collect();
-    Ok(Effect {
+    Ok(Tested {
         levels: cells.iter().map(|(cell, _)| cell.clone()).collect(),
         base: cells,
         slopes: Vec::new(),
         weights: rows.iter().flat_map(|a| columns.iter().map(move |b| product(a, b))).collect(),
         meaning: match (&levels[0][..], &levels[1][..]) {
-            ([a, b], [first, second]) => format!("{a} - {b} at {first}, minus {a} - {b} at {second}"),
+            ([a, b], [first, second]) => format!("({a} - {b} at {first}) - ({a} - {b} at {second})"),
             _ => format!("any interaction of {} and {}", names[0], names[1]),
         },
         level_of,
     })
 }
 
-/// Returns the covariates, with the columns of their interactions that aren't listed, and without columns of the
-/// effect's interaction, which are accounted for anyway.
-fn expanded(effect: Option<&Term>, covariates: &[Term]) -> Vec<Term> {
-    let names = |term: &Term| term.columns().into_iter().map(|(name, _)| name.to_owned()).collect::<Vec<_>>();
-    let tested: Vec<String> = effect.map(names).unwrap_or_default();
-    let is_listed = |name: &str| covariates.iter().any(|term| matches!(term, Term::Column(other, _) if other == name));
-    let mut terms: Vec<Term> = Vec::new();
-    for term in covariates {
-        match (term, effect) {
-            (Term::Column(name, _), Some(Term::Interaction(_))) if tested.contains(name) => continue,
-            (Term::Interaction(columns), _) => {
-                for (name, column) in columns {
-                    let added = terms.iter().any(|term| matches!(term, Term::Column(other, _) if other == name));
-                    if !(tested.contains(name) || is_listed(name) || added) {
-                        terms.push(Term::Column(name.clone(), column.clone()));
-                    }
-                }
-            }
-            (Term::Column(..), _) => {}
+/// Returns the columns of the effect's interaction, and the covariates, with the columns of their interactions that
+/// aren't listed, and without terms that the effect has.
+fn expanded(effect: Option<&Term>, covariates: &[Term]) -> [Vec<Term>; 2] {
+    let parts = |term: &Term| match term {
+        Term::Column(..) => Vec::new(),
+        Term::Interaction(columns) => {
+            columns.iter().map(|(name, column)| Term::Column(name.clone(), column.clone())).collect()
         }
-        terms.push(term.clone());
+    };
+    // Of a column that is tested and a covariate, the dependence is an error that names it.
+    let mut included: Vec<Term> = effect.map(parts).unwrap_or_default();
+    let is_interaction = |term: &&Term| matches!(term, Term::Interaction(_));
+    included.extend(effect.filter(is_interaction).cloned());
+    let of_effect = included.len();
+    for term in covariates {
+        for part in parts(term) {
+            let tested = effect == Some(&part);
+            if !(tested || covariates.contains(&part) || included.contains(&part)) {
+                included.push(part);
+            }
+        }
+        let again = matches!(term, Term::Interaction(_)) && included.contains(term);
+        if !(again || included[..of_effect].contains(term)) {
+            included.push(term.clone());
+        }
     }
-    terms
+    let covariates = included.split_off(of_effect);
+    included.retain(|term| Some(term) != effect);
+    [included, covariates]
 }
 
-/// Returns the design of a base and of centred columns.
+/// Returns the design of a base, slopes and covariates.
 fn assemble(base: Coded, slopes: Coded, covariates: &[Term]) -> Result<Design, ShapeError> {
     let n = base[0].1.len();
-    let (names, columns): (Vec<String>, Vec<Vec<f64>>) = base.into_iter().unzip();
-    let base = Design::new(Array2::from_shape_fn((n, columns.len()), |(i, column)| columns[column][i]), names)?;
-    let (names, columns): (Vec<String>, Vec<Vec<f64>>) =
-        slopes.into_iter().chain(covariates.iter().flat_map(coded)).unzip();
-    if columns.is_empty() {
-        return Ok(base);
-    }
-    let table = Array2::from_shape_fn((n, columns.len()), |(i, column)| columns[column][i]);
-    base.with_covariates(table.view(), &names)
+    let columns = base.into_iter().chain(slopes).chain(covariates.iter().flat_map(coded));
+    let (names, columns): (Vec<String>, Vec<Vec<f64>>) = columns.unzip();
+    Design::new(Array2::from_shape_fn((n, columns.len()), |(i, column)| columns[column][i]), names)
 }
 
 /// Checks the lengths of columns, and that numbers vary.

@@ -145,23 +145,21 @@ pub(crate) fn times(a: &[f64], b: &[f64]) -> Vec<f64> {
     a.iter().zip(b).map(|(a, b)| a * b).collect()
 }
 
-/// Codes a covariate: numbers unchanged; ones and zeros for each level except the first. Interactions are the products
-/// of the centred columns of both, so that they leave other effects those of subjects with average covariates.
+/// Codes a covariate: numbers, and ones and zeros for each level except the first, minus their means. Interactions are
+/// the products of the columns of both, so that other effects are those of subjects with average covariates.
 pub(crate) fn coded(term: &Term) -> Coded {
     let of_column = |name: &str, column: &Column| match column {
-        Column::Numbers(numbers) => vec![(name.to_owned(), numbers.clone())],
+        Column::Numbers(numbers) => vec![(name.to_owned(), centred(numbers))],
         Column::Levels(of) => {
             let levels = distinct(of).into_iter().skip(1);
-            levels.map(|level| (format!("{name} {level}"), indicator(of, &level))).collect()
+            levels.map(|level| (format!("{name} {level}"), centred(&indicator(of, &level)))).collect()
         }
     };
     match term {
         Term::Column(name, column) => of_column(name, column),
         Term::Interaction([(first, a), (second, b)]) => {
             let (a, b) = (of_column(first, a), of_column(second, b));
-            let product = |(a, x): &(String, Vec<f64>), (b, z): &(String, Vec<f64>)| {
-                (format!("{a}:{b}"), times(&centred(x), &centred(z)))
-            };
+            let product = |(a, x): &(String, Vec<f64>), (b, z): &(String, Vec<f64>)| (format!("{a}:{b}"), times(x, z));
             a.iter().flat_map(|a| b.iter().map(move |b| product(a, b))).collect()
         }
     }

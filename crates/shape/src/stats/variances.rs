@@ -46,7 +46,8 @@ pub(crate) fn unequal(values: ArrayView2<'_, f64>, design: &Design, contrast: &C
     })
 }
 
-/// Returns the columns of the two groups whose difference is tested.
+/// Returns the columns of the two groups whose difference is tested, if each subject is in one of them: the errors of
+/// others would be part of the pooled variance.
 fn two_groups(design: &Design, contrast: &Contrast) -> Option<[usize; 2]> {
     let (x, weights) = (design.matrix(), &contrast.weights);
     if weights.nrows() != 1 {
@@ -54,6 +55,6 @@ fn two_groups(design: &Design, contrast: &Contrast) -> Option<[usize; 2]> {
     }
     let columns: Vec<usize> = (0..x.ncols()).filter(|column| weights[[0, *column]] != 0.0).collect();
     let &[a, b] = &columns[..] else { return None };
-    let indicate = x.rows().into_iter().all(|row| matches!((row[a], row[b]), (1.0, 0.0) | (0.0, 1.0) | (0.0, 0.0)));
+    let indicate = x.rows().into_iter().all(|row| matches!((row[a], row[b]), (1.0, 0.0) | (0.0, 1.0)));
     (indicate && weights[[0, a]] == -weights[[0, b]]).then_some([a, b])
 }

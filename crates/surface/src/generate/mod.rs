@@ -1,5 +1,5 @@
 //! Generates surfaces: icospheres, double pyramids, folded closed surfaces with known parameterisation, surfaces with
-//! handles, groups with a known difference or known correspondence, and subdivisions of meshes.
+//! handles, groups with a known difference or known correspondence, subdivisions of meshes, and voxels of surfaces.
 
 mod bipyramid;
 mod cortex;
@@ -9,6 +9,7 @@ mod icosphere;
 mod random;
 mod study;
 mod subdivide;
+mod voxels;
 
 pub use bipyramid::bipyramid;
 pub use cortex::{Cortex, cortex, cortex_bytes};
@@ -18,3 +19,4 @@ pub use icosphere::{icosphere, icosphere_bytes, icosphere_counts};
 pub use random::SplitMix64;
 pub use study::Study;
 pub use subdivide::{subdivide, subdivide_sphere};
+pub use voxels::Voxels;

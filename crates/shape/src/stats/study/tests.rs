@@ -33,19 +33,24 @@ fn interactions_compare_slopes_and_differences() {
     let slopes = question(&interaction(("group", GROUP), ("age", "1 2 3 4 5 9")), &[], &[]).unwrap();
     assert_eq!(slopes.design.names(), ["a", "b", "a:age", "b:age"]);
     assert_eq!(slopes.contrast.weights, ndarray::array![[0.0, 0.0, 1.0, -1.0]]);
-    assert_eq!(slopes.meaning, "slope of age in a - in b");
+    assert_eq!(slopes.meaning, "slope of age in a - slope in b");
     let (site, sex) = (("site", "x x x x y y y y"), ("sex", "f f m m f f m m"));
     let cells =
         question(&interaction(site, sex), &["y".to_owned(), "x".to_owned()], &[column("site", site.1)]).unwrap();
     assert_eq!(cells.design.names(), ["y:f", "y:m", "x:f", "x:m"]);
     assert_eq!(cells.contrast.weights, ndarray::array![[1.0, -1.0, -1.0, 1.0]]);
-    assert_eq!(cells.meaning, "y - x at f, minus y - x at m");
+    assert_eq!(cells.meaning, "(y - x at f) - (y - x at m)");
     assert_eq!(cells.levels[3], ("x:m".to_owned(), 2));
     let numbers = question(&interaction(("age", "1 2 3 4 6 5"), ("size", "3 1 4 1 5 9")), &[], &[]).unwrap();
     assert_eq!(numbers.design.names(), ["mean", "age", "size", "age:size"]);
     let missing = interaction(("site", "x x x y y"), ("sex", "f m f f f"));
     let found = question(&missing, &[], &[]).unwrap_err();
     assert!(matches!(&found, ShapeError::EmptyCell { levels, .. } if *levels == ["y", "m"]), "{found}");
+    let found = question(&interaction(("group", "a a a b b"), ("age", "1 2 3 7 7")), &[], &[]).unwrap_err();
+    assert!(matches!(&found, ShapeError::Constant { column, .. } if column == "age in b"), "{found}");
+    let order = ["1".to_owned(), "2".to_owned()];
+    let found = question(&interaction(("group", "1 1 1 2 2"), ("age", "1 2 3 7 7")), &order, &[]).unwrap_err();
+    assert!(matches!(found, ShapeError::Setting { name: "levels", .. }), "{found}");
 }
 
 #[test]
@@ -54,7 +59,8 @@ fn covariates_may_interact_and_bring_their_columns() {
     let covariates = [interaction(("group", "a a a a b b b b"), ("age", "1 2 3 4 9 6 7 8"))];
     let found = question(&group, &[], &covariates).unwrap();
     assert_eq!(found.design.names(), ["a", "b", "age", "group b:age"]);
-    // The difference of the groups at the average age: that of the fitted lines there.
+    let twice = [covariates[0].clone(), covariates[0].clone()];
+    assert_eq!(question(&group, &[], &twice).unwrap().design.names().len(), 4);
     let mean = mean_question(8, &covariates).unwrap();
     assert_eq!(mean.design.names(), ["mean", "group b", "age", "group b:age"]);
     let listed = [covariates[0].clone(), column("age", "1 2 3 4 9 6 7 8")];
@@ -88,4 +94,25 @@ fn columns_that_say_nothing_are_refused() {
     let found = question(&pairs, &[], &[constant]).unwrap_err();
     assert!(matches!(found, ShapeError::Constant { .. }), "{found}");
     assert!(matches!(question(&pairs, &[], &[column("sex", "m f m f")]), Err(ShapeError::Rank { .. })));
+}
+
+/// The mean of a group is that of its line at the average age of all, whichever way the slopes are modelled.
+#[test]
+fn means_of_levels_are_those_of_average_subjects() {
+    let (ages, groups) = ([1.0, 2.0, 3.0, 5.0, 8.0, 9.0, 9.5, 12.0], "a a a a b b b b");
+    let line = |i: usize| if i < 4 { 2.0 + 0.5 * ages[i] } else { 7.0 - 0.25 * ages[i] };
+    let values = Array2::from_shape_fn((8, 1), |(i, _)| line(i));
+    let mean = ages.iter().sum::<f64>() / 8.0;
+    let age = Term::Column("age".to_owned(), Column::Numbers(ages.to_vec()));
+    let both = match (column("group", groups), age.clone()) {
+        (Term::Column(a, x), Term::Column(b, z)) => Term::Interaction([(a, x), (b, z)]),
+        _ => unreachable!("columns"),
+    };
+    let tested = [question(&both, &[], &[]), question(&column("group", groups), &[], std::slice::from_ref(&both))];
+    for asked in tested {
+        let asked = asked.unwrap().with_contrast(&["a"]).unwrap();
+        let (basis, u) = contrast_in_basis(&asked.design, &asked.contrast);
+        let estimate = u.t().dot(&basis.t().dot(&values))[[0, 0]];
+        assert!((estimate - (2.0 + 0.5 * mean)).abs() < 1e-12, "{estimate}");
+    }
 }

@@ -1,0 +1,99 @@
+//! Voxelises closed surfaces.
+
+use ndarray::Array3;
+
+use crate::geometry::Vec3;
+use crate::mesh::Mesh;
+
+/// Cubic voxels inside a surface.
+#[derive(Debug, Clone)]
+pub struct Voxels {
+    /// 1 for voxels whose centre is inside the surface, 0 for others, by x, y and z.
+    pub values: Array3<u8>,
+    /// Centre of voxel (0, 0, 0).
+    pub origin: Vec3,
+}
+
+/// Voxels of background on each side.
+const MARGIN: usize = 2;
+/// Displacement of the tested points from the voxels' centres, relative to the voxels, so that lines along z meet no
+/// edge of a mesh whose vertices have simple coordinates.
+const NUDGE: [f64; 2] = [1.7e-7, 2.9e-7];
+
+impl Voxels {
+    /// Returns the voxels of edge length `size` whose centres are inside a closed mesh, by the number of triangles
+    /// that the line along z through each centre crosses.
+    ///
+    /// # Panics
+    ///
+    /// If the mesh has no vertex, or the size isn't positive.
+    pub fn of(mesh: &Mesh, size: f64) -> Self {
+        assert!(!mesh.vertices.is_empty() && size > 0.0, "a mesh and a positive size of voxels");
+        let extreme = |k: usize, f: fn(f64, f64) -> f64| mesh.vertices.iter().map(|x| x[k]).reduce(f).unwrap_or(0.0);
+        let origin: Vec3 = std::array::from_fn(|k| ((extreme(k, f64::min) / size).floor() - MARGIN as f64) * size);
+        let counts: [usize; 3] =
+            std::array::from_fn(|k| ((extreme(k, f64::max) - origin[k]) / size).ceil() as usize + MARGIN + 1);
+        let crossings = crossings(mesh, size, origin, counts);
+        let mut values = Array3::zeros(counts);
+        for (column, mut crossings) in crossings.into_iter().enumerate() {
+            crossings.sort_by(f64::total_cmp);
+            for inside in crossings.chunks_exact(2) {
+                // Crossings are in voxels from the origin.
+                for z in inside[0].ceil() as usize..=inside[1].floor() as usize {
+                    values[[column / counts[1], column % counts[1], z]] = 1;
+                }
+            }
+        }
+        Self { values, origin }
+    }
+}
+
+/// Returns where the line along z through each column of voxels crosses the triangles, in voxels from the origin.
+fn crossings(mesh: &Mesh, size: f64, origin: Vec3, counts: [usize; 3]) -> Vec<Vec<f64>> {
+    let mut found = vec![Vec::new(); counts[0] * counts[1]];
+    for face in &mesh.faces {
+        let corners = face.map(|v| {
+            let x = mesh.vertices[v as usize];
+            std::array::from_fn::<f64, 3, _>(|k| (x[k] - origin[k]) / size)
+        });
+        let [low, high] = [f64::min, f64::max]
+            .map(|f: fn(f64, f64) -> f64| [0, 1].map(|k| corners.iter().map(|x| x[k]).reduce(f).unwrap_or(0.0)));
+        for i in low[0].floor() as usize..=high[0].ceil() as usize {
+            for j in low[1].floor() as usize..=high[1].ceil() as usize {
+                let at = [i as f64 + NUDGE[0], j as f64 + NUDGE[1]];
+                // Twice the signed areas of the triangles that the point makes with each edge.
+                let area = |a: usize, b: usize| {
+                    let (a, b) = (corners[a], corners[b]);
+                    (a[0] - at[0]) * (b[1] - at[1]) - (a[1] - at[1]) * (b[0] - at[0])
+                };
+                let areas = [area(1, 2), area(2, 0), area(0, 1)];
+                if areas.iter().all(|area| *area > 0.0) || areas.iter().all(|area| *area < 0.0) {
+                    let whole: f64 = areas.iter().sum();
+                    let z = areas.iter().zip(&corners).map(|(area, corner)| area * corner[2]).sum::<f64>() / whole;
+                    found[i * counts[1] + j].push(z);
+                }
+            }
+        }
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::generate::icosphere;
+    use crate::geometry::{dot, scale};
+
+    #[test]
+    fn voxels_of_a_ball_are_those_nearer_than_its_radius() {
+        let mut ball = icosphere(5);
+        ball.vertices.iter_mut().for_each(|x| *x = scale(*x, 6.2));
+        let found = Voxels::of(&ball, 0.5);
+        for ((i, j, k), inside) in found.values.indexed_iter() {
+            let x: Vec3 = [(i, 0), (j, 1), (k, 2)].map(|(at, axis)| found.origin[axis] + 0.5 * at as f64);
+            let radius = dot(x, x).sqrt();
+            // Between the triangles and the sphere either is right.
+            assert!((6.18..6.21).contains(&radius) || (*inside == 1) == (radius < 6.2), "{radius}");
+        }
+    }
+}

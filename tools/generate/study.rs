@@ -1,0 +1,127 @@
+//! `generate --study` and `--volumes`: writes subjects of two groups, as meshes or as label volumes, and their table.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use nifti::NiftiHeader;
+use nifti::writer::WriterOptions;
+use spharm_cli::output::{OutputFile, check_outputs, prepare, print_line};
+use spharm_surface::generate::{Study, Voxels, cortex_bytes, icosphere_counts};
+use spharm_surface::io::{Output, WriteOptions, write_mesh, write_new};
+
+use super::{Cli, WRITING};
+
+/// Upper bound of the memory of a subject's voxels, and of writing them.
+const VOXELS: u64 = 64 << 20;
+/// The size of a voxel that the wrong header states, in mm; the true size is 1 mm.
+const WRONG: f64 = 10.0;
+
+/// A subject of a generated study.
+struct Subject {
+    name: String,
+    group: &'static str,
+    /// Number within the group.
+    index: u64,
+}
+
+/// Writes the meshes of a study and its table.
+pub(super) fn meshes(cli: &Cli, folder: &Path) -> Result<()> {
+    let study = Generated::new(cli, folder, ("--study", "ply"), 0)?;
+    for (subject, path) in study.subjects.iter().zip(&study.files) {
+        let options = WriteOptions { overwrite: cli.force, double: cli.double };
+        write_mesh(path, &study.mesh(subject), &options)?;
+    }
+    study.finish(cli, folder, "meshes, study.csv")
+}
+
+/// Writes the label volumes of a study, one of them with a wrong header, and its table.
+pub(super) fn volumes(cli: &Cli, folder: &Path) -> Result<()> {
+    let study = Generated::new(cli, folder, ("--volumes", "nii.gz"), VOXELS)?;
+    let spoilt = study.subjects.iter().rposition(|subject| subject.group == "a");
+    for (at, (subject, path)) in study.subjects.iter().zip(&study.files).enumerate() {
+        let voxels = Voxels::of(&study.mesh(subject), 1.0);
+        let bytes = nifti(&voxels, if Some(at) == spoilt { WRONG } else { 1.0 })?;
+        write_new(path, cli.force, |out| out.write_all(&bytes))?;
+    }
+    let named = spoilt.map(|at| study.subjects[at].name.clone()).unwrap_or_default();
+    let what = format!("label volumes, study.csv; the header of {named} states voxels of {WRONG} mm in place of 1 mm");
+    study.finish(cli, folder, &what)
+}
+
+/// Returns the bytes of a gzipped NIfTI file of voxels of the given size in mm.
+fn nifti(voxels: &Voxels, size: f64) -> Result<Vec<u8>> {
+    let row = |k: usize| {
+        let mut row = [0.0; 4];
+        (row[k], row[3]) = (size as f32, (size * voxels.origin[k]) as f32);
+        row
+    };
+    let step = size as f32;
+    let header = NiftiHeader {
+        pixdim: [1.0, step, step, step, 1.0, 1.0, 1.0, 1.0],
+        // Millimetres; the matrix leads to the scanner's coordinates.
+        xyzt_units: 2,
+        sform_code: 1,
+        srow_x: row(0),
+        srow_y: row(1),
+        srow_z: row(2),
+        ..NiftiHeader::default()
+    };
+    let folder = tempfile::tempdir().context("a temporary folder")?;
+    let file = folder.path().join("labels.nii.gz");
+    WriterOptions::new(&file).reference_header(&header).write_nifti(&voxels.values).context("a label volume")?;
+    std::fs::read(&file).context("a label volume")
+}
+
+/// A study to write, one file for each subject.
+struct Generated {
+    study: Study,
+    subjects: Vec<Subject>,
+    files: Vec<PathBuf>,
+    table: PathBuf,
+}
+
+impl Generated {
+    /// Checks the arguments, the memory and the outputs. `more` is memory needed in addition to a mesh.
+    fn new(cli: &Cli, folder: &Path, (flag, ending): (&'static str, &str), more: u64) -> Result<Self> {
+        if !cli.bump.is_finite() {
+            bail!("--bump is {}; it must be finite", cli.bump);
+        }
+        let study = Study { seed: cli.variant, bump: cli.bump, ..Study::default() };
+        let half = cli.subjects.div_ceil(2);
+        let digits = cli.subjects.to_string().len().max(2);
+        let subject = |number: u64| {
+            let (group, index) = if number >= half { ("b", number - half) } else { ("a", number) };
+            Subject { name: format!("{group}{:0digits$}", index + 1), group, index }
+        };
+        // Only one mesh is in memory at a time.
+        let needed = cortex_bytes(study.subdivisions) + WRITING * icosphere_counts(study.subdivisions)[0] + more;
+        cli.memory.budget(1).check(format!("generate {flag}"), needed)?;
+        let subjects: Vec<Subject> = (0..cli.subjects).map(subject).collect();
+        let file = |subject: &Subject| folder.join(format!("{}.{ending}", subject.name));
+        let files: Vec<PathBuf> = subjects.iter().map(file).collect();
+        let table = folder.join("study.csv");
+        let outputs = files.iter().map(|path| match ending {
+            "ply" => OutputFile::holding(path, flag, Output::OrderedMesh),
+            _ => OutputFile::new(path, flag),
+        });
+        check_outputs(outputs.chain([OutputFile::new(&table, flag)]), cli.force)?;
+        prepare(&table)?;
+        Ok(Self { study, subjects, files, table })
+    }
+
+    fn mesh(&self, subject: &Subject) -> spharm_surface::Mesh {
+        self.study.subject(subject.index, subject.group == "b")
+    }
+
+    /// Writes the table, and prints what was written.
+    fn finish(&self, cli: &Cli, folder: &Path, what: &str) -> Result<()> {
+        let row = |(subject, path): (&Subject, &PathBuf)| {
+            let file = path.file_name().unwrap_or_default().display();
+            format!("{},{file},{}\n", subject.name, subject.group)
+        };
+        let rows: String = self.subjects.iter().zip(&self.files).map(row).collect();
+        let text = format!("id,surface,group\n{rows}");
+        write_new(&self.table, cli.force, |out| out.write_all(text.as_bytes()))?;
+        print_line(&format!("{}: {} {what}", folder.display(), self.files.len()))
+    }
+}
