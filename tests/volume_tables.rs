@@ -178,3 +178,29 @@ fn small_labels_and_those_at_the_border_are_skipped() {
     let found: Vec<[&str; 2]> = rows.iter().map(|row| ["file", "state"].map(|name| row[name].as_str())).collect();
     assert_eq!(found, [["in/b.nii", "fitted"], ["in/a.nii", "kept"]]);
 }
+
+#[test]
+fn models_are_drawn_in_the_colour_of_a_column() {
+    let site = Site::new();
+    let fit = ["in/a.nii", "in/b.nii", "--label", "17", "53", "--min-voxels", "300"];
+    finish(&mut site.run(&fit));
+    let picture = |more: &[&str]| {
+        let mut command = tool("picture");
+        command.current_dir(site.0.path()).args(["out", "--size", "64", "--force", "-o", "p.png"]).args(more);
+        command
+    };
+    let size = || {
+        let png = std::fs::read(site.path("p.png")).expect("a picture");
+        [16, 20].map(|at| u32::from_be_bytes(png[at..at + 4].try_into().expect("four bytes")))
+    };
+    assert!(succeed(&mut picture(&[])).contains("3 panels"));
+    assert_eq!(size(), [3 * 64, 64]);
+    succeed(&mut picture(&["--fit-each", "--columns", "2", "--colour-by", "out/volumes.tsv:sphericity"]));
+    let [width, height] = size();
+    assert!(width == 128 && height > 128, "a colour bar beneath two rows: {width} x {height}");
+    for (column, said) in [("shape", "no column \"shape\""), ("repair", "expected a number"), ("label", "")] {
+        let output = finish(&mut picture(&["--centre", "--colour-by", &format!("out/volumes.tsv:{column}")]));
+        assert_eq!(output.status.success(), said.is_empty(), "{column}");
+        assert!(text(&output).contains(said), "{}", text(&output));
+    }
+}

@@ -10,18 +10,21 @@ use spharm_render::View;
 
 /// Draw surfaces side by side, and their distance in colour
 ///
-/// All panels have the same scale.
+/// All panels have the same scale and the same centre, unless --centre or --fit-each is given.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
         "spharm picture bunny.ply bunny60.ply --error -o bunny.png",
         "spharm picture bunny.ply bunny60.ply --sphere bunny.sphere.surf.gii -o map.png",
         "spharm picture a.ply b.ply c.ply d.ply --columns 2 --view top -o four.png",
+        "spharm picture cells --centre --colour-by cells/volumes.tsv:sphericity --size 96 -o montage.png",
     ],
     &[help::MESHES],
 ))]
 pub(crate) struct Cli {
-    /// Surfaces, in the order of the panels
+    /// Surfaces, in the order of the panels: meshes or models
+    ///
+    /// Files, folders (all their models), or @LIST with one path per line.
     #[arg(required = true, value_name = "SURFACE")]
     pub(super) surfaces: Vec<PathBuf>,
     /// Add a panel with the sphere of the first surface
@@ -44,9 +47,21 @@ pub(crate) struct Cli {
     /// the last colours.
     #[arg(long, value_name = "MAP", num_args = 1.., help_heading = INPUT)]
     pub(super) map: Vec<PathBuf>,
-    /// Values with the first and the last colour of the maps
-    #[arg(long, value_name = "LOW,HIGH", requires = "map", allow_hyphen_values = true, value_parser = range, help_heading = OUTPUT)]
+    /// Values with the first and the last colour of the maps, or of --colour-by
+    #[arg(long, value_name = "LOW,HIGH", allow_hyphen_values = true, value_parser = range, help_heading = OUTPUT)]
     pub(super) range: Option<(f64, f64)>,
+    /// Colour each surface by its number in a column of a table, such as the tables of `spharm volumes` and `shape
+    /// measure`
+    ///
+    /// The table's column `model` or, without one, its first column has the surfaces' paths or names.
+    #[arg(long, value_name = "TABLE:COLUMN", value_parser = column, help_heading = INPUT)]
+    pub(super) colour_by: Option<(PathBuf, String)>,
+    /// Move all surfaces to the centre of the first
+    #[arg(long, help_heading = OUTPUT)]
+    pub(super) centre: bool,
+    /// Move all surfaces to the centre of the first, and scale them to its extent
+    #[arg(long, conflicts_with_all = ["centre", "error"], help_heading = OUTPUT)]
+    pub(super) fit_each: bool,
     /// Text beneath each panel, in order [default: the files' names]
     #[arg(long, value_name = "TEXT", help_heading = OUTPUT)]
     pub(super) caption: Vec<String>,
@@ -55,9 +70,10 @@ pub(crate) struct Cli {
     /// Sides are those of the coordinates: left is -x, front +y, top +z, as in RAS.
     #[arg(long, value_enum, num_args = 1.., default_values_t = [Side::Left], help_heading = OUTPUT)]
     pub(super) view: Vec<Side>,
-    /// Number of panels in a row; 0 for all or, with several sides, for these
-    #[arg(long, value_name = "N", default_value_t = 0, help_heading = OUTPUT)]
-    pub(super) columns: usize,
+    /// Number of panels in a row; 0 for all [default: a row of up to 6 panels, otherwise a square; with several sides,
+    /// these]
+    #[arg(long, value_name = "N", help_heading = OUTPUT)]
+    pub(super) columns: Option<usize>,
     /// Width and height of a panel in pixels
     #[arg(
         long,
@@ -77,6 +93,14 @@ pub(crate) struct Cli {
     pub(super) memory: Memory,
     #[command(flatten)]
     pub(super) common: Common,
+}
+
+/// Parses `TABLE:COLUMN`.
+fn column(text: &str) -> Result<(PathBuf, String), String> {
+    match text.rsplit_once(':') {
+        Some((table, column)) if !table.is_empty() && !column.is_empty() => Ok((table.into(), column.to_owned())),
+        _ => Err("expected a table and a column, such as volumes.tsv:sphericity".to_owned()),
+    }
 }
 
 fn range(text: &str) -> Result<(f64, f64), String> {

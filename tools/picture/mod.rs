@@ -1,10 +1,12 @@
 //! `picture`: draws surfaces side by side as a PNG.
 
 mod args;
+mod surfaces;
 
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
+use spharm_cli::Usage;
 use spharm_cli::inputs::stem;
 use spharm_cli::memory::Budget;
 use spharm_cli::monitor::ConsoleMonitor;
@@ -12,7 +14,8 @@ use spharm_cli::output::{OutputFile, check_outputs, counted, prepare, print_line
 use spharm_harmonics::Directions;
 use spharm_parametrize::quality::log_area_ratios;
 use spharm_render::{
-    Paint, Panel, Settings, fit_into, is_probability, render, scale_label, significance, symmetric_range, write_png,
+    Paint, Panel, Settings, color_of, fit_into, is_probability, render, scale_label, significance, symmetric_range,
+    with_bar, write_png,
 };
 use spharm_surface::Mesh;
 use spharm_surface::io::{WriteOptions, read_mesh, read_signal};
@@ -24,14 +27,31 @@ use self::args::Side;
 /// Runs the verb.
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     check_outputs([OutputFile::with_ending(&cli.output, "--output", &[".png"])], cli.force)?;
+    if cli.range.is_some() && cli.map.is_empty() && cli.colour_by.is_none() {
+        return Err(Usage::missing("--range: expected --map or --colour-by, whose colours it is for").into());
+    }
     let budget = cli.memory.budget(1);
-    let panels = cli.surfaces.len() + usize::from(cli.error) + usize::from(cli.sphere.is_some()) + cli.map.len();
+    let files = surfaces::files(&cli.surfaces)?;
+    let panels = files.len() + usize::from(cli.error) + usize::from(cli.sphere.is_some()) + cli.map.len();
     check_memory(cli, &[], panels, budget)?;
-    budget.check_inputs("picture", cli.surfaces.iter().chain(&cli.sphere).chain(&cli.map).map(PathBuf::as_path))?;
-    let meshes: Vec<Mesh> = cli.surfaces.iter().map(read_mesh).collect::<Result<_, _>>()?;
+    budget.check_inputs("picture", files.iter().chain(&cli.sphere).chain(&cli.map).map(PathBuf::as_path))?;
+    let mut meshes: Vec<Mesh> = files.iter().map(|path| surfaces::read(path)).collect::<Result<_>>()?;
     check_memory(cli, &meshes, panels, budget)?;
-    let names: Vec<String> = cli.surfaces.iter().map(|path| stem(path)).collect();
+    if cli.centre {
+        surfaces::centre(&mut meshes);
+    }
+    if cli.fit_each {
+        surfaces::fit_each(&mut meshes);
+    }
+    let names: Vec<String> = files.iter().map(|path| surfaces::name(path)).collect();
     let mut panels: Vec<Panel<'_>> = meshes.iter().zip(&names).map(|(mesh, name)| Panel::new(mesh, name)).collect();
+    let by_column = cli.colour_by.as_ref();
+    let numbers = by_column.map(|(table, column)| surfaces::numbers(table, column, &files)).transpose()?;
+    let numbers = numbers.unwrap_or_default();
+    let colours = cli.range.unwrap_or_else(|| range_of(&numbers));
+    for (panel, number) in panels.iter_mut().zip(&numbers) {
+        panel.paint = Paint::Plain(color_of(*number, colours));
+    }
     let distances: Vec<f64>;
     if cli.error {
         let (first, last) = (&meshes[0], &meshes[meshes.len() - 1]);
@@ -87,9 +107,14 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         rows.iter_mut().zip(&captions).for_each(|(panel, caption)| panel.caption = caption);
         panels = rows;
     }
-    let settings = settings(cli, cli.size);
+    let settings = settings(cli, panels.len(), cli.size);
     prepare(&cli.output)?;
-    write_png(&cli.output, &render(&panels, &settings)?, &WriteOptions { overwrite: cli.force, double: false })?;
+    let picture = render(&panels, &settings)?;
+    let picture = match by_column {
+        Some((_, column)) => with_bar(picture, colours, column),
+        None => picture,
+    };
+    write_png(&cli.output, &picture, &WriteOptions { overwrite: cli.force, double: false })?;
     print_line(&format!("{}: {}", cli.output.display(), counted(panels.len(), "panel")))
 }
 
@@ -98,12 +123,17 @@ fn caption(name: &str, view: Side) -> String {
     if name.is_empty() { view.axis().to_owned() } else { format!("{name}, {}", view.axis()) }
 }
 
-/// Returns the settings for panels of a given size.
-fn settings(cli: &Cli, size: u16) -> Settings {
+/// Largest number of panels that are in one row by default.
+const ROW: usize = 6;
+
+/// Returns the settings for a number of panels of a given size.
+fn settings(cli: &Cli, panels: usize, size: u16) -> Settings {
     let size = usize::from(size);
     let columns = match (cli.columns, cli.view.len()) {
-        (0, views) if views > 1 => views,
-        (columns, _) => columns,
+        (None | Some(0), views) if views > 1 => views,
+        (Some(columns), _) => columns,
+        (None, _) if panels > ROW => panels.isqrt() + usize::from(panels.isqrt().pow(2) < panels),
+        (None, _) => 0,
     };
     let view = cli.view.first().copied().unwrap_or(Side::Left).view();
     Settings { width: size, height: size, columns, view, ..Settings::default() }
@@ -115,7 +145,7 @@ fn check_memory(cli: &Cli, meshes: &[Mesh], panels: usize, budget: Budget) -> Re
     let held: usize = meshes.iter().map(|mesh| 24 * mesh.vertices.len() + 12 * mesh.faces.len()).sum();
     // Memory of the sphere, as read and as scaled, and of the values of each panel.
     let spheres = if cli.sphere.is_some() { 2 * (24 * vertices + 12 * faces) } else { 0 };
-    let values = 8 * vertices * (panels - cli.surfaces.len());
+    let values = 8 * vertices * panels.saturating_sub(meshes.len());
     let painting = match meshes {
         [first, .., last] if cli.error && !correspond(first, last) => {
             distances_to_surface_bytes(first.faces.len(), last.vertices.len())
@@ -123,7 +153,7 @@ fn check_memory(cli: &Cli, meshes: &[Mesh], panels: usize, budget: Budget) -> Re
         _ => 0,
     };
     let needed = |size: u16| {
-        let drawing = settings(cli, size).bytes(panels * cli.view.len(), vertices);
+        let drawing = settings(cli, panels, size).bytes(panels * cli.view.len(), vertices);
         (held + spheres + values) as u64 + drawing.max(painting)
     };
     let smaller = [2048, 1024, 512, 256, 128, 64].into_iter().filter(|size| *size < cli.size);

@@ -1,10 +1,12 @@
 //! Reads tables of subjects: CSV, or TSV if the name ends in .tsv.
 
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail};
 use spharm::shape::stats::Column;
 use spharm_cli::inputs::read_text;
+use spharm_cli::paths::model_name;
 use spharm_cohort::Manifest;
 
 /// A table of subjects, for designs.
@@ -217,6 +219,37 @@ pub(crate) fn is_missing(cell: &str) -> bool {
         || cell.parse::<f64>().is_ok_and(|number| !number.is_finite())
 }
 
+/// Returns the row of each model, by the cell that is its path or, if no cell is, by its name.
+///
+/// # Errors
+///
+/// If a model has no row, or several rows or models have its name.
+pub(crate) fn rows_of(cells: Vec<&str>, models: &[PathBuf]) -> Result<Vec<usize>> {
+    let paths: HashMap<&Path, usize> = cells.iter().enumerate().map(|(row, cell)| (Path::new(*cell), row)).collect();
+    let mut names: HashMap<String, Vec<usize>> = HashMap::new();
+    for (row, cell) in cells.iter().enumerate() {
+        names.entry(model_name(Path::new(cell))).or_default().push(row);
+    }
+    let mut taken: HashMap<usize, &Path> = HashMap::new();
+    let row = |model: &PathBuf| match paths.get(model.as_path()) {
+        Some(row) => Ok(*row),
+        None => match names.get(&model_name(model)).map(Vec::as_slice) {
+            Some([row]) => Ok(*row),
+            Some(_) => bail!("several rows are named {:?}; give the models' paths there", model_name(model)),
+            None => bail!("no row {:?}, the name of a tested model", model_name(model)),
+        },
+    };
+    let mut rows = Vec::with_capacity(models.len());
+    for model in models {
+        let row = row(model)?;
+        if let Some(other) = taken.insert(row, model) {
+            bail!("{} and {} have one row; give the models' paths there", other.display(), model.display());
+        }
+        rows.push(row);
+    }
+    Ok(rows)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -259,5 +292,15 @@ mod tests {
         }
         let found = table("a.csv", b"model,age\na,\na,3\n").unwrap();
         assert!(found.column("age").is_err() && found.column("sex").is_err() && found.paths("model").is_err());
+    }
+
+    #[test]
+    fn models_of_one_name_have_rows_of_their_own_or_are_refused() {
+        let models = ["a/s0.spharm.npz", "b/s0.spharm.npz"].map(PathBuf::from);
+        assert_eq!(rows_of(vec!["b/s0.spharm.npz", "a/s0.spharm.npz"], &models).unwrap(), [1, 0]);
+        let error = |cells: &[&str]| rows_of(cells.to_vec(), &models).unwrap_err().to_string();
+        assert!(error(&["s0", "s1"]).contains("have one row"));
+        assert!(error(&["c/s0", "d/s0"]).contains("several rows are named \"s0\""));
+        assert!(error(&["s1"]).contains("no row \"s0\""));
     }
 }

@@ -187,6 +187,24 @@ pub fn render(panels: &[Panel<'_>], settings: &Settings) -> Result<Image, Render
     Ok(picture)
 }
 
+/// Returns the colour of a value in a range: that of [`Paint::Scalar`].
+#[must_use]
+pub fn color_of(value: f64, range: (f64, f64)) -> [u8; 3] {
+    colors_by(map_of(range), &[value], range.0, range.1)[0]
+}
+
+/// Returns a picture with a colour bar beneath it, for the colours of all panels.
+#[must_use]
+pub fn with_bar(mut picture: Image, range: (f64, f64), label: &str) -> Image {
+    let (width, top) = (picture.width, picture.height);
+    let line = (width / 40).clamp(14, 40);
+    picture.height += 5 * line / 2;
+    picture.pixels.resize(width * picture.height, BACKGROUND);
+    let length = width.min(24 * line);
+    bar(&mut picture, (width - length) / 2, top + line / 4, length, line, range, label);
+    picture
+}
+
 /// Returns the colour map for values in a range.
 fn map_of((low, high): (f64, f64)) -> fn(f64) -> [u8; 3] {
     if low < 0.0 && low == -high { diverging } else { viridis }

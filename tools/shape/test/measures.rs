@@ -1,8 +1,7 @@
 //! Tests further measures of the subjects, such as volumes and scores, with the design of the vertices' test, and
 //! writes them as a table of a paper: numbers of subjects, means, standard deviations, effects, p values.
 
-use std::collections::HashMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 use ndarray::{Array2, ArrayView1};
@@ -12,7 +11,7 @@ use spharm::shape::stats::{Test, TestParams, test};
 use spharm_cli::paths::model_name;
 
 use super::super::outputs::csv;
-use super::super::table::{Table, finite};
+use super::super::table::{Table, finite, rows_of};
 use super::args::Source;
 use super::question::Study;
 
@@ -84,37 +83,6 @@ impl Measures {
         let levels = study.question.levels.iter().map(|(level, _)| level.clone()).collect();
         Ok(Tested { measures: self, found, levels, groups: study.question.level_of.clone() })
     }
-}
-
-/// Returns the row of each model, by the cell that is its path or, if no cell is, by its name.
-///
-/// # Errors
-///
-/// If a model has no row, or several rows or models have its name.
-fn rows_of(cells: Vec<&str>, models: &[PathBuf]) -> Result<Vec<usize>> {
-    let paths: HashMap<&Path, usize> = cells.iter().enumerate().map(|(row, cell)| (Path::new(*cell), row)).collect();
-    let mut names: HashMap<String, Vec<usize>> = HashMap::new();
-    for (row, cell) in cells.iter().enumerate() {
-        names.entry(model_name(Path::new(cell))).or_default().push(row);
-    }
-    let mut taken: HashMap<usize, &Path> = HashMap::new();
-    let row = |model: &PathBuf| match paths.get(model.as_path()) {
-        Some(row) => Ok(*row),
-        None => match names.get(&model_name(model)).map(Vec::as_slice) {
-            Some([row]) => Ok(*row),
-            Some(_) => bail!("several rows are named {:?}; give the models' paths there", model_name(model)),
-            None => bail!("no row {:?}, the name of a tested model", model_name(model)),
-        },
-    };
-    let mut rows = Vec::with_capacity(models.len());
-    for model in models {
-        let row = row(model)?;
-        if let Some(other) = taken.insert(row, model) {
-            bail!("{} and {} have one row; give the models' paths there", other.display(), model.display());
-        }
-        rows.push(row);
-    }
-    Ok(rows)
 }
 
 /// Measures with the outcome of their test.
@@ -238,16 +206,6 @@ fn short(value: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn models_of_one_name_have_rows_of_their_own_or_are_refused() {
-        let models = ["a/s0.spharm.npz", "b/s0.spharm.npz"].map(PathBuf::from);
-        assert_eq!(rows_of(vec!["b/s0.spharm.npz", "a/s0.spharm.npz"], &models).unwrap(), [1, 0]);
-        let error = |cells: &[&str]| rows_of(cells.to_vec(), &models).unwrap_err().to_string();
-        assert!(error(&["s0", "s1"]).contains("have one row"));
-        assert!(error(&["c/s0", "d/s0"]).contains("several rows are named \"s0\""));
-        assert!(error(&["s1"]).contains("no row \"s0\""));
-    }
 
     #[test]
     fn numbers_have_six_digits() {

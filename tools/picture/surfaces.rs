@@ -1,0 +1,86 @@
+//! Reads the surfaces of a picture: meshes, and models as meshes.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use spharm::{Kind, Model, Sphere};
+use spharm_cli::paths::{expand, model_name};
+use spharm_render::fit_into;
+use spharm_surface::Mesh;
+use spharm_surface::geometry::bounds;
+use spharm_surface::io::read_mesh;
+
+use crate::shape::table::{Table, finite, rows_of};
+
+/// Vertices of a model's mesh for each function of its degree.
+const VERTICES: usize = 4;
+
+/// Returns the files of surfaces, with folders replaced by the models in them.
+pub(super) fn files(given: &[PathBuf]) -> Result<Vec<PathBuf>> {
+    expand(given, ".spharm.npz")
+}
+
+/// Reads a mesh, or a model as a mesh whose icosphere suits its degree.
+pub(super) fn read(path: &Path) -> Result<Mesh> {
+    if !is_model(path) {
+        return Ok(read_mesh(path)?);
+    }
+    let model = Model::read(path)?;
+    if model.kind() != Kind::Surface {
+        bail!("{}: expected a model of a surface, found one of a signal", path.display());
+    }
+    let degree = model.coefficients.max_degree();
+    let suits = |level: &u32| 10 * 4_usize.pow(*level) >= VERTICES * (degree + 1).pow(2);
+    let level = (4..7).find(suits).unwrap_or(7);
+    model.reconstruct(&Sphere::icosphere(level), degree).with_context(|| path.display().to_string())
+}
+
+/// Returns the name of a surface, for its caption.
+pub(super) fn name(path: &Path) -> String {
+    if is_model(path) { model_name(path) } else { spharm_cli::inputs::stem(path) }
+}
+
+fn is_model(path: &Path) -> bool {
+    path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("npz"))
+}
+
+/// Moves the meshes so that the centres of their bounding boxes are that of the first.
+pub(super) fn centre(meshes: &mut [Mesh]) {
+    let middle = |mesh: &Mesh| {
+        let (low, high) = bounds(mesh.vertices.iter().copied());
+        [0, 1, 2].map(|k| 0.5 * (low[k] + high[k]))
+    };
+    let Some(to) = meshes.first().map(middle) else { return };
+    for mesh in meshes.iter_mut() {
+        let from = middle(mesh);
+        mesh.vertices.iter_mut().for_each(|x| *x = [0, 1, 2].map(|k| x[k] - from[k] + to[k]));
+    }
+}
+
+/// Moves and scales the meshes so that their bounding boxes have the centre and the largest extent of the first.
+pub(super) fn fit_each(meshes: &mut [Mesh]) {
+    let Some((first, others)) = meshes.split_first_mut() else { return };
+    others.iter_mut().for_each(|mesh| *mesh = fit_into(mesh, first));
+}
+
+/// Returns a number for each surface, from a column of a table whose column `model` or, without one, whose first column
+/// has the surfaces' paths or names.
+///
+/// # Errors
+///
+/// If a surface has no row, or its cell isn't a number.
+pub(super) fn numbers(path: &Path, column: &str, surfaces: &[PathBuf]) -> Result<Vec<f64>> {
+    let table = Table::read(path)?;
+    let key = if table.has("model") { "model" } else { table.names().next().unwrap_or_default() }.to_owned();
+    let named = || format!("{}: column {key:?}", path.display());
+    let rows = rows_of(table.texts(&key)?, surfaces).with_context(named)?;
+    let cells = table.texts(column)?;
+    let number = |(surface, row): (&PathBuf, usize)| {
+        let found = finite(cells[row]);
+        found.with_context(|| {
+            let (table, surface) = (path.display(), surface.display());
+            format!("{table}: column {column:?}: expected a number for {surface}, found {:?}", cells[row])
+        })
+    };
+    surfaces.iter().zip(rows).map(number).collect()
+}
