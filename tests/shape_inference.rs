@@ -138,7 +138,7 @@ fn measures_are_tested_like_vertices() {
     }
     fs::write(site.join("few.csv"), "model,size\ns0,1\n").expect("a table");
     let output = finish(test(site, &[&groups[..], &["--measures", "few.csv"]].concat()).args(["-o", "refused"]));
-    assert!(error_line(&output).contains("no row \"s1\""), "{}", text(&output));
+    assert!(error_line(&output).contains("no row for \"s1\""), "{}", text(&output));
 }
 
 #[test]

@@ -88,13 +88,15 @@ fn a_table_whose_subjects_have_no_files_says_what_to_fill_in() {
     assert!(error.contains("gone.tsv"), "{error}");
 }
 
-/// Problem of first-time users, row 1: a header with voxels ten times too wide is named first.
+/// A header with voxels ten times too wide is named first.
 #[test]
 fn a_generated_study_of_labels_names_its_wrong_header() {
     let site = tempfile::tempdir().expect("a folder");
     let site = site.path();
     let made = succeed(tool("generate").args(["--volumes", "labels", "--subjects", "8"]).current_dir(site));
     assert!(made.contains("8 label volumes") && made.contains("the header of a04"), "{made}");
+    let large = finish(tool("generate").args(["--volumes", "more", "--bump", "2000"]).current_dir(site));
+    assert!(!large.status.success() && text(&large).contains("between -100 and 100 mm"), "{}", text(&large));
     succeed(tool("study").args(["init", "--table", "labels/study.csv"]).current_dir(site));
     let written = fs::read_to_string(site.join("study.toml")).expect("a study");
     fs::write(site.join("study.toml"), written.replace("[align]", "[align]\nmethod = \"joint\"")).expect("a study");

@@ -158,6 +158,12 @@ fn voxel_sizes_are_given_where_files_have_none() {
     succeed(fit.args(["-o", "fit"]));
 }
 
+fn succeed_with_warnings(command: &mut Command) -> String {
+    let output = finish(command);
+    assert!(output.status.success(), "{}", text(&output));
+    text(&output)
+}
+
 #[test]
 fn small_labels_and_those_at_the_border_are_skipped() {
     let site = Site::new();
@@ -170,13 +176,16 @@ fn small_labels_and_those_at_the_border_are_skipped() {
     assert_eq!(states, ["fitted", "skipped", "skipped", "failed"], "{rows:?}");
     assert_eq!(rows[1]["error"], "at the border of the volume");
     assert!(rows[2]["error"].ends_with("voxels, fewer than --min-voxels 500"), "{:?}", rows[2]);
-    assert!(!site.path("out/b.spharm.npz").exists());
+    assert!(!site.path("out/b.17.spharm.npz").exists());
     // Without the options, the models made are kept, and the others added; in a table of commas.
     succeed(&mut site.run(&["in/a.nii", "--label", "17", "--table", "t.csv", "--skip-existing"]));
     succeed(&mut site.run(&["in/b.nii", "--table", "t.csv", "--skip-existing"]));
     let rows = site.rows("t.csv", ',');
     let found: Vec<[&str; 2]> = rows.iter().map(|row| ["file", "state"].map(|name| row[name].as_str())).collect();
     assert_eq!(found, [["in/b.nii", "fitted"], ["in/a.nii", "kept"]]);
+    // A model that is there although its label is skipped is named.
+    let output = succeed_with_warnings(&mut site.run(&["in/b.nii", "--min-voxels", "500", "--table", "u.tsv"]));
+    assert!(output.contains("out/b.17.spharm.npz exists; delete it"), "{output}");
 }
 
 #[test]
@@ -198,9 +207,14 @@ fn models_are_drawn_in_the_colour_of_a_column() {
     succeed(&mut picture(&["--fit-each", "--columns", "2", "--colour-by", "out/volumes.tsv:sphericity"]));
     let [width, height] = size();
     assert!(width == 128 && height > 128, "a colour bar beneath two rows: {width} x {height}");
-    for (column, said) in [("shape", "no column \"shape\""), ("repair", "expected a number"), ("label", "")] {
+    // Colours are those of the numbers in the range.
+    let pixels = |range: &str| {
+        succeed(&mut picture(&["--centre", "--colour-by", "out/volumes.tsv:voxels", "--range", range]));
+        std::fs::read(site.path("p.png")).expect("a picture")
+    };
+    assert!(pixels("0,1000") != pixels("0,2000"));
+    for (column, said) in [("shape", "no column \"shape\""), ("repair", "expected a number")] {
         let output = finish(&mut picture(&["--centre", "--colour-by", &format!("out/volumes.tsv:{column}")]));
-        assert_eq!(output.status.success(), said.is_empty(), "{column}");
-        assert!(text(&output).contains(said), "{}", text(&output));
+        assert!(!output.status.success() && text(&output).contains(said), "{}", text(&output));
     }
 }

@@ -139,7 +139,8 @@ def _asked(
         raise ValueError("groups, effect, interaction, mean, design: expected exactly one of them")
     if levels is not None and groups is None:
         raise ValueError("levels: can only be given with groups")
-    rows = [contrast] if isinstance(contrast, str) else contrast.tolist() if isinstance(contrast, np.ndarray) else contrast
+    rows = contrast.tolist() if hasattr(contrast, "tolist") else contrast
+    rows = [rows] if isinstance(rows, str) else rows
     named = isinstance(rows, (list, tuple)) and len(rows) > 0 and all(isinstance(row, str) for row in rows)
     asked: dict[str, Any] = {
         "effect": [], "levels": [], "covariates": [], "design": None, "columns": [], "weights": None,
@@ -327,9 +328,9 @@ def test(
     contrast : str, sequence of str, or array_like of float, (p,) or (q, p), optional
         Combinations of the design's columns; the test's null hypothesis is that they are zero. Weights are for a
         ``design``; text, such as ``"mild - control"`` or ``"severe - 1/2 mild - 1/2 control"``, names columns of any
-        design. The columns of ``groups`` are the groups, that of ``effect`` is ``effect``, those of an interaction are
-        ``level:name`` or ``level:level``, those of covariates their names, with the level for each level but the first
-        (`TestResult.columns` lists them).
+        design. ``groups`` has a column for each group, ``effect`` the columns ``mean`` and ``effect``, an interaction
+        ``level:name`` or ``level:level``; a covariate's column has its name or, for levels, its name and each level but
+        the first. `TestResult.columns` lists them.
     covariates : dict of array_like, (n,), or array_like of float, (n, k), optional
         Nuisance variables: numbers, or names of levels; for ``groups``, ``effect``, ``interaction`` and ``mean``.
     levels : sequence, optional

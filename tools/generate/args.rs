@@ -50,8 +50,8 @@ pub(crate) struct Cli {
     /// Folder for the label volumes of a study, ID.nii.gz, with study.csv
     ///
     /// The bodies of --study in voxels of 1 mm. The header of one subject, the last of group a, is wrong: it has voxels
-    /// of 10 mm. The checks of a study name this subject.
-    #[arg(long, value_name = "DIR", group = "subjects_of", conflicts_with_all = ["surface", "sphere", "subdivisions"], help_heading = OUTPUT)]
+    /// of 10 mm. `spharm study` flags this subject in quality control.
+    #[arg(long, value_name = "DIR", group = "subjects_of", conflicts_with_all = ["surface", "sphere", "subdivisions", "double"], help_heading = OUTPUT)]
     pub(super) volumes: Option<PathBuf>,
     /// Number of subjects of a study, half of them in each group
     #[arg(long, value_name = "N", default_value_t = 12, requires = "subjects_of", value_parser = clap::value_parser!(u64).range(2..=10_000), help_heading = METHOD)]

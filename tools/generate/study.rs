@@ -11,8 +11,10 @@ use spharm_surface::io::{Output, WriteOptions, write_mesh, write_new};
 
 use super::{Cli, WRITING};
 
-/// Upper bound of the memory of a subject's voxels, and of writing them.
+/// Memory of a subject's voxels, and of writing them, at bumps of up to [`HIGHEST`].
 const VOXELS: u64 = 64 << 20;
+/// Highest bump of label volumes, in mm; their size grows with it.
+const HIGHEST: f64 = 100.0;
 /// The size of a voxel that the wrong header states, in mm; the true size is 1 mm.
 const WRONG: f64 = 10.0;
 
@@ -36,6 +38,9 @@ pub(super) fn meshes(cli: &Cli, folder: &Path) -> Result<()> {
 
 /// Writes the label volumes of a study, one of them with a wrong header, and its table.
 pub(super) fn volumes(cli: &Cli, folder: &Path) -> Result<()> {
+    if !(-HIGHEST..=HIGHEST).contains(&cli.bump) {
+        bail!("--bump is {}; for --volumes it must be between -{HIGHEST} and {HIGHEST} mm", cli.bump);
+    }
     let study = Generated::new(cli, folder, ("--volumes", "nii.gz"), VOXELS)?;
     let spoilt = study.subjects.iter().rposition(|subject| subject.group == "a");
     for (at, (subject, path)) in study.subjects.iter().zip(&study.files).enumerate() {

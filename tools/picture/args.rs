@@ -10,7 +10,7 @@ use spharm_render::View;
 
 /// Draw surfaces side by side, and their distance in colour
 ///
-/// All panels have the same scale and the same centre, unless --centre or --fit-each is given.
+/// All panels show the same region at the same scale; --centre and --fit-each move the surfaces there.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -54,10 +54,10 @@ pub(crate) struct Cli {
     /// measure`
     ///
     /// The table's column `model` or, without one, its first column has the surfaces' paths or names.
-    #[arg(long, value_name = "TABLE:COLUMN", value_parser = column, help_heading = INPUT)]
+    #[arg(long, value_name = "TABLE:COLUMN", value_parser = column, conflicts_with = "map", help_heading = INPUT)]
     pub(super) colour_by: Option<(PathBuf, String)>,
     /// Move all surfaces to the centre of the first
-    #[arg(long, help_heading = OUTPUT)]
+    #[arg(long, conflicts_with = "error", help_heading = OUTPUT)]
     pub(super) centre: bool,
     /// Move all surfaces to the centre of the first, and scale them to its extent
     #[arg(long, conflicts_with_all = ["centre", "error"], help_heading = OUTPUT)]
@@ -70,8 +70,8 @@ pub(crate) struct Cli {
     /// Sides are those of the coordinates: left is -x, front +y, top +z, as in RAS.
     #[arg(long, value_enum, num_args = 1.., default_values_t = [Side::Left], help_heading = OUTPUT)]
     pub(super) view: Vec<Side>,
-    /// Number of panels in a row; 0 for all [default: a row of up to 6 panels, otherwise a square; with several sides,
-    /// these]
+    /// Number of panels in a row; 0 for all or, with several sides, for these [default: 0 for up to 6 panels, otherwise
+    /// a square]
     #[arg(long, value_name = "N", help_heading = OUTPUT)]
     pub(super) columns: Option<usize>,
     /// Width and height of a panel in pixels

@@ -23,6 +23,7 @@ use spharm_surface::metrics::{correspond, distances_to_surface, distances_to_sur
 
 pub(crate) use self::args::Cli;
 use self::args::Side;
+use self::surfaces::Surface;
 
 /// Runs the verb.
 pub(crate) fn run(cli: &Cli) -> Result<()> {
@@ -35,8 +36,9 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let panels = files.len() + usize::from(cli.error) + usize::from(cli.sphere.is_some()) + cli.map.len();
     check_memory(cli, &[], panels, budget)?;
     budget.check_inputs("picture", files.iter().chain(&cli.sphere).chain(&cli.map).map(PathBuf::as_path))?;
-    let mut meshes: Vec<Mesh> = files.iter().map(|path| surfaces::read(path)).collect::<Result<_>>()?;
-    check_memory(cli, &meshes, panels, budget)?;
+    let read: Vec<Surface> = files.iter().map(|path| Surface::read(path)).collect::<Result<_>>()?;
+    check_memory(cli, &read, panels, budget)?;
+    let mut meshes = surfaces::meshes(read)?;
     if cli.centre {
         surfaces::centre(&mut meshes);
     }
@@ -48,7 +50,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let by_column = cli.colour_by.as_ref();
     let numbers = by_column.map(|(table, column)| surfaces::numbers(table, column, &files)).transpose()?;
     let numbers = numbers.unwrap_or_default();
-    let colours = cli.range.unwrap_or_else(|| range_of(&numbers));
+    let colours = cli.range.unwrap_or_else(|| colours_of(&numbers));
     for (panel, number) in panels.iter_mut().zip(&numbers) {
         panel.paint = Paint::Plain(color_of(*number, colours));
     }
@@ -139,22 +141,24 @@ fn settings(cli: &Cli, panels: usize, size: u16) -> Settings {
     Settings { width: size, height: size, columns, view, ..Settings::default() }
 }
 
-/// Refuses pictures that don't fit into memory. `meshes` is empty when this is called before the surfaces are read.
-fn check_memory(cli: &Cli, meshes: &[Mesh], panels: usize, budget: Budget) -> Result<()> {
-    let (vertices, faces) = meshes.iter().map(|mesh| (mesh.vertices.len(), mesh.faces.len())).max().unwrap_or((0, 0));
-    let held: usize = meshes.iter().map(|mesh| 24 * mesh.vertices.len() + 12 * mesh.faces.len()).sum();
+/// Refuses pictures that don't fit into memory. `surfaces` is empty when this is called before the surfaces are read.
+fn check_memory(cli: &Cli, surfaces: &[Surface], panels: usize, budget: Budget) -> Result<()> {
+    let [vertices, faces] = surfaces.iter().map(Surface::counts).max().unwrap_or_default().map(|count| count as usize);
+    let held = surfaces.iter().map(Surface::counts).map(|[vertices, faces]| 24 * vertices + 12 * faces).sum::<u64>();
+    let evaluating = surfaces.iter().map(Surface::bytes_to_evaluate).max().unwrap_or_default();
     // Memory of the sphere, as read and as scaled, and of the values of each panel.
     let spheres = if cli.sphere.is_some() { 2 * (24 * vertices + 12 * faces) } else { 0 };
-    let values = 8 * vertices * panels.saturating_sub(meshes.len());
-    let painting = match meshes {
-        [first, .., last] if cli.error && !correspond(first, last) => {
-            distances_to_surface_bytes(first.faces.len(), last.vertices.len())
+    let values = 8 * vertices * panels.saturating_sub(surfaces.len());
+    let painting = match surfaces {
+        [Surface::Mesh(first), .., Surface::Mesh(last)] if cli.error && correspond(first, last) => 0,
+        [first, .., last] if cli.error => {
+            distances_to_surface_bytes(first.counts()[1] as usize, last.counts()[0] as usize)
         }
         _ => 0,
     };
     let needed = |size: u16| {
         let drawing = settings(cli, panels, size).bytes(panels * cli.view.len(), vertices);
-        (held + spheres + values) as u64 + drawing.max(painting)
+        held + (spheres + values) as u64 + drawing.max(painting).max(evaluating)
     };
     let smaller = [2048, 1024, 512, 256, 128, 64].into_iter().filter(|size| *size < cli.size);
     let smaller = smaller.map(|size| (format!("--size {size}"), needed(size)));
@@ -177,6 +181,17 @@ fn read_map(path: &Path, surface: &Mesh) -> Result<Vec<f64>> {
     match signal.values.iter().position(|value| !value.is_finite()) {
         Some(vertex) => bail!("{}: vertex {vertex} has no finite value", path.display()),
         None => Ok(signal.values),
+    }
+}
+
+/// Returns the range of the colours of surfaces: that of their numbers, widened if these are equal.
+fn colours_of(numbers: &[f64]) -> (f64, f64) {
+    match numbers.first() {
+        Some(&one) if numbers.iter().all(|number| *number == one) => {
+            let around = if one == 0.0 { 1.0 } else { 0.1 * one.abs() };
+            (one - around, one + around)
+        }
+        _ => range_of(numbers),
     }
 }
 

@@ -225,9 +225,10 @@ pub(crate) fn is_missing(cell: &str) -> bool {
 ///
 /// If a model has no row, or several rows or models have its name.
 pub(crate) fn rows_of(cells: Vec<&str>, models: &[PathBuf]) -> Result<Vec<usize>> {
-    let paths: HashMap<&Path, usize> = cells.iter().enumerate().map(|(row, cell)| (Path::new(*cell), row)).collect();
+    let named = || cells.iter().enumerate().filter(|(_, cell)| !is_missing(cell));
+    let paths: HashMap<&Path, usize> = named().map(|(row, cell)| (Path::new(*cell), row)).collect();
     let mut names: HashMap<String, Vec<usize>> = HashMap::new();
-    for (row, cell) in cells.iter().enumerate() {
+    for (row, cell) in named() {
         names.entry(model_name(Path::new(cell))).or_default().push(row);
     }
     let mut taken: HashMap<usize, &Path> = HashMap::new();
@@ -236,14 +237,14 @@ pub(crate) fn rows_of(cells: Vec<&str>, models: &[PathBuf]) -> Result<Vec<usize>
         None => match names.get(&model_name(model)).map(Vec::as_slice) {
             Some([row]) => Ok(*row),
             Some(_) => bail!("several rows are named {:?}; give the models' paths there", model_name(model)),
-            None => bail!("no row {:?}, the name of a tested model", model_name(model)),
+            None => bail!("no row for {:?}", model_name(model)),
         },
     };
     let mut rows = Vec::with_capacity(models.len());
     for model in models {
         let row = row(model)?;
         if let Some(other) = taken.insert(row, model) {
-            bail!("{} and {} have one row; give the models' paths there", other.display(), model.display());
+            bail!("{} and {} are in one row; give the models' paths in the table", other.display(), model.display());
         }
         rows.push(row);
     }
@@ -299,8 +300,10 @@ mod tests {
         let models = ["a/s0.spharm.npz", "b/s0.spharm.npz"].map(PathBuf::from);
         assert_eq!(rows_of(vec!["b/s0.spharm.npz", "a/s0.spharm.npz"], &models).unwrap(), [1, 0]);
         let error = |cells: &[&str]| rows_of(cells.to_vec(), &models).unwrap_err().to_string();
-        assert!(error(&["s0", "s1"]).contains("have one row"));
+        assert!(error(&["s0", "s1"]).contains("are in one row"));
         assert!(error(&["c/s0", "d/s0"]).contains("several rows are named \"s0\""));
-        assert!(error(&["s1"]).contains("no row \"s0\""));
+        assert!(error(&["s1"]).contains("no row for \"s0\""));
+        // "n/a" is no path of a model called a.
+        assert!(rows_of(vec!["n/a"], &["a.spharm.npz".into()]).is_err());
     }
 }

@@ -8,7 +8,6 @@ use super::LEAST;
 use super::config::Method;
 use super::plan::Plan;
 use super::test::Test;
-use crate::shape::design::Asked;
 use crate::shape::table::{Subjects, is_missing};
 
 /// Refuses a study that would fail after its fits, or give misleading results.
@@ -114,8 +113,7 @@ fn tested(plan: &Plan, test: &Test) -> Result<()> {
     if test.mask.is_some() && test.sphere.is_none() {
         bail!("mask: also give `sphere`, the sphere to whose vertices the mask belongs");
     }
-    let asked = Asked { relative: !test.is_of_values(), ..test.asked() };
-    let question = asked.question(&Rows(plan)).with_context(|| plan.table.display().to_string())?;
+    let question = test.asked().question(&Rows(plan)).with_context(|| plan.table.display().to_string())?;
     let components = if test.signal.as_deref() == Some("position") { 3 } else { 1 };
     let params = TestParams { welch: test.welch, ..TestParams::default() };
     if test.welch && (question.levels.len() != 2 || !question.covariates.is_empty()) {

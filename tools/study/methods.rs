@@ -127,7 +127,7 @@ fn of_test(test: &Test, plan: &Plan) -> Result<String> {
         Some((first, second)) if test.contrast.is_empty() => format!("the interaction of {first} and {second}"),
         Some((first, second)) => format!("a contrast in the model of {first}, {second} and their interaction"),
         None if test.contrast.is_empty() => format!("the effect of {}", test.effect),
-        None => format!("a contrast of {}", test.effect),
+        None => format!("a contrast in the model of {}", test.effect),
     };
     let mut text = format!(
         "In the test \"{}\", {effect} ({}) on {quantity} was tested",

@@ -103,7 +103,7 @@ impl Test {
         Ok(())
     }
 
-    /// Returns what is asked of the table; values may have a mean.
+    /// Returns what is asked of the table.
     pub(super) fn asked(&self) -> Asked<'_> {
         Asked {
             effect: Some(&self.effect),
@@ -112,7 +112,7 @@ impl Test {
             covariates: &self.covariates,
             categorical: &self.categorical,
             blocks: self.blocks.as_deref(),
-            relative: false,
+            relative: !self.is_of_values(),
         }
     }
 

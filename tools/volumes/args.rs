@@ -56,7 +56,7 @@ pub(crate) struct Cli {
     /// reconstruct restores the original surface.
     #[arg(long, help_heading = INPUT)]
     pub(super) cut_handles: bool,
-    /// Skip labels of fewer voxels
+    /// Skip labels with fewer than N voxels
     #[arg(long, value_name = "N", default_value_t = 1, hide_default_value = true, help_heading = INPUT)]
     pub(super) min_voxels: usize,
     /// Skip labels that touch the border of their volume, which may be cut off

@@ -3,7 +3,7 @@
 mod args;
 mod table;
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -116,7 +116,7 @@ fn counted_were(models: usize) -> String {
     format!("{} {}", counted(models, "model"), if models == 1 { "was" } else { "were" })
 }
 
-/// Returns whether a table was written by a call whose labels all failed, so that replacing it loses no results.
+/// Returns whether a table was written by a call that made no model, so that replacing it loses no results.
 fn is_without_models(table: &Path) -> bool {
     let text = if table.is_file() { read_table(table).unwrap_or_default() } else { String::new() };
     text.starts_with("file\tlabel\tstate\t") && !table::has_models(&text)
@@ -154,9 +154,10 @@ fn suitable_degree(cli: &Cli, volumes: &[PathBuf], reader: &SurfaceReader, monit
         // A volume that can't be read fails later, with the reason.
         let Ok(volume) = read else { continue };
         let there = volume.labels();
-        let wanted =
-            Labels::of(&cli.label, &there).into_iter().filter(|label| cli.reason_to_skip(&volume, *label).is_none());
-        let sizes: Vec<usize> = wanted.filter_map(|label| there.get(&label).copied()).collect();
+        let voxels = |label: i64| Some((label, *there.get(&label)?));
+        let wanted = Labels::of(&cli.label, &there).into_iter().filter_map(voxels);
+        let kept = wanted.filter(|(label, voxels)| cli.reason_to_skip(&volume, *label, *voxels).is_none());
+        let sizes: Vec<usize> = kept.map(|(_, voxels)| voxels).collect();
         if !sizes.is_empty() {
             let chosen = degree_of_labels(&sizes, volume.voxel_size());
             monitor.console().note(format!("{chosen} in {}; use --max-degree L to change it", path.display()));
@@ -195,9 +196,8 @@ fn volumes(given: &[PathBuf]) -> Result<Vec<PathBuf>> {
 }
 
 impl Cli {
-    /// Returns why a label is skipped, if it is.
-    fn reason_to_skip(&self, volume: &LabelVolume, label: i64) -> Option<String> {
-        let voxels = volume.labels().get(&label).copied()?;
+    /// Returns why a label of this number of voxels is skipped, if it is.
+    fn reason_to_skip(&self, volume: &LabelVolume, label: i64, voxels: usize) -> Option<String> {
         if voxels < self.min_voxels {
             return Some(format!("{}, fewer than --min-voxels {}", counted(voxels, "voxel"), self.min_voxels));
         }
@@ -259,14 +259,18 @@ impl Call<'_> {
                 border: there.contains_key(&label).then(|| volume.touches_border(label)),
                 ..row(Some(label), Outcome::default())
             };
-            if let Some(reason) = self.cli.reason_to_skip(&volume, label) {
+            let reason = row.voxels.and_then(|voxels| self.cli.reason_to_skip(&volume, label, voxels));
+            if let Some(reason) = reason {
+                let model = self.output(path, label)?;
+                if model.is_file() {
+                    let model = model.display();
+                    self.monitor.console().warn(format!("{record}: skipped, {reason}, but {model} exists; delete it"));
+                }
                 self.lock().rows.push(Row { outcome: Outcome::Skipped(reason), ..row });
                 continue;
             }
             self.inputs.add(&record, None, record.to_string());
-            let named = [(path.to_owned(), Some(label))];
-            let named = self.cli.name_template.outputs(&named, &self.cli.output, ".spharm.npz")?;
-            let model = named.into_iter().next().unwrap_or_default();
+            let model = self.output(path, label)?;
             if self.names.insert(model.clone()) {
                 let (id, output) = (record.to_string(), Some(model));
                 fits.push(spharm_cohort::Row {
@@ -288,13 +292,20 @@ impl Call<'_> {
         let cohort = Cohort::new(fits, PathBuf::new());
         let ended = run::run_reading(&cohort, &self.params, self.reader, &observer, self.monitor);
         // Labels are fitted side by side, and end in any order; others were skipped before.
-        let place = |row: &Row| wanted.iter().position(|label| Some(*label) == row.label);
-        self.lock().rows[before..].sort_by_cached_key(place);
+        let places: HashMap<i64, usize> = wanted.iter().enumerate().map(|(place, label)| (*label, place)).collect();
+        self.lock().rows[before..].sort_by_key(|row| row.label.and_then(|label| places.get(&label).copied()));
         match ended {
             // The failed rows record failures such as a full disk; continue with the next volume.
             Err(error) if !error.is_interrupted() => Ok(()),
             done => Ok(done?),
         }
+    }
+
+    /// Returns the path of a label's model.
+    fn output(&self, volume: &Path, label: i64) -> Result<PathBuf> {
+        let named = [(volume.to_owned(), Some(label))];
+        let named = self.cli.name_template.outputs(&named, &self.cli.output, ".spharm.npz")?;
+        Ok(named.into_iter().next().unwrap_or_default())
     }
 
     fn lock(&self) -> MutexGuard<'_, Found> {

@@ -198,7 +198,7 @@ pub enum TestWarning {
 ///
 /// # Errors
 ///
-/// Those errors of [`test`](fn@test) that don't depend on the values.
+/// Those errors of [`test`](fn@test) that depend on neither the values nor the relabellings.
 pub fn check(components: usize, design: &Design, contrast: &Contrast, params: &TestParams) -> Result<(), ShapeError> {
     linear::check_design(components, design, contrast, params)?;
     projection::Projection::new(design, contrast)?;

@@ -4,12 +4,13 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
+use spharm::shape::ShapeError;
 use spharm::shape::stats::{Blocks, Column, Exchange, Question, Term, mean_question, numbered, question};
 use spharm_cli::Usage;
 use spharm_cli::paths::with_ending;
 
 use super::super::args::files;
-use super::super::design::{Asked, parts, with_levels};
+use super::super::design::{Asked, with_levels};
 use super::super::table::Table;
 use super::args::{Cli, What};
 
@@ -22,6 +23,8 @@ pub(super) struct Study {
     pub(super) question: Question,
     /// Name of the tested column, or `mean` if a mean is tested.
     pub(super) of: String,
+    /// Whether contrasts replace that of the effect.
+    pub(super) contrast: bool,
     /// Names of the covariates; a covariate with levels also shows their number.
     pub(super) covariates: Vec<String>,
     /// Exchangeability blocks, if given.
@@ -58,6 +61,7 @@ impl Cli {
             pairs: self.paired,
             question,
             of: of.to_owned(),
+            contrast: false,
             covariates: Vec::new(),
             blocks: None,
             variance_groups: None,
@@ -98,7 +102,14 @@ impl Cli {
         if self.effect.is_none() && !self.mean {
             return Err(Usage::missing("--effect names the column of --table to test, or --mean").into());
         }
-        let mut question = asked.question(&table).with_context(|| path.display().to_string())?;
+        let question = asked.question(&table);
+        let question = match question.as_ref().map_err(|error| error.downcast_ref()) {
+            Err(Some(ShapeError::MeanOfDisplacements { .. })) => {
+                question.context("--minus names each subject's other model, whose differences can have a mean")
+            }
+            _ => question,
+        };
+        let mut question = question.with_context(|| path.display().to_string())?;
         if let Some(minus) = &self.minus {
             let first = self.models.as_deref().unwrap_or(Path::new(&self.model_column));
             let of = if self.mean { " of" } else { ", of the differences" };
@@ -114,6 +125,7 @@ impl Cli {
             paths,
             pairs: self.minus.is_some(),
             of: self.effect.clone().unwrap_or_else(|| "mean".to_owned()),
+            contrast: !self.contrast.is_empty(),
             covariates: question.covariates.iter().map(with_levels).collect(),
             question,
             blocks,
@@ -156,7 +168,7 @@ impl Study {
         let note = |(column, values): &(String, Vec<f64>)| {
             let steps_by_one = values.windows(2).all(|pair| pair[1] - pair[0] == 1.0);
             let values: Vec<String> = values.iter().map(f64::to_string).collect();
-            let sign = if parts(&self.of).contains(&column.as_str()) && values.len() == 2 && steps_by_one {
+            let sign = if *column == self.of && !self.contrast && values.len() == 2 && steps_by_one {
                 format!("the effect is {} minus {}; ", values[1], values[0])
             } else {
                 String::new()

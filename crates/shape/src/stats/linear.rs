@@ -137,7 +137,7 @@ pub(crate) fn check_design(
     // Hotelling's T^2 needs v - d + 1 > 0, with v the degrees of freedom and d the components.
     let least = p + components;
     if n < least {
-        return Err(ShapeError::Subjects { what: "the values", expected: least, found: n });
+        return Err(ShapeError::Subjects { what: "the design", expected: least, found: n });
     }
     check_relabellings(n, components, params)?;
     for (what, found) in [("confidence", params.confidence), ("level", params.level)] {

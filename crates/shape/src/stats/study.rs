@@ -90,7 +90,7 @@ struct Tested {
 ///
 /// Levels are in the order of `order`, by default sorted; of an interaction, the order is that of its first column of
 /// levels. Numbers are centred. Of a covariate, each level except the first has a centred column; interactions among
-/// covariates are products of such columns. The model has the columns of interactions also if they aren't listed.
+/// covariates are products of such columns. The model has the columns of interactions even if they aren't listed.
 ///
 /// # Errors
 ///
@@ -263,7 +263,8 @@ fn expanded(effect: Option<&Term>, covariates: &[Term]) -> [Vec<Term>; 2] {
             columns.iter().map(|(name, column)| Term::Column(name.clone(), column.clone())).collect()
         }
     };
-    // Of a column that is tested and a covariate, the dependence is an error that names it.
+    // A column that is both tested and a covariate stays, so that the design names it as dependent.
+    let has = |terms: &[Term], term: &Term| terms.iter().any(|other| other.is_same(term));
     let mut included: Vec<Term> = effect.map(parts).unwrap_or_default();
     let is_interaction = |term: &&Term| matches!(term, Term::Interaction(_));
     included.extend(effect.filter(is_interaction).cloned());
@@ -275,8 +276,8 @@ fn expanded(effect: Option<&Term>, covariates: &[Term]) -> [Vec<Term>; 2] {
                 included.push(part);
             }
         }
-        let again = matches!(term, Term::Interaction(_)) && included.contains(term);
-        if !(again || included[..of_effect].contains(term)) {
+        let again = matches!(term, Term::Interaction(_)) && has(&included, term);
+        if !(again || has(&included[..of_effect], term)) {
             included.push(term.clone());
         }
     }

@@ -94,6 +94,17 @@ impl Term {
         Ok(Some(Self::Interaction([(first.to_owned(), a), (second.to_owned(), b)])))
     }
 
+    /// Returns whether two terms are the same, whatever the order of an interaction's columns.
+    pub(crate) fn is_same(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Interaction([a, b]), Self::Interaction(columns)) => {
+                let [x, y] = columns;
+                (a, b) == (x, y) || (a, b) == (y, x)
+            }
+            _ => self == other,
+        }
+    }
+
     /// Returns the term's columns, by name.
     pub fn columns(&self) -> Vec<(&str, &Column)> {
         match self {

@@ -96,4 +96,36 @@ mod tests {
             assert!((6.18..6.21).contains(&radius) || (*inside == 1) == (radius < 6.2), "{radius}");
         }
     }
+
+    #[test]
+    fn a_box_away_from_the_origin_has_its_voxels() {
+        let mut body = icosphere(0);
+        // The corners of a box, as two triangles a side.
+        body.vertices = (0..8)
+            .map(|corner| [0, 1, 2].map(|k| [10.5, -7.5, 3.5][k] + [4.0, 5.0, 6.0][k] * f64::from(corner >> k & 1)))
+            .collect();
+        body.faces = vec![
+            [0, 2, 1],
+            [1, 2, 3],
+            [4, 5, 6],
+            [5, 7, 6],
+            [0, 1, 4],
+            [1, 5, 4],
+            [2, 6, 3],
+            [3, 6, 7],
+            [0, 4, 2],
+            [2, 4, 6],
+            [1, 3, 5],
+            [3, 7, 5],
+        ];
+        let found = Voxels::of(&body, 1.0);
+        let inside: Vec<Vec3> = found
+            .values
+            .indexed_iter()
+            .filter(|(_, inside)| **inside == 1)
+            .map(|((i, j, k), _)| [(i, 0), (j, 1), (k, 2)].map(|(at, axis)| found.origin[axis] + at as f64))
+            .collect();
+        assert_eq!(inside.len(), 4 * 5 * 6);
+        assert_eq!((inside[0], inside[119]), ([11.0, -7.0, 4.0], [14.0, -3.0, 9.0]));
+    }
 }

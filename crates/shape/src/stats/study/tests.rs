@@ -59,7 +59,9 @@ fn covariates_may_interact_and_bring_their_columns() {
     let covariates = [interaction(("group", "a a a a b b b b"), ("age", "1 2 3 4 9 6 7 8"))];
     let found = question(&group, &[], &covariates).unwrap();
     assert_eq!(found.design.names(), ["a", "b", "age", "group b:age"]);
-    let twice = [covariates[0].clone(), covariates[0].clone()];
+    let turned = interaction(("age", "1 2 3 4 9 6 7 8"), ("group", "a a a a b b b b"));
+    assert_eq!(question(&turned, &[], &covariates).unwrap().design.names(), ["a", "b", "a:age", "b:age"]);
+    let twice = [covariates[0].clone(), turned];
     assert_eq!(question(&group, &[], &twice).unwrap().design.names().len(), 4);
     let mean = mean_question(8, &covariates).unwrap();
     assert_eq!(mean.design.names(), ["mean", "group b", "age", "group b:age"]);
