@@ -6,6 +6,7 @@ use super::design::{Contrast, Design};
 use super::projection::{Projection, contrast_in_basis};
 use super::terms::{Coded, Column, Term, centred, check_varies, coded, distinct, indicator, times};
 use crate::ShapeError;
+use crate::product::product;
 
 /// A design, the contrast to test, and the contrast's meaning.
 #[derive(Debug, Clone)]
@@ -59,7 +60,7 @@ impl Question {
     pub fn is_of_means(&self) -> bool {
         let (basis, u) = contrast_in_basis(&self.design, &self.contrast);
         let ones = Array2::<f64>::ones((self.design.subjects(), 1));
-        let estimates = u.t().dot(&basis.t().dot(&ones));
+        let estimates = product(u.t(), product(basis.t(), ones.view()).view());
         let scale = self.contrast.weights.iter().fold(0.0_f64, |most, weight| most.max(weight.abs()));
         estimates.iter().any(|estimate| estimate.abs() > 1e-9 * scale)
     }

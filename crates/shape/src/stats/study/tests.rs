@@ -114,7 +114,7 @@ fn means_of_levels_are_those_of_average_subjects() {
     for asked in tested {
         let asked = asked.unwrap().with_contrast(&["a"]).unwrap();
         let (basis, u) = contrast_in_basis(&asked.design, &asked.contrast);
-        let estimate = u.t().dot(&basis.t().dot(&values))[[0, 0]];
+        let estimate = product(u.t(), product(basis.t(), values.view()).view())[[0, 0]];
         assert!((estimate - (2.0 + 0.5 * mean)).abs() < 1e-12, "{estimate}");
     }
 }
