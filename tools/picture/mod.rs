@@ -36,6 +36,9 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let panels = files.len() + usize::from(cli.error) + usize::from(cli.sphere.is_some()) + cli.map.len();
     check_memory(cli, &[], panels, budget)?;
     budget.check_inputs("picture", files.iter().chain(&cli.sphere).chain(&cli.map).map(PathBuf::as_path))?;
+    let by_column = cli.colour_by.as_ref();
+    let numbers = by_column.map(|(table, column)| surfaces::numbers(table, column, &files)).transpose()?;
+    let numbers = numbers.unwrap_or_default();
     let read: Vec<Surface> = files.iter().map(|path| Surface::read(path)).collect::<Result<_>>()?;
     check_memory(cli, &read, panels, budget)?;
     let mut meshes = surfaces::meshes(read)?;
@@ -47,9 +50,6 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     }
     let names: Vec<String> = files.iter().map(|path| surfaces::name(path)).collect();
     let mut panels: Vec<Panel<'_>> = meshes.iter().zip(&names).map(|(mesh, name)| Panel::new(mesh, name)).collect();
-    let by_column = cli.colour_by.as_ref();
-    let numbers = by_column.map(|(table, column)| surfaces::numbers(table, column, &files)).transpose()?;
-    let numbers = numbers.unwrap_or_default();
     let colours = cli.range.unwrap_or_else(|| colours_of(&numbers));
     for (panel, number) in panels.iter_mut().zip(&numbers) {
         panel.paint = Paint::Plain(color_of(*number, colours));

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use spharm::{Kind, Model, Sphere};
 use spharm_cli::paths::{expand, model_name};
+use spharm_cohort::is_model;
 use spharm_render::fit_into;
 use spharm_surface::Mesh;
 use spharm_surface::generate::icosphere_counts;
@@ -80,10 +81,6 @@ pub(super) fn meshes(surfaces: Vec<Surface>) -> Result<Vec<Mesh>> {
 /// Returns the name of a surface, for its caption.
 pub(super) fn name(path: &Path) -> String {
     if is_model(path) { model_name(path) } else { spharm_cli::inputs::stem(path) }
-}
-
-fn is_model(path: &Path) -> bool {
-    path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("npz"))
 }
 
 /// Moves the meshes so that the centres of their bounding boxes are that of the first.

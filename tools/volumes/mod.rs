@@ -9,7 +9,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use anyhow::{Context, Result, anyhow, bail};
 use spharm::fit_mesh::steps_of;
-use spharm::parametrize::volume::{LabelVolume, is_volume, steps_of_labels};
+use spharm::parametrize::volume::{is_volume, steps_of_labels};
 use spharm::shape::{MeasureParams, descriptors, measure};
 use spharm::{FileRecord, FitParams, Model, Monitor, Preparation};
 use spharm_cli::exit;
@@ -154,10 +154,11 @@ fn suitable_degree(cli: &Cli, volumes: &[PathBuf], reader: &SurfaceReader, monit
         // A volume that can't be read fails later, with the reason.
         let Ok(volume) = read else { continue };
         let there = volume.labels();
-        let voxels = |label: i64| Some((label, *there.get(&label)?));
-        let wanted = Labels::of(&cli.label, &there).into_iter().filter_map(voxels);
-        let kept = wanted.filter(|(label, voxels)| cli.reason_to_skip(&volume, *label, *voxels).is_none());
-        let sizes: Vec<usize> = kept.map(|(_, voxels)| voxels).collect();
+        let kept = |label: i64| {
+            let voxels = *there.get(&label)?;
+            cli.reason_to_skip(voxels, volume.touches_border(label)).is_none().then_some(voxels)
+        };
+        let sizes: Vec<usize> = Labels::of(&cli.label, &there).into_iter().filter_map(kept).collect();
         if !sizes.is_empty() {
             let chosen = degree_of_labels(&sizes, volume.voxel_size());
             monitor.console().note(format!("{chosen} in {}; use --max-degree L to change it", path.display()));
@@ -196,12 +197,12 @@ fn volumes(given: &[PathBuf]) -> Result<Vec<PathBuf>> {
 }
 
 impl Cli {
-    /// Returns why a label of this number of voxels is skipped, if it is.
-    fn reason_to_skip(&self, volume: &LabelVolume, label: i64, voxels: usize) -> Option<String> {
+    /// Returns why a label of this number of voxels, at the border or not, is skipped, if it is.
+    fn reason_to_skip(&self, voxels: usize, border: bool) -> Option<String> {
         if voxels < self.min_voxels {
             return Some(format!("{}, fewer than --min-voxels {}", counted(voxels, "voxel"), self.min_voxels));
         }
-        (self.skip_border && volume.touches_border(label)).then(|| "at the border of the volume".to_owned())
+        (self.skip_border && border).then(|| "at the border of the volume".to_owned())
     }
 }
 
@@ -259,9 +260,9 @@ impl Call<'_> {
                 border: there.contains_key(&label).then(|| volume.touches_border(label)),
                 ..row(Some(label), Outcome::default())
             };
-            let reason = row.voxels.and_then(|voxels| self.cli.reason_to_skip(&volume, label, voxels));
-            if let Some(reason) = reason {
-                let model = self.output(path, label)?;
+            let model = self.output(path, label)?;
+            let known = row.voxels.zip(row.border);
+            if let Some(reason) = known.and_then(|(voxels, border)| self.cli.reason_to_skip(voxels, border)) {
                 if model.is_file() {
                     let model = model.display();
                     self.monitor.console().warn(format!("{record}: skipped, {reason}, but {model} exists; delete it"));
@@ -270,7 +271,6 @@ impl Call<'_> {
                 continue;
             }
             self.inputs.add(&record, None, record.to_string());
-            let model = self.output(path, label)?;
             if self.names.insert(model.clone()) {
                 let (id, output) = (record.to_string(), Some(model));
                 fits.push(spharm_cohort::Row {

@@ -66,7 +66,7 @@ mod table;
 
 pub use error::CohortError;
 pub use formulas::{cell, guarded, unguarded};
-pub use manifest::{Manifest, Row, check_id};
+pub use manifest::{Manifest, Row, check_id, is_model};
 pub use merge::Merged;
 pub use shard::Shard;
 pub use status::{Entry, State, StatusFile};

@@ -52,7 +52,7 @@ impl Row {
     #[must_use]
     pub fn model(&self, folder: &Path) -> PathBuf {
         match &self.output {
-            Some(output) if ends_in_npz(output) => folder.join(output),
+            Some(output) if is_model(output) => folder.join(output),
             Some(output) => {
                 let mut name = folder.join(output).into_os_string();
                 name.push(".spharm.npz");
@@ -63,7 +63,9 @@ impl Row {
     }
 }
 
-fn ends_in_npz(path: &Path) -> bool {
+/// Returns whether a file is a model by its name, which ends in .npz.
+#[must_use]
+pub fn is_model(path: &Path) -> bool {
     path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("npz"))
 }
 

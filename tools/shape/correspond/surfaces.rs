@@ -14,7 +14,7 @@ use spharm_cli::memory::Memory;
 use spharm_cli::names::NameTemplate;
 use spharm_cli::paths::model_name;
 use spharm_cli::threads::Threads;
-use spharm_cohort::{Manifest, Row};
+use spharm_cohort::{Manifest, Row, is_model};
 use spharm_surface::generate::icosphere_counts;
 use spharm_surface::io::{bytes_to_read, read_mesh, read_signal};
 
@@ -139,10 +139,6 @@ impl Surface {
 /// Reads a mesh, or the mesh of a model.
 pub(in crate::shape) fn read(path: &Path) -> Result<Mesh> {
     Ok(Surface { path: path.to_owned(), ..Surface::default() }.read()?)
-}
-
-fn is_model(path: &Path) -> bool {
-    path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("npz"))
 }
 
 /// Returns the surfaces named by paths and lists. Checks that all of them exist and that their names are distinct.

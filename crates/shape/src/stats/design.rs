@@ -1,7 +1,8 @@
 //! Defines the linear model of a study and the hypothesis to test.
 
-use ndarray::{Array2, ArrayView2};
+use ndarray::{Array2, ArrayView1, ArrayView2};
 
+use super::terms::centred;
 use crate::ShapeError;
 
 /// A design matrix X, (n, p), of full column rank: one row per subject.
@@ -67,8 +68,7 @@ impl Design {
         let mut matrix = Array2::zeros((n, p + covariates.ncols()));
         matrix.slice_mut(ndarray::s![.., ..p]).assign(&self.matrix);
         for (column, values) in covariates.columns().into_iter().enumerate() {
-            let mean = values.sum() / n as f64;
-            matrix.column_mut(p + column).assign(&values.mapv(|value| value - mean));
+            matrix.column_mut(p + column).assign(&ArrayView1::from(&centred(&values.to_vec())));
         }
         Self::new(matrix, self.names.iter().chain(names).cloned().collect())
     }
