@@ -62,15 +62,16 @@ def body(random, scale=1.0):
     return inside
 
 
-def write(path, mask, voxel=VOXEL):
-    """Writes a NIfTI-1 file with an sform."""
+def write(path, values, voxel=VOXEL):
+    """Writes a NIfTI-1 file with an sform, of bytes or of 32-bit floats."""
+    values = values.astype("<f4" if values.dtype.kind == "f" else "u1")
     header = np.zeros(352, np.uint8)
     put = lambda at, values, kind: header.__setitem__(
         slice(at, at + np.asarray(values, kind).nbytes), np.frombuffer(np.asarray(values, kind).tobytes(), np.uint8)
     )
     put(0, [348], "<i4")
-    put(40, [3, *mask.shape, 1, 1, 1, 1], "<i2")
-    put(70, [2, 8], "<i2")
+    put(40, [3, *values.shape, 1, 1, 1, 1], "<i2")
+    put(70, [16, 32] if values.dtype.kind == "f" else [2, 8], "<i2")
     put(76, [1, *voxel, 0, 0, 0, 0], "<f4")
     put(108, [352], "<f4")
     put(123, [2], "u1")
@@ -78,7 +79,7 @@ def write(path, mask, voxel=VOXEL):
     for row in range(3):
         put(280 + 16 * row, [voxel[row] * (k == row) for k in range(3)] + [0], "<f4")
     header[344:348] = np.frombuffer(b"n+1\0", np.uint8)
-    path.write_bytes(header.tobytes() + mask.astype(np.uint8).tobytes(order="F"))
+    path.write_bytes(header.tobytes() + values.tobytes(order="F"))
 
 
 def spoilt(kind, random, path, others):

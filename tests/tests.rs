@@ -18,6 +18,7 @@ mod first_users;
 mod fit_arguments;
 mod freesurfer;
 mod full_least_squares;
+mod grey_volumes;
 mod handles;
 mod hostile;
 mod inputs;

@@ -136,7 +136,7 @@ fn a_volume_is_read_once_for_its_labels_and_their_surfaces() {
     write_volume(&path, |at| u8::from(ball(at)));
     let reader = SurfaceReader::new(Preparation::default());
     let paths = std::slice::from_ref(&path);
-    let found = surfaces(&reader, paths, &[Labels::All], None, true, &Silent).unwrap();
+    let found = surfaces(&reader, paths, &[Labels::All], true, &Silent).unwrap();
     assert_eq!(found, [(path.clone(), Some(1))]);
     std::fs::remove_file(&path).unwrap();
     reader.read(&path, Some(1), &Silent).unwrap();

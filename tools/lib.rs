@@ -49,7 +49,7 @@ struct Spharm {
 
 #[derive(Debug, Subcommand)]
 enum Verb {
-    Fit(fit::Cli),
+    Fit(Box<fit::Cli>),
     Parametrize(parametrize::Cli),
     Reconstruct(reconstruct::Cli),
     Compare(compare::Cli),

@@ -12,6 +12,7 @@ from typing import Any, Iterable, Iterator, Literal, Mapping
 from . import _arrays, _core, errors
 from ._fit import _settings
 from ._model import Model
+from ._parametrize import _volume_settings
 from ._progress import Progress, callback
 from ._store import Store
 from ._surface import Path
@@ -117,7 +118,10 @@ def fit_cohort(
     fix: bool = False,
     cut_handles: bool = False,
     voxel_size: Iterable[float] | None = None,
+    threshold: float | None = None,
+    probability: bool = False,
     label_surface: str = "smooth",
+    smooth_radius: float | None = None,
     objective: str | None = None,
     weights: str = "uniform",
     smoothness: float | str | None = None,
@@ -176,8 +180,8 @@ def fit_cohort(
         Repair meshes and labels of volumes; cut handles.
     voxel_size : three floats, optional
         Size of volumes' voxels along x, y and z, in mm, overriding that in their files.
-    label_surface : {"smooth", "voxels"}
-        Surface of a label, as for `parametrize_volume`.
+    threshold, probability, label_surface, smooth_radius
+        Values of volumes and surfaces of labels, as for `parametrize_volume`.
     objective, weights, smoothness, denoise, stderr, hold_out, surface_distance, method, store, passes, granularity
         As for `fit`; weights are given by name, or by files in the table's column.
     start_degree, accelerate, tolerance, max_iterations, preconditioner, strict, dtype, memory, threads
@@ -244,7 +248,7 @@ def fit_cohort(
         fix=bool(fix),
         cut_handles=bool(cut_handles),
         voxel_size=sizes,
-        label_surface=str(label_surface),
+        **_volume_settings(threshold, probability, label_surface, smooth_radius),
         settings=settings,
     )
     return CohortFits(run, callback(progress))

@@ -196,7 +196,10 @@ class CohortRun:
         fix: bool,
         cut_handles: bool,
         voxel_size: Sequence[float] | None,
+        threshold: float | None,
+        probability: bool,
         label_surface: str,
+        smooth_radius: float | None,
         settings: dict[str, Any],
     ) -> CohortRun: ...
     def __len__(self) -> int: ...
@@ -312,7 +315,10 @@ def parametrize_volume(
     volume: str | tuple[NDArray[np.int32], _Floats],
     *,
     label: int | None,
+    threshold: float | None,
+    probability: bool,
     label_surface: str,
+    smooth_radius: float | None,
     fix: bool,
     cut_handles: bool,
     method: str,

@@ -135,7 +135,10 @@ def parametrize_volume(
     volume: Path | ArrayLike,
     *,
     label: int | None = None,
+    threshold: float | None = None,
+    probability: bool = False,
     label_surface: str = "smooth",
+    smooth_radius: float | None = None,
     affine: ArrayLike | None = None,
     fix: bool = False,
     cut_handles: bool = False,
@@ -151,12 +154,20 @@ def parametrize_volume(
 
     Parameters
     ----------
-    volume : str, os.PathLike or array_like of int, (i, j, k)
-        A file (NIfTI, MGH/MGZ, NRRD, TIFF with its voxel size), or an array of labels.
+    volume : str, os.PathLike or array_like, (i, j, k)
+        A file (NIfTI, MGH/MGZ, NRRD, TIFF with its voxel size), or an array of labels, grey values or probabilities.
     label : int, optional
         Required if the volume has several labels.
+    threshold : float, optional
+        Read grey values: the body is the voxels of this value or more, and its surface is where linear interpolation
+        reaches the value.
+    probability : bool
+        Read probabilities, or the share of each voxel inside the body, from 0 to 1: the body is the voxels of 0.5 or
+        more, and its volume the sum of the probabilities.
     label_surface : {"smooth", "voxels"}
         The surface of least bending within half a voxel of the voxels' faces, with the voxels' volume; or the faces.
+    smooth_radius : float, optional
+        Distance in voxels that a smooth surface may be from the voxels' faces, at most 4; by default 0.5.
     affine : array_like of float, (4, 4), optional
         For an array: the transform from voxel indices to positions; by default the identity.
     fix : bool
@@ -184,9 +195,9 @@ def parametrize_volume(
     settings = _settings(method, degree, area, seed, memory, threads)
     chosen = None if label is None else int(np.asarray(label).item())
     found = _core.parametrize_volume(
-        _volume(volume, affine),
+        _volume(volume, affine, threshold is not None or probability),
         label=chosen,
-        label_surface=str(label_surface),
+        **_volume_settings(threshold, probability, label_surface, smooth_radius),
         fix=bool(fix),
         cut_handles=bool(cut_handles),
         **settings,
@@ -202,10 +213,23 @@ def labels(volume: Path | ArrayLike) -> dict[int, int]:
     ----------
     volume : str, os.PathLike or array_like of int, (i, j, k)
     """
-    return _core.labels(_volume(volume, None))
+    return _core.labels(_volume(volume, None, False))
 
 
-def _volume(volume: Path | ArrayLike, affine: ArrayLike | None) -> Any:
+def _volume_settings(
+    threshold: float | None, probability: bool, label_surface: str, smooth_radius: float | None
+) -> dict[str, Any]:
+    if threshold is not None and probability:
+        raise ValueError("threshold: expected None with probability=True, whose threshold is 0.5")
+    return {
+        "threshold": None if threshold is None else float(threshold),
+        "probability": bool(probability),
+        "label_surface": str(label_surface),
+        "smooth_radius": None if smooth_radius is None else float(smooth_radius),
+    }
+
+
+def _volume(volume: Path | ArrayLike, affine: ArrayLike | None, of_values: bool) -> Any:
     if isinstance(volume, (str, os.PathLike)):
         if affine is not None:
             raise ValueError("affine: expected None, because the volume file has its own affine")
@@ -213,14 +237,16 @@ def _volume(volume: Path | ArrayLike, affine: ArrayLike | None) -> Any:
     array = np.asarray(volume)
     if array.ndim != 3:
         raise ValueError(f"volume: expected shape (i, j, k), found {array.shape}")
-    if array.dtype.kind not in "iub":
+    if array.dtype.kind not in ("iubf" if of_values else "iub"):
+        if array.dtype.kind == "f":
+            raise ValueError(f"volume: expected whole numbers as labels, found {array.dtype}; threshold= takes grey values")
         raise ValueError(f"volume: expected whole numbers, found {array.dtype}")
-    if array.size and not -(2**31) <= int(array.min()) <= int(array.max()) < 2**31:
+    if not of_values and array.size and not -(2**31) <= int(array.min()) <= int(array.max()) < 2**31:
         raise ValueError(f"volume: expected labels of 32 bits, found {array.min()} to {array.max()}")
     matrix = _arrays.real("affine", np.eye(4) if affine is None else affine, "(4, 4)")
     if matrix.shape != (4, 4):
         raise ValueError(f"affine: expected shape (4, 4), found {matrix.shape}")
-    return np.require(array, np.int32, "A"), matrix
+    return np.require(array, np.float64 if of_values else np.int32, "A"), matrix
 
 
 def resample(

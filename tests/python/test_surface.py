@@ -99,7 +99,7 @@ def test_labels_become_surfaces(tmp_path: Path) -> None:
     faces = sp.parametrize_volume(labels, label=7, affine=affine, label_surface="voxels").surface.vertices
     assert np.allclose(faces.min(0), [15, 1.5, 2.5]) and np.allclose(faces.max(0), [21, 8.5, 5.5])
     assert np.abs(from_array.surface.vertices - faces).max() <= 1 + 1e-12, "half a voxel of 2 mm"
-    with pytest.raises(ValueError, match="label_surface: expected smooth or voxels; found round"):
+    with pytest.raises(ValueError, match="label_surface: expected smooth or voxels, found round"):
         sp.parametrize_volume(labels, label=7, label_surface="round")
     with pytest.raises(sp.MeshError, match="label"):
         sp.parametrize_volume(labels)
@@ -135,3 +135,40 @@ def test_what_memory_doesnt_allow_is_refused(study: Study) -> None:
         work("1GiB")
     with pytest.raises(sp.MemoryBudgetError, match="are free"):
         sp.compare(*study, surface_distance=True, samples=10**12)
+
+
+def test_grey_values_and_probabilities_of_arrays_and_files(tmp_path: Path) -> None:
+    grid = np.stack(np.meshgrid(*(np.arange(16.0),) * 3, indexing="ij"), -1)
+    grey = 5.2 - np.linalg.norm(grid - [7.4, 7.7, 7.2], axis=-1)
+    share = np.clip(grey + 0.5, 0, 1).astype(np.float32)
+    affine = np.diag([1.0, 1.0, 1.0, 1.0])
+
+    def volume(made: sp.Parametrization) -> float:
+        return float(np.linalg.det(made.surface.vertices[made.surface.faces]).sum() / 6)
+
+    def ball(radius: float) -> float:
+        return float(4 / 3 * np.pi * radius**3)
+
+    assert abs(volume(sp.parametrize_volume(grey, threshold=0.0)) / ball(5.2) - 1) < 0.015
+    assert abs(volume(sp.parametrize_volume(grey, threshold=1.0)) / ball(4.2) - 1) < 0.02
+    of_shares = sp.parametrize_volume(share, probability=True)
+    assert abs(volume(of_shares) / ball(5.2) - 1) < 0.01
+
+    nibabel.save(nibabel.Nifti1Image(share, affine), tmp_path / "share.nii.gz")
+    of_file = sp.parametrize_volume(tmp_path / "share.nii.gz", probability=True)
+    np.testing.assert_array_equal(of_file.surface.vertices, of_shares.surface.vertices)
+    rows = [{"id": "a", "surface": tmp_path / "share.nii.gz"}]
+    [row] = sp.fit_cohort(rows, tmp_path, 6, probability=True)
+    assert row.state == "done" and row.model is not None
+    assert abs(sp.shape.measure(row.model).volume / ball(5.2) - 1) < 0.01
+
+    wide = sp.parametrize_volume(share, probability=True, smooth_radius=1.5)
+    assert not np.array_equal(wide.surface.vertices, of_shares.surface.vertices)
+    with pytest.raises(ValueError, match="threshold= takes grey values"):
+        sp.parametrize_volume(grey)
+    with pytest.raises(ValueError, match="probabilities from 0 to 1, found"):
+        sp.parametrize_volume(grey, probability=True)
+    with pytest.raises(ValueError, match="expected None with probability=True"):
+        sp.parametrize_volume(grey, threshold=0.5, probability=True)
+    with pytest.raises(ValueError, match="smooth_radius: expected above 0, at most 4 voxels"):
+        sp.parametrize_volume(share, probability=True, smooth_radius=0)

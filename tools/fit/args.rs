@@ -3,13 +3,13 @@
 use std::path::PathBuf;
 
 use clap::ValueEnum;
-use spharm::parametrize::volume::LabelSurface;
 use spharm::{Accuracy, Objective, Preconditioner, Smoothness, defaults};
 use spharm_cli::names::NameTemplate;
 use spharm_cli::size::Size;
-use spharm_cli::surfaces::{Labels, VoxelSize};
+use spharm_cli::surfaces::Labels;
 use spharm_cli::threads::Threads;
 use spharm_cli::values::{self, Dtype};
+use spharm_cli::volumes::{LabelSurfaceArgs, VolumeArgs};
 use spharm_cli::{Common, help};
 
 use crate::rows::CohortArgs;
@@ -79,7 +79,7 @@ pub(super) struct Input {
     ///
     /// A mesh around the origin, or a CSV of theta,phi. If omitted, each surface is first mapped to the sphere (see
     /// parametrize); the sphere is written next to the model.
-    #[arg(long, value_name = "SPHERE")]
+    #[arg(long, value_name = "SPHERE", conflicts_with_all = ["LabelSurfaceArgs", "VolumeArgs"])]
     pub(super) sphere: Option<PathBuf>,
     /// Labels of a volume, or all: one model per label
     ///
@@ -94,21 +94,10 @@ pub(super) struct Input {
     /// edges; the repaired mesh is written next to the model, NAME.fixed.surf.gii.
     #[arg(long, conflicts_with = "sphere")]
     pub(super) fix: bool,
-    /// Surface of a label: without the voxels' steps, or the voxels' faces
-    ///
-    /// smooth is the surface of least bending within half a voxel of the voxels' faces, with the voxels' volume. The
-    /// area of a model of voxels grows with the degree.
-    #[arg(
-        long,
-        value_name = "smooth|voxels",
-        default_value = "smooth",
-        conflicts_with = "sphere",
-        hide_short_help = true
-    )]
-    pub(super) label_surface: LabelSurface,
-    /// Size of a volume's voxels, if its file doesn't state it
-    #[arg(long, value_name = "X,Y,Z", conflicts_with = "sphere", hide_short_help = true)]
-    pub(super) voxel_size: Option<VoxelSize>,
+    #[command(flatten)]
+    pub(super) label_surface: LabelSurfaceArgs,
+    #[command(flatten)]
+    pub(super) volume: VolumeArgs,
     /// Cut surfaces that have handles along short loops, and fill both sides
     ///
     /// The cut surface is fitted, and written next to the model, NAME.cut.surf.gii. The model keeps the seams, so that

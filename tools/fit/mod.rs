@@ -34,7 +34,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     if let Some(path) = &cli.input.moments {
         return moments::run(cli, path, &params, &monitor);
     }
-    let mut options = options(cli, params);
+    let mut options = options(cli, params)?;
     // The reader keeps the last volume until the run, which has a reader of its own.
     let reader = SurfaceReader::new(options.run.preparation);
     let cohort = match &cli.input.manifest {
@@ -78,11 +78,11 @@ fn chosen_degree(
 
 /// Previews a fit of a manifest's rows. The manifest needn't be on disk yet.
 pub(crate) fn preview(cli: &Cli, manifest: Manifest) -> Result<Previewed> {
-    let (options, monitor) = (options(cli, settings::params(cli)?), ConsoleMonitor::new(cli.common.console()));
+    let (options, monitor) = (options(cli, settings::params(cli)?)?, ConsoleMonitor::new(cli.common.console()));
     rows::preview(&of_manifest(cli, manifest), &options, &monitor)
 }
 
-fn options(cli: &Cli, params: FitParams) -> Options {
+fn options(cli: &Cli, params: FitParams) -> Result<Options> {
     let input = &cli.input;
     let about = [
         ("tool", json!("fit")),
@@ -93,22 +93,22 @@ fn options(cli: &Cli, params: FitParams) -> Options {
         ("weights", json!(input.weights)),
     ];
     let mut run = RunParams::new(params);
-    run.preparation = preparation(input);
+    run.preparation = preparation(input)?;
     run.mask.clone_from(&input.mask);
     run.coefficients_csv = cli.output.coefficients_csv;
     run.if_exists = if_exists(cli.output.force, cli.output.update, cli.output.skip_existing);
-    Options {
+    Ok(Options {
         report: cli.output.report.clone(),
         json: cli.output.json,
         about: about.into_iter().map(|(name, value)| (name.to_owned(), value)).collect::<Map<_, _>>(),
         aligned_later: cli.output.aligned_later,
         ..Options::new(run, cli.resources.threads).with(&cli.cohort)
-    }
+    })
 }
 
-fn preparation(input: &Input) -> Preparation {
-    let voxel_size = input.voxel_size.map(|size| size.0);
-    Preparation { voxel_size, label_surface: input.label_surface, fix: input.fix, cut_handles: input.cut_handles }
+fn preparation(input: &Input) -> Result<Preparation> {
+    let (reading, label_surface) = (input.volume.reading(), input.label_surface.surface()?);
+    Ok(Preparation { reading, label_surface, fix: input.fix, cut_handles: input.cut_handles })
 }
 
 /// Returns the rows of a manifest's shard. `--sphere` is the sphere of rows that have none of their own.
@@ -122,14 +122,13 @@ fn of_list(cli: &Cli, options: &Options, reader: &SurfaceReader, monitor: &Conso
     let (input, console) = (&cli.input, monitor.console());
     let read = |path: &PathBuf| -> Result<Sphere> { read_sphere(path, input.strict, console) };
     let sphere = input.sphere.as_ref().map(read).transpose()?;
-    let voxel_size = input.voxel_size;
     let of_volumes = sphere.is_none();
     let paths = input.paths();
     let surfaces = if options.run.keep_going {
         let mut surfaces = Vec::new();
         for path in expand_lists(&paths)? {
             let paths = std::slice::from_ref(&path);
-            match named(reader, paths, &input.label, voxel_size, of_volumes, monitor) {
+            match named(reader, paths, &input.label, of_volumes, monitor) {
                 Ok(found) => surfaces.extend(found),
                 // Keep the surface without its label: its row fails for the same reason, without stopping the other
                 // rows.
@@ -139,7 +138,7 @@ fn of_list(cli: &Cli, options: &Options, reader: &SurfaceReader, monitor: &Conso
         }
         surfaces
     } else {
-        named(reader, &paths, &input.label, voxel_size, of_volumes, monitor)?
+        named(reader, &paths, &input.label, of_volumes, monitor)?
     };
     let models = model_files(cli.output.output.as_deref(), &cli.output.name_template, &surfaces)?;
     let row = |((surface, label), model): ((PathBuf, Option<i64>), PathBuf)| Row {

@@ -3,13 +3,13 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use spharm::parametrize::volume::LabelSurface;
 use spharm_cli::Common;
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
 use spharm_cli::memory::Memory;
 use spharm_cli::names::NameTemplate;
-use spharm_cli::surfaces::{Labels, VoxelSize};
+use spharm_cli::surfaces::Labels;
 use spharm_cli::threads::Threads;
+use spharm_cli::volumes::{LabelSurfaceArgs, VolumeArgs};
 use spharm_parametrize::Sampling;
 
 /// Map closed surfaces onto the sphere, one to one, as a fit needs it
@@ -45,15 +45,10 @@ pub(crate) struct Cli {
     /// holes of up to 32 edges; the repaired mesh is written to --surface-output.
     #[arg(long, help_heading = INPUT)]
     pub(super) fix: bool,
-    /// Surface of a label: without the voxels' steps, or the voxels' faces
-    ///
-    /// smooth is the surface of least bending within half a voxel of the voxels' faces, with the voxels' volume. The
-    /// area of a model of voxels grows with the degree.
-    #[arg(long, value_name = "smooth|voxels", default_value = "smooth", help_heading = INPUT, hide_short_help = true)]
-    pub(super) label_surface: LabelSurface,
-    /// Size of a volume's voxels, if its file doesn't give it
-    #[arg(long, value_name = "X,Y,Z", help_heading = INPUT, hide_short_help = true)]
-    pub(super) voxel_size: Option<VoxelSize>,
+    #[command(flatten, next_help_heading = INPUT)]
+    pub(super) label_surface: LabelSurfaceArgs,
+    #[command(flatten, next_help_heading = INPUT)]
+    pub(super) volume: VolumeArgs,
     /// Cut surfaces that have handles along short loops, and fill both sides
     ///
     /// The cut surface is mapped and written to --surface-output: the input's vertices and triangles in their order,

@@ -50,7 +50,7 @@ pub(super) fn items(cli: &Cli, reader: &SurfaceReader, monitor: &dyn spharm::Mon
             single(cli, input, None)?;
         }
     }
-    let inputs = surfaces(reader, &paths, &cli.label, cli.voxel_size, true, monitor)?;
+    let inputs = surfaces(reader, &paths, &cli.label, true, monitor)?;
     inputs.iter().try_for_each(|(input, _)| check(cli, input))?;
     let items = match &inputs[..] {
         [(input, label)] if file && *input == paths[0] => vec![single(cli, input, *label)?],

@@ -27,10 +27,9 @@ use self::output::{Written, described};
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     let console = cli.common.console();
     let monitor = ConsoleMonitor::new(console);
-    let voxel_size = cli.voxel_size.map(|size| size.0);
     let reader = SurfaceReader::new(Preparation {
-        voxel_size,
-        label_surface: cli.label_surface,
+        reading: cli.volume.reading(),
+        label_surface: cli.label_surface.surface()?,
         fix: cli.fix,
         cut_handles: cli.cut_handles,
     });

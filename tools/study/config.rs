@@ -86,9 +86,13 @@ pub(super) struct Fit {
 }
 
 impl Fit {
-    /// Returns the voxel size, if the arguments give it.
-    pub(super) fn voxel_size(&self) -> Option<&str> {
-        self.value("--voxel-size")
+    /// Returns the arguments that say how to read volumes.
+    pub(super) fn of_volumes(&self) -> Vec<String> {
+        let with_value = ["--voxel-size", "--threshold"].into_iter();
+        let mut found: Vec<String> =
+            with_value.filter_map(|name| Some([name.to_owned(), self.value(name)?.to_owned()])).flatten().collect();
+        found.extend(self.arguments.iter().find(|argument| *argument == "--probability").cloned());
+        found
     }
 
     /// Returns the sphere of all fits, if the arguments give one.

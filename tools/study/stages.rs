@@ -92,9 +92,7 @@ impl Plan {
         for (index, With { weight, .. }) in self.study.align.signals.iter().enumerate() {
             arguments.extend(["--with".to_owned(), format!("{}:{weight}", signal_column(index))]);
         }
-        if let Some(size) = self.study.fit.voxel_size() {
-            arguments.extend(words(&["--voxel-size", size]));
-        }
+        arguments.extend(self.study.fit.of_volumes());
         let files = subjects
             .iter()
             .flat_map(|subject| std::iter::once(&subject.surface).chain(&subject.landmarks).chain(subject.guides));

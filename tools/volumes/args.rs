@@ -3,13 +3,13 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use spharm::parametrize::volume::LabelSurface;
 use spharm_cli::Common;
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT, RESOURCES};
 use spharm_cli::names::NameTemplate;
 use spharm_cli::size::Size;
-use spharm_cli::surfaces::{Labels, VoxelSize};
+use spharm_cli::surfaces::Labels;
 use spharm_cli::threads::Threads;
+use spharm_cli::volumes::{LabelSurfaceArgs, VolumeArgs};
 
 /// Make a model of every label of label volumes, and one table
 ///
@@ -17,6 +17,7 @@ use spharm_cli::threads::Threads;
 /// and a row to the table: voxels, volume, area, residual, rotation-invariant descriptors. A label that fails doesn't
 /// affect the others: its row has the reason, and the exit status is 1.
 #[derive(Debug, Args)]
+#[command(mut_arg("voxel_size", |size| size.hide_short_help(false)))]
 #[command(after_long_help = help::examples(
     &[
         "spharm volumes aseg/*.mgz --label 17 53 --max-degree 15 -o hippocampi",
@@ -34,17 +35,10 @@ pub(crate) struct Cli {
     /// Labels to model; 0 is the background
     #[arg(long, value_name = "N|all", num_args = 1.., default_value = "all", allow_negative_numbers = true, help_heading = INPUT)]
     pub(super) label: Vec<Labels>,
-    /// Size of the voxels, instead of the size stated in the files
-    ///
-    /// Needed for arrays, and for TIFF stacks without OME-XML or ImageJ's spacing.
-    #[arg(long, value_name = "X,Y,Z", help_heading = INPUT)]
-    pub(super) voxel_size: Option<VoxelSize>,
-    /// Surface of a label: without the voxels' steps, or the voxels' faces
-    ///
-    /// smooth is the surface of least bending within half a voxel of the voxels' faces, with the voxels' volume. The
-    /// area of a model of voxels grows with the degree.
-    #[arg(long, value_name = "smooth|voxels", default_value = "smooth", help_heading = INPUT)]
-    pub(super) label_surface: LabelSurface,
+    #[command(flatten, next_help_heading = INPUT)]
+    pub(super) volume: VolumeArgs,
+    #[command(flatten, next_help_heading = INPUT)]
+    pub(super) label_surface: LabelSurfaceArgs,
     /// Repair labels whose surface isn't of genus zero
     ///
     /// Keeps the largest piece, fills cavities and opens handles, instead of refusing the label.

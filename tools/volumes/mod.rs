@@ -48,9 +48,8 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let volumes = volumes(&cli.volumes)?;
     let earlier = if cli.skip_existing && table.is_file() { Some(earlier(&table, cli.max_degree)?) } else { None };
     let earlier = earlier.filter(|text| table::has_models(text));
-    let voxel_size = cli.voxel_size.map(|size| size.0);
-    let preparation =
-        Preparation { voxel_size, label_surface: cli.label_surface, fix: cli.fix, cut_handles: cli.cut_handles };
+    let (reading, label_surface) = (cli.volume.reading(), cli.label_surface.surface()?);
+    let preparation = Preparation { reading, label_surface, fix: cli.fix, cut_handles: cli.cut_handles };
     let reader = SurfaceReader::new(preparation);
     let max_degree = match (cli.max_degree, &earlier) {
         (Some(degree), _) => degree,

@@ -181,6 +181,9 @@ fn of_parametrize(error: &ParametrizeError) -> Option<String> {
         ParametrizeError::VertexMap { .. } => {
             Some("spharm fit accepts values on vertices together with the --sphere of these vertices".to_owned())
         }
+        ParametrizeError::NotLabels { .. } => {
+            Some("--threshold LEVEL reads grey values, --probability probabilities".to_owned())
+        }
         ParametrizeError::NoVoxelSize { .. } => Some("give the voxel size with --voxel-size X,Y,Z".to_owned()),
         ParametrizeError::NoLabel { .. } => Some("--label N chooses one of them".to_owned()),
         ParametrizeError::SinglePrecision { .. } => Some(".surf.gii and .ply hold 64-bit numbers".to_owned()),

@@ -18,6 +18,7 @@
 //! | [`printable`] | escaping text from outside before it is printed |
 //! | [`roles`] | roles of arguments: inputs and outputs |
 //! | [`values`] | numbers in arguments |
+//! | [`volumes`] | how to read volumes, and the surface of a label |
 //! | [`usage`] | arguments that exclude each other |
 //! | [`paths`] | lists and folders of inputs, names of models |
 //! | [`output`] | checks of output files; results to stdout, reports to files |
@@ -42,6 +43,7 @@ pub mod surfaces;
 pub mod threads;
 pub mod usage;
 pub mod values;
+pub mod volumes;
 
 use clap::Args;
 

@@ -6,7 +6,7 @@ use std::str::FromStr;
 
 use anyhow::{Result, bail};
 use spharm::Monitor;
-use spharm::parametrize::volume::is_volume;
+use spharm::parametrize::volume::{VolumeReading, is_volume};
 use spharm_cohort::reader::SurfaceReader;
 
 use crate::inputs::expand_lists;
@@ -65,17 +65,16 @@ impl FromStr for VoxelSize {
 
 /// Returns the surfaces named by paths, lists and labels: each is a file, or a file and one of its labels. Without
 /// `labels`, a volume must have a single label. If the caller doesn't make surfaces of volumes, every file is returned
-/// without a label. `voxel_size` is refused for files that aren't volumes.
+/// without a label. The reader's settings of volumes are refused for files that aren't volumes.
 ///
 /// # Errors
 ///
-/// If a list or volume can't be read, a label is missing, or `labels` or a voxel size are given for a file that isn't a
-/// volume.
+/// If a list or volume can't be read, a label is missing, or `labels` or settings of volumes are given for a file that
+/// isn't a volume.
 pub fn surfaces(
     reader: &SurfaceReader,
     paths: &[PathBuf],
     labels: &[Labels],
-    voxel_size: Option<VoxelSize>,
     of_volumes: bool,
     monitor: &dyn Monitor,
 ) -> Result<Vec<(PathBuf, Option<i64>)>> {
@@ -85,8 +84,12 @@ pub fn surfaces(
             bail!("{}: is a folder; give the files in it, or a list of paths as @LIST", path.display());
         }
         if !of_volumes || !is_volume(&path) {
-            if !labels.is_empty() || voxel_size.is_some() {
-                bail!("{}: --label and --voxel-size are for volumes (.nii, .mgz, .nrrd, .tif, .npy)", path.display());
+            if !labels.is_empty() || reader.reading() != VolumeReading::default() {
+                bail!(
+                    "{}: --label, --voxel-size, --threshold and --probability are for volumes (.nii, .mgz, .nrrd, \
+                     .tif, .npy)",
+                    path.display()
+                );
             }
             surfaces.push((path, None));
             continue;

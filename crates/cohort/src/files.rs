@@ -8,6 +8,7 @@ use ndarray::Array2;
 use ndarray_npy::WriteNpyExt;
 use serde::Serializer;
 use spharm::io::{WriteOptions, read_mesh, write_mesh, write_new};
+use spharm::parametrize::volume::VoxelValues;
 use spharm::parametrize::{Input, with_sphere};
 use spharm::{
     Error, FileRecord, Fit, FitParams, MappedSurface, Monitor, Preparation, Sphere, SurfaceError, check_memory,
@@ -214,8 +215,13 @@ impl ModelFiles {
         provenance.id = made_of.id.map(str::to_owned);
         provenance.input = made_of.input.cloned();
         provenance.region = made_of.region.cloned();
-        let Preparation { voxel_size, fix, cut_handles, .. } = made_of.preparation;
-        (provenance.voxel_size, provenance.fix, provenance.cut_handles) = (voxel_size, fix, cut_handles);
+        let Preparation { reading, fix, cut_handles, .. } = made_of.preparation;
+        (provenance.voxel_size, provenance.fix, provenance.cut_handles) = (reading.voxel_size, fix, cut_handles);
+        match reading.values {
+            VoxelValues::Labels => {}
+            VoxelValues::Level(level) => provenance.threshold = Some(level),
+            VoxelValues::Probability => provenance.probability = true,
+        }
         if let Some(surface) = made_of.surface {
             surface.record(provenance);
         }

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use spharm::io::read_mesh;
-use spharm::parametrize::volume::{LabelVolume, VolumeParams};
+use spharm::parametrize::volume::{LabelVolume, VolumeParams, VolumeReading};
 use spharm::parametrize::{Input, ParametrizeError};
 use spharm::{Error, Monitor, Preparation};
 
@@ -24,6 +24,12 @@ impl SurfaceReader {
     #[must_use]
     pub fn new(preparation: Preparation) -> Self {
         Self { preparation, volume: Mutex::default() }
+    }
+
+    /// Returns how volumes are read.
+    #[must_use]
+    pub fn reading(&self) -> VolumeReading {
+        self.preparation.reading
     }
 
     /// Reads a mesh, or the surface around a label.
@@ -52,7 +58,7 @@ impl SurfaceReader {
         let mut last = self.volume.lock().unwrap_or_else(PoisonError::into_inner);
         let volume = match last.take().filter(|volume| volume.path() == path) {
             Some(volume) => volume,
-            None => Arc::new(LabelVolume::read_with(path, self.preparation.voxel_size, monitor)?),
+            None => Arc::new(LabelVolume::read_with(path, self.preparation.reading, monitor)?),
         };
         Ok(last.insert(volume).clone())
     }

@@ -4,7 +4,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 use spharm::model::{Provenance, Settings};
-use spharm::parametrize::volume::LabelSurface;
+use spharm::parametrize::volume::{LabelSurface, VoxelValues};
 use spharm::store::{Scalar, SchemeKey};
 use spharm::{FileRecord, FitParams, Method, Model, Objective, Preparation, Smoothness, Sphere};
 
@@ -251,7 +251,8 @@ impl Request<'_> {
     fn unprepared(&self, recorded: &Provenance, is_sound: &dyn Fn() -> bool) -> Vec<Difference> {
         let wanted = self.preparation;
         let mut differences = Vec::new();
-        let same = match (recorded.voxel_size, wanted.voxel_size) {
+        let size = wanted.reading.voxel_size;
+        let same = match (recorded.voxel_size, size) {
             // Compare with a tolerance, because writing and reading a number may change its last bit.
             (Some(found), Some(wanted)) => found.iter().zip(wanted).all(|(a, b)| (a - b).abs() <= 1e-14 * b),
             (found, wanted) => found.is_none() && wanted.is_none(),
@@ -260,13 +261,20 @@ impl Request<'_> {
             let name = |size: Option<[f64; 3]>| {
                 size.map_or("the file's".to_owned(), |size| size.map(|size| size.to_string()).join(","))
             };
-            let (found, wanted) = (name(recorded.voxel_size), name(wanted.voxel_size));
+            let (found, wanted) = (name(recorded.voxel_size), name(size));
             differences.push(Difference { setting: "voxel_size", found, wanted });
         }
         if self.input.label.is_some() {
             let found = recorded.label_surface.clone().unwrap_or_else(|| LabelSurface::Voxels.name().to_owned());
-            let wanted = wanted.label_surface.name().to_owned();
-            differences.extend((found != wanted).then_some(Difference { setting: "label_surface", found, wanted }));
+            let values = VoxelValues::of(recorded.threshold, recorded.probability);
+            let of_radius = |radius: Option<f64>| radius.map_or("0.5".to_owned(), |radius| radius.to_string());
+            let compared = [
+                ("label_surface", found, wanted.label_surface.name().to_owned()),
+                ("smooth_radius", of_radius(recorded.smooth_radius), of_radius(wanted.label_surface.radius())),
+                ("values", values.to_string(), wanted.reading.values.to_string()),
+            ];
+            let differ = compared.into_iter().filter(|(_, found, wanted)| found != wanted);
+            differences.extend(differ.map(|(setting, found, wanted)| Difference { setting, found, wanted }));
         }
         let (repaired, cut) = (recorded.repair.is_some(), recorded.handles.is_some());
         // If a label was fitted without a recorded repair or cut, it needs neither. For a mesh, this can't be

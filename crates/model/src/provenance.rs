@@ -63,6 +63,15 @@ pub struct Provenance {
     /// earlier versions, which follow the voxels.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub label_surface: Option<String>,
+    /// Radius of a smooth surface in voxels, if it isn't the default.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub smooth_radius: Option<f64>,
+    /// Value from which voxels are inside, if the input is a volume of grey values.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub threshold: Option<f64>,
+    /// Whether the input is a volume of probabilities.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub probability: bool,
     /// Whether repairing the label or mesh was requested, even if no repair was needed.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub fix: bool,
@@ -373,11 +382,9 @@ mod tests {
     #[test]
     fn a_file_is_known_by_its_contents() {
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a");
-        std::fs::write(&path, "abc").unwrap();
-        let found = FileRecord::of(&path).unwrap();
-        assert_eq!(found.bytes, 3);
-        assert!(found.blake3.starts_with("6437b3ac38465133ffb63b75273a8db5"), "{found:?}");
+        std::fs::write(folder.path().join("a"), "abc").unwrap();
+        let found = FileRecord::of(&folder.path().join("a")).unwrap();
+        assert!(found.bytes == 3 && found.blake3.starts_with("6437b3ac38465133ffb63b75273a8db5"), "{found:?}");
         assert!(found.same_contents(&FileRecord { path: String::new(), ..found.clone() }));
     }
 
@@ -388,6 +395,6 @@ mod tests {
         let large = Distances::new(1e60, 1e60, false, None).times(1000);
         assert!(large.rms().is_finite() && large.max().is_finite() && large.msd_raw.is_finite(), "{large:?}");
         let none = Distances::new(0.0, 0.0, false, None).times(-1000);
-        assert_eq!((none.rms(), none.max(), none.msd_raw), (0.0, 0.0, 0.0));
+        assert!([none.rms(), none.max(), none.msd_raw] == [0.0; 3], "{none:?}");
     }
 }

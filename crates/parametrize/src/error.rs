@@ -80,6 +80,20 @@ pub enum ParametrizeError {
         found: String,
     },
 
+    /// A voxel's value isn't a label.
+    #[error(
+        "{}: expected whole numbers of 32 bits as labels, found {value} at voxel {voxel} (counted from 0, x fastest)",
+        path.display()
+    )]
+    NotLabels {
+        /// The file.
+        path: PathBuf,
+        /// The value.
+        value: f64,
+        /// Number of the voxel.
+        voxel: usize,
+    },
+
     /// The volume's file doesn't specify the size of its voxels.
     #[error("{}: {format} doesn't record the voxel size", path.display())]
     NoVoxelSize {

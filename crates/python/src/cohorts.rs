@@ -7,14 +7,16 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use serde_json::json;
+use spharm::parametrize::volume::{VolumeReading, VoxelValues};
 use spharm::{Preparation, SurfaceError};
 use spharm_cohort::rerun::IfExists;
 use spharm_cohort::run::{Cohort, Event, Observer, Outcome, RunError, RunParams, run};
 use spharm_cohort::{CohortError, Entry, Manifest, Row, Shard, check_id};
 
 use crate::errors::{Failure, exception};
-use crate::fitting::{Settings, parsed, report_of};
+use crate::fitting::{Settings, report_of};
 use crate::run::{Started, lock};
+use crate::surfaces::label_surface_of;
 
 /// A finished row as returned to Python: index, id, state, path of the model, error, report as JSON, seconds.
 type Finished = (usize, String, &'static str, PathBuf, Option<String>, Option<String>, Option<f64>);
@@ -93,7 +95,7 @@ impl CohortRun {
     #[new]
     #[pyo3(signature = (
         table, rows, *, output, sphere, mask, shard, status, exists, keep_going, fix, cut_handles, voxel_size,
-        label_surface, settings
+        threshold, probability, label_surface, smooth_radius, settings
     ))]
     #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
     fn new(
@@ -110,7 +112,10 @@ impl CohortRun {
         fix: bool,
         cut_handles: bool,
         voxel_size: Option<[f64; 3]>,
+        threshold: Option<f64>,
+        probability: bool,
         label_surface: &str,
+        smooth_radius: Option<f64>,
         settings: Settings<'_>,
     ) -> PyResult<Self> {
         let refused = |error: RunError| exception(py, failure(error));
@@ -144,8 +149,9 @@ impl CohortRun {
         let fit = settings.params()?.with_threads(settings.threads);
         fit.check().map_err(|error| exception(py, error.into()))?;
         let mut params = RunParams::new(fit);
-        let label_surface = parsed("label_surface", label_surface)?;
-        params.preparation = Preparation { voxel_size, label_surface, fix, cut_handles };
+        let label_surface = label_surface_of(py, label_surface, smooth_radius)?;
+        let reading = VolumeReading { voxel_size, values: VoxelValues::of(threshold, probability) };
+        params.preparation = Preparation { reading, label_surface, fix, cut_handles };
         (params.mask, params.status, params.keep_going) = (mask, status, keep_going);
         params.if_exists = match exists {
             "refuse" => IfExists::Refuse,

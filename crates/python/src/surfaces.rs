@@ -14,7 +14,9 @@ use spharm::metrics::{
     vertex_distances,
 };
 use spharm::parametrize::quality::Quality;
-use spharm::parametrize::volume::{Affine, LabelVolume, Repair, VolumeParams};
+use spharm::parametrize::volume::{
+    Affine, LabelSurface, LabelVolume, Repair, VolumeParams, VolumeReading, VoxelValues,
+};
 use spharm::parametrize::{
     CaldParams, ConformalParams, DeformParams, EqualAreaParams, Input, Method, Parametrization, ParametrizeError,
     StretchParams, resample as resample_mesh,
@@ -22,8 +24,7 @@ use spharm::parametrize::{
 use spharm::{Mesh, Monitor, Seam, Signal, Sphere};
 
 use crate::arrays::{Faces, FacesOut, Positions, PositionsOut, SeamOut, mesh, mesh_arrays, positions, seam_out};
-use crate::errors::Failure;
-use crate::fitting::parsed;
+use crate::errors::{Failure, exception};
 use crate::memory::{check_distance, check_mapping, check_resampling};
 use crate::run::{run, run_owned};
 
@@ -197,49 +198,60 @@ fn parametrize<'py>(
     Ok(mapped(py, found, handles))
 }
 
-/// A volume of labels: the path of a file, or an array of labels, (i, j, k), with its affine matrix, (4, 4).
+/// A volume: the path of a file, or an array of labels or of other values, (i, j, k), with its affine matrix, (4, 4).
 #[derive(FromPyObject)]
 enum Volume<'py> {
     File(PathBuf),
     Labels(PyReadonlyArray3<'py, i32>, PyReadonlyArray2<'py, f64>),
+    Values(PyReadonlyArray3<'py, f64>, PyReadonlyArray2<'py, f64>),
 }
 
 type Reader = Box<dyn FnOnce(&dyn spharm::Monitor) -> Result<LabelVolume, ParametrizeError> + Send>;
 
 impl Volume<'_> {
     /// Returns a function that reads the volume without the interpreter's data.
-    fn reader(self) -> PyResult<Reader> {
+    fn reader(self, meaning: VoxelValues) -> PyResult<Reader> {
+        // In NIfTI, the first index varies fastest.
         match self {
-            Self::File(path) => Ok(Box::new(move |monitor| LabelVolume::read(path, monitor))),
-            Self::Labels(values, affine) => {
-                let (values, matrix) = (values.as_array(), affine.as_array());
-                if matrix.dim() != (4, 4) {
-                    return Err(PyValueError::new_err(format!(
-                        "affine: expected shape (4, 4), found {:?}",
-                        matrix.dim()
-                    )));
-                }
-                let (i, j, k) = values.dim();
-                let rows = [0, 1, 2].map(|row| [0, 1, 2, 3].map(|column| matrix[[row, column]]));
-                // In NIfTI, the first index varies fastest.
-                let labels: Vec<i32> = values.t().iter().copied().collect();
-                Ok(Box::new(move |_| Ok(LabelVolume::new([i, j, k], labels, Affine(rows)))))
+            Self::File(path) => Ok(Box::new(move |monitor| {
+                LabelVolume::read_with(path, VolumeReading { voxel_size: None, values: meaning }, monitor)
+            })),
+            Self::Labels(values, matrix) => {
+                let (size, affine) = (values.as_array().dim().into(), affine(&matrix)?);
+                let labels: Vec<i32> = values.as_array().t().iter().copied().collect();
+                Ok(Box::new(move |_| Ok(LabelVolume::new(size, labels, affine))))
+            }
+            Self::Values(values, matrix) => {
+                let (size, affine) = (values.as_array().dim().into(), affine(&matrix)?);
+                let values: Vec<f64> = values.as_array().t().iter().copied().collect();
+                Ok(Box::new(move |_| LabelVolume::of_values(size, &values, meaning, affine)))
             }
         }
     }
 }
 
+fn affine(matrix: &PyReadonlyArray2<'_, f64>) -> PyResult<Affine> {
+    let matrix = matrix.as_array();
+    if matrix.dim() != (4, 4) {
+        return Err(PyValueError::new_err(format!("affine: expected shape (4, 4), found {:?}", matrix.dim())));
+    }
+    Ok(Affine([0, 1, 2].map(|row| [0, 1, 2, 3].map(|column| matrix[[row, column]]))))
+}
+
 #[pyfunction]
 #[pyo3(signature = (
-    volume, *, label, label_surface, fix, cut_handles, method, degree, area, seed, memory = None, threads = None,
-    progress = None
+    volume, *, label, threshold, probability, label_surface, smooth_radius, fix, cut_handles, method, degree, area, seed,
+    memory = None, threads = None, progress = None
 ))]
 #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
 fn parametrize_volume<'py>(
     py: Python<'py>,
     volume: Volume<'py>,
     label: Option<i64>,
+    threshold: Option<f64>,
+    probability: bool,
     label_surface: &str,
+    smooth_radius: Option<f64>,
     fix: bool,
     cut_handles: bool,
     method: &str,
@@ -250,8 +262,9 @@ fn parametrize_volume<'py>(
     threads: Option<usize>,
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Mapped<'py>> {
-    let (read, method) = (volume.reader()?, self::method(method, degree, area, seed)?);
-    let surface = parsed("label_surface", label_surface)?;
+    let read = volume.reader(VoxelValues::of(threshold, probability))?;
+    let method = self::method(method, degree, area, seed)?;
+    let surface = label_surface_of(py, label_surface, smooth_radius)?;
     let params = VolumeParams { label, surface, fix, handles: cut_handles };
     let (found, handles, repairs) = run_owned(py, threads, progress.as_ref(), move |monitor| {
         let surface = read(monitor)?.surface(&params, monitor)?;
@@ -266,10 +279,15 @@ fn parametrize_volume<'py>(
     Ok(mapped)
 }
 
+/// Returns the surface that stands for a label, by its name.
+pub(crate) fn label_surface_of(py: Python<'_>, name: &str, radius: Option<f64>) -> PyResult<LabelSurface> {
+    LabelSurface::named(name, radius).map_err(|error| exception(py, error.into()))
+}
+
 /// Returns the labels in a volume, each with its number of voxels.
 #[pyfunction]
 fn labels(py: Python<'_>, volume: Volume<'_>) -> PyResult<std::collections::BTreeMap<i64, usize>> {
-    let read = volume.reader()?;
+    let read = volume.reader(VoxelValues::Labels)?;
     run(py, Some(1), None, move |monitor| Ok(read(monitor)?.labels()))
 }
 

@@ -8,15 +8,15 @@ use spharm_surface::repair::MeshRepair;
 use spharm_surface::{Mesh, Target};
 
 use crate::fit::check_sizes;
-use crate::parametrize::volume::{LabelSurface, Repair, VoxelSteps};
+use crate::parametrize::volume::{LabelSurface, Repair, VolumeReading, VoxelSteps};
 use crate::parametrize::{HandlesReport, Input, Parametrized, Source, parametrize_with};
 use crate::{Error, Fit, FitParams, ManyReport, check_mapping, fit_target};
 
 /// Changes to a surface before it is mapped to a sphere. A surface that is given with a sphere isn't changed.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Preparation {
-    /// Size of a volume's voxels along x, y and z, in mm, in place of the size in its file.
-    pub voxel_size: Option<[f64; 3]>,
+    /// How to read a volume's file.
+    pub reading: VolumeReading,
     /// The surface that stands for a label.
     pub label_surface: LabelSurface,
     /// Whether to repair labels and meshes.
@@ -26,13 +26,13 @@ pub struct Preparation {
 }
 
 impl Preparation {
-    /// Returns the changes that apply to a surface: none with a sphere, and no voxel size for a surface that isn't a
-    /// label's.
+    /// Returns the changes that apply to a surface: none with a sphere, and the defaults of volumes for a surface that
+    /// isn't a label's.
     #[must_use]
     pub fn of(self, on_sphere: bool, label: Option<i64>) -> Self {
         match (on_sphere, label) {
             (true, _) => Self::default(),
-            (false, None) => Self { voxel_size: None, ..self },
+            (false, None) => Self { reading: VolumeReading::default(), ..self },
             (false, Some(_)) => self,
         }
     }
@@ -122,6 +122,7 @@ impl MappedSurface {
         provenance.handles = self.handles.as_ref().and_then(|handles| object(serde_json::to_value(handles)));
         provenance.voxels = self.voxels;
         provenance.label_surface = self.label_surface.map(|surface| surface.name().to_owned());
+        provenance.smooth_radius = self.label_surface.and_then(LabelSurface::radius);
         if let Some(steps) = self.steps {
             provenance.other.insert(VOXEL_STEPS.to_owned(), serde_json::to_value(steps).unwrap_or_default());
         }

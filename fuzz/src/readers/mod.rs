@@ -16,7 +16,7 @@ use spharm_model::Model;
 use spharm_model::arrays::Arrays;
 use spharm_moments::{Moments, Request, accumulate};
 use spharm_monitor::Silent;
-use spharm_parametrize::volume::LabelVolume;
+use spharm_parametrize::volume::{LabelVolume, VolumeReading, VoxelValues};
 use spharm_shape::codec::{ExpandParams, expand};
 use spharm_shape::pca::file::ShapeModel;
 use spharm_surface::io::landmarks::Landmarks;
@@ -123,7 +123,9 @@ fn volumes(folder: &Path, input: &[u8]) {
     const NAMES: [&str; 6] = ["x.nii", "x.nii.gz", "x.mgz", "x.nrrd", "x.tif", "x.npy"];
     let Some((name, bytes)) = choice(input, NAMES.len()) else { return };
     let path = file(folder, NAMES[name], bytes);
-    if let Ok(volume) = LabelVolume::read_with(&path, (name >= 4).then_some([1.0; 3]), &Silent) {
+    let values = [VoxelValues::Labels, VoxelValues::Level(0.5), VoxelValues::Probability][bytes.len() % 3];
+    let reading = VolumeReading { voxel_size: (name >= 4).then_some([1.0; 3]), values };
+    if let Ok(volume) = LabelVolume::read_with(&path, reading, &Silent) {
         for label in volume.labels().into_keys().take(2) {
             let _ = (volume.touches_border(label), volume.mask(label));
         }

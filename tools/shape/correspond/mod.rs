@@ -22,7 +22,7 @@ use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::names::NameTemplate;
 use spharm_cli::output::{OutputFile, check_outputs, write_json};
 use spharm_cli::paths::shown;
-use spharm_cli::surfaces::VoxelSize;
+use spharm_cli::volumes::VolumeArgs;
 use spharm_cohort::Shard;
 use spharm_monitor::number;
 
@@ -68,9 +68,8 @@ pub(super) struct Cli {
     /// A label's surface is smoothed within half a voxel, because the template would follow the steps of the voxels.
     #[arg(long, value_name = "N", conflicts_with = "table", help_heading = INPUT)]
     label: Option<i64>,
-    /// Size of the volumes' voxels, if their files don't state it
-    #[arg(long, value_name = "X,Y,Z", help_heading = INPUT, hide_short_help = true)]
-    voxel_size: Option<VoxelSize>,
+    #[command(flatten, next_help_heading = INPUT)]
+    volume: VolumeArgs,
     /// Degree of the models
     #[arg(long, value_name = "L", value_parser = clap::value_parser!(u16).range(1..=1000), help_heading = METHOD)]
     max_degree: Option<u16>,
@@ -151,7 +150,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     };
     for surface in &mut surfaces {
         surface.label = surface.label.or(cli.label);
-        surface.voxel_size = cli.voxel_size.map(|size| size.0);
+        surface.reading = cli.volume.reading();
     }
     find_signals(&mut surfaces, &cli.with, cli.table.as_deref())?;
     match &cli.to {
@@ -273,7 +272,9 @@ fn resume_key(cli: &Cli, params: &CorrespondParams, origins: &[MemberOrigin]) ->
     let key = json!({
         "version": env!("CARGO_PKG_VERSION"),
         "surfaces": origins.iter().map(|origin| origin.input.as_ref().map(contents)).collect::<Vec<_>>(),
-        "voxel_size": cli.voxel_size.map(|size| size.0),
+        "voxel_size": cli.volume.voxel_size.map(|size| size.0),
+        "threshold": cli.volume.threshold,
+        "probability": cli.volume.probability,
         "template": template.as_ref().map(contents),
         "settings": settings,
     });

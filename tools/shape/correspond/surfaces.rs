@@ -7,7 +7,7 @@ use std::sync::OnceLock;
 use anyhow::{Result, bail};
 use serde::Deserialize;
 use spharm::correspond::CorrespondParams;
-use spharm::parametrize::volume::{LabelVolume, is_volume};
+use spharm::parametrize::volume::{LabelVolume, VolumeReading, is_volume};
 use spharm::{Error, FileRecord, Kind, Mesh, Model, Silent, Sphere};
 use spharm_cli::inputs::{expand_lists, stem};
 use spharm_cli::memory::Memory;
@@ -31,7 +31,7 @@ pub(in crate::shape) struct Surface {
     /// Label in a volume.
     pub(in crate::shape) label: Option<i64>,
     /// Size of a volume's voxels, overriding that in the file.
-    pub(in crate::shape) voxel_size: Option<[f64; 3]>,
+    pub(in crate::shape) reading: VolumeReading,
     /// Files of signals on its vertices.
     pub(in crate::shape) signals: Vec<PathBuf>,
     /// The surface of a label, kept in memory because making it takes long.
@@ -120,7 +120,7 @@ impl Surface {
             if let Some(mesh) = self.of_label.get() {
                 return Ok(mesh.clone());
             }
-            let volume = LabelVolume::read_with(&self.path, self.voxel_size, &Silent)?;
+            let volume = LabelVolume::read_with(&self.path, self.reading, &Silent)?;
             let mesh = volume.smooth_surface(self.label)?;
             return Ok(self.of_label.get_or_init(|| mesh).clone());
         }

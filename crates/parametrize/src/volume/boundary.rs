@@ -7,6 +7,7 @@
 //! exactly two quadrangles, and every vertex one fan.
 
 use spharm_surface::Mesh;
+use spharm_surface::geometry::{Vec3, cross, sub};
 
 use super::affine::Affine;
 use super::mask::{FACES, Mask};
@@ -23,6 +24,15 @@ pub struct QuadMesh {
     /// The twin of each edge. Edge 4 q + k runs from corner k of quadrangle q to the next corner; its twin 4 q' + k' is
     /// the same edge as part of the neighbouring quadrangle q'.
     pub(crate) twins: Vec<u32>,
+}
+
+/// The position of a quadrangle in voxel coordinates.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Face {
+    pub(super) centre: Vec3,
+    /// The axis to which the quadrangle is perpendicular, and the sign of its outward normal along it.
+    pub(super) axis: usize,
+    pub(super) sign: f64,
 }
 
 impl QuadMesh {
@@ -62,6 +72,15 @@ impl QuadMesh {
         let turned = |edge: u32| edge / 4 * 4 + (6 - edge % 4) % 4;
         let twins = (0..self.twins.len() as u32).map(|edge| turned(self.twins[turned(edge) as usize])).collect();
         Self { vertices, quads, smooth, twins }
+    }
+
+    /// Returns where a quadrangle lies, of a surface in voxel coordinates.
+    pub(super) fn face(&self, quad: usize) -> Face {
+        let corners = self.quads[quad].map(|v| self.vertices[v as usize]);
+        let centre = [0, 1, 2].map(|k| corners.iter().map(|corner| corner[k]).sum::<f64>() / 4.0);
+        let normal = cross(sub(corners[1], corners[0]), sub(corners[3], corners[0]));
+        let axis = (0..3).find(|&k| normal[k] != 0.0).unwrap_or(0);
+        Face { centre, axis, sign: normal[axis].signum() }
     }
 
     /// Returns the Euler characteristic: vertices - edges + quadrangles.
@@ -123,14 +142,21 @@ impl QuadMesh {
     }
 
     /// Returns a mesh of triangles, smooth if the surface is. Each quadrangle is cut from corner 0 to 2, or from corner
-    /// 1 to 3 if `from_second` is true for its index.
+    /// 1 to 3 if `from_second` is true for its index. The volume of a smooth surface doesn't depend on the cuts.
     #[must_use]
     pub fn triangles(&self, from_second: impl Fn(usize) -> bool) -> Mesh {
+        match &self.smooth {
+            None => self.cut(&self.vertices, from_second),
+            Some(smooth) => Self { vertices: smooth.clone(), smooth: None, ..self.clone() }.cut_evenly(from_second),
+        }
+    }
+
+    /// Returns a mesh of triangles with the given positions.
+    pub(super) fn cut(&self, vertices: &[Vec3], from_second: impl Fn(usize) -> bool) -> Mesh {
         let cut = |(q, &[a, b, c, d]): (usize, &[u32; 4])| {
             if from_second(q) { [[a, b, d], [b, c, d]] } else { [[a, b, c], [a, c, d]] }
         };
-        let vertices = self.smooth.as_ref().unwrap_or(&self.vertices).clone();
-        Mesh::new(vertices, self.quads.iter().enumerate().flat_map(cut).collect())
+        Mesh::new(vertices.to_vec(), self.quads.iter().enumerate().flat_map(cut).collect())
     }
 }
 

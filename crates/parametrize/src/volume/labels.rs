@@ -3,14 +3,15 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use spharm_monitor::Monitor;
+use spharm_monitor::{Monitor, Silent};
 
 use super::affine::Affine;
+use super::grey::{Grey, VoxelValues};
 use super::mask::Mask;
 use super::open::read;
 use super::runs::{Extent, Runs};
 use super::source::Source;
-use super::values::Volume;
+use super::values::{Collector, Volume, Voxels};
 use crate::error::ParametrizeError;
 
 /// A label volume: an integer for each voxel, 0 for the background.
@@ -22,6 +23,20 @@ pub struct LabelVolume {
     size: [usize; 3],
     found: Runs,
     extents: BTreeMap<i32, Extent>,
+    /// The values around the body, if the file has no labels.
+    pub(super) grey: Option<Grey>,
+}
+
+/// The path of a volume made in memory.
+const IN_MEMORY: &str = "the volume";
+
+/// How to read a volume's file.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct VolumeReading {
+    /// Size of the voxels along x, y, z, in place of that in the file.
+    pub voxel_size: Option<[f64; 3]>,
+    /// What the values are. Default labels.
+    pub values: VoxelValues,
 }
 
 impl LabelVolume {
@@ -36,28 +51,30 @@ impl LabelVolume {
     /// or a file with more than three dimensions or with values that aren't integers;
     /// [`Interrupted`](ParametrizeError::Interrupted).
     pub fn read(path: impl AsRef<Path>, monitor: &dyn Monitor) -> Result<Self, ParametrizeError> {
-        Self::read_with(path, None, monitor)
+        Self::read_with(path, VolumeReading::default(), monitor)
     }
 
-    /// Reads a volume as [`read`](Self::read) does. If `voxel_size` is given, it replaces the size of the voxels along
-    /// x, y, z in the file.
+    /// Reads a volume as [`read`](Self::read) does, or the body in a volume of grey values or probabilities as label 1.
     ///
     /// # Errors
     ///
-    /// Those of [`read`](Self::read); [`Argument`](ParametrizeError::Argument) for sizes that aren't positive.
+    /// Those of [`read`](Self::read); [`Argument`](ParametrizeError::Argument) for sizes that aren't positive and a
+    /// level that isn't finite; [`NotAVolume`](ParametrizeError::NotAVolume) for probabilities beyond 0 to 1, and if no
+    /// voxel reaches the level.
     pub fn read_with(
         path: impl AsRef<Path>,
-        voxel_size: Option<[f64; 3]>,
+        VolumeReading { voxel_size, values }: VolumeReading,
         monitor: &dyn Monitor,
     ) -> Result<Self, ParametrizeError> {
+        values.check()?;
         if let Some(size) = voxel_size.filter(|size| size.iter().any(|x| !(x.is_finite() && *x > 0.0))) {
             let (what, expected) = ("voxel size", "positive numbers");
             return Err(ParametrizeError::Argument { what, expected, found: format!("{size:?}") });
         }
         let path = path.as_ref();
-        let found = read(&Source { path, voxel_size, monitor })?;
+        let found = read(&Source { path, voxel_size, values, monitor })?;
         monitor.check()?;
-        Ok(Self::of(path.to_owned(), found))
+        Ok(Self::of(path.to_owned(), found, values))
     }
 
     /// Returns a volume made in memory. `values` has an integer for each voxel, with x varying fastest.
@@ -69,12 +86,44 @@ impl LabelVolume {
     pub fn new(size: [usize; 3], values: Vec<i32>, affine: Affine) -> Self {
         assert_eq!(values.len(), size.iter().product::<usize>(), "values of {size:?} voxels");
         let labels = Runs::of(size, &values).unwrap_or_else(|room| panic!("the labels need {room}"));
-        Self::of(PathBuf::from("the volume"), Volume { size, affine, labels })
+        let voxels = Voxels { labels, values: Vec::new() };
+        Self::of(PathBuf::from(IN_MEMORY), Volume { size, affine, voxels }, VoxelValues::Labels)
     }
 
-    fn of(path: PathBuf, Volume { size, affine, labels }: Volume) -> Self {
+    /// Returns the body in a volume of grey values or probabilities made in memory, as label 1. `values` has a number
+    /// for each voxel, with x varying fastest.
+    ///
+    /// # Errors
+    ///
+    /// [`NotAVolume`](ParametrizeError::NotAVolume) for probabilities beyond 0 to 1, and if no voxel reaches the level.
+    ///
+    /// # Panics
+    ///
+    /// When the number of values isn't the number of voxels.
+    pub fn of_values(
+        size: [usize; 3],
+        values: &[f64],
+        meaning: VoxelValues,
+        affine: Affine,
+    ) -> Result<Self, ParametrizeError> {
+        assert_eq!(values.len(), size.iter().product::<usize>(), "values of {size:?} voxels");
+        meaning.check()?;
+        let path = Path::new(IN_MEMORY);
+        let source = Source { path, voxel_size: None, values: meaning, monitor: &Silent };
+        let mut voxels = Collector::new(&source, size);
+        values.iter().try_for_each(|&value| voxels.push(value))?;
+        Ok(Self::of(path.to_owned(), Volume { size, affine, voxels: voxels.finish()? }, meaning))
+    }
+
+    fn of(
+        path: PathBuf,
+        Volume { size, affine, voxels: Voxels { labels, values } }: Volume,
+        meaning: VoxelValues,
+    ) -> Self {
         let extents = labels.extents();
-        Self { path, affine, size, found: labels, extents }
+        let body = extents.get(&1).copied();
+        let grey = body.and_then(|Extent { low, high, .. }| Grey::around(&values, size, low, high, meaning));
+        Self { path, affine, size, found: labels, extents, grey }
     }
 
     /// Returns the path of the file, or "the volume" for a volume made in memory.

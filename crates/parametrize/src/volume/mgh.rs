@@ -12,11 +12,9 @@
 //! | 78, 3 x f32 | RAS coordinates of the centre, voxel (width / 2, height / 2, depth / 2) |
 
 use std::io::Read;
-use std::path::Path;
-
-use spharm_monitor::Monitor;
 
 use super::affine::Affine;
+use super::source::Source;
 use super::values::{Layout, Scalar, Volume, cut_short};
 use crate::error::ParametrizeError;
 
@@ -29,13 +27,8 @@ fn ones(sizes: [i32; 3]) -> usize {
 }
 
 /// Parses a file, given as a stream of at most `most` bytes.
-pub(super) fn parse(
-    path: &Path,
-    mut stream: impl Read,
-    most: u64,
-    monitor: &dyn Monitor,
-) -> Result<Volume, ParametrizeError> {
-    let wrong = |expected, found| ParametrizeError::NotAVolume { path: path.to_owned(), expected, found };
+pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Result<Volume, ParametrizeError> {
+    let (path, wrong) = (source.path, |expected, found| source.wrong(expected, found));
     let not_mgh = |what: String| wrong("a FreeSurfer volume (.mgh, .mgz)", what);
     let mut header = [0; HEADER];
     stream.read_exact(&mut header).map_err(|_| not_mgh("a file that is shorter than its header".to_owned()))?;
@@ -61,7 +54,7 @@ pub(super) fn parse(
         1 => Scalar::I32,
         3 => Scalar::F32,
         4 => Scalar::I16,
-        other => return Err(wrong("whole numbers as labels", format!("values of type {other}"))),
+        other => return Err(wrong("numbers", format!("values of type {other}"))),
     };
     let size = [x, y, z].map(usize::from);
     let layout = Layout { size, scalar, little_endian: false, scaling: None };
@@ -69,7 +62,7 @@ pub(super) fn parse(
         let found = format!("{x} x {y} x {z} voxels of {} bytes, more than the file can hold", scalar.width());
         return Err(not_mgh(found));
     }
-    let labels = layout.read(path, &mut stream, monitor)?;
+    let voxels = layout.read(source, &mut stream)?;
     // Reads to the end of the compressed data, which ends in a checksum. Tags may follow the values.
     let rest = std::io::copy(&mut (&mut stream).take(1 << 20), &mut std::io::sink());
     rest.map_err(|error| cut_short(path, &error.to_string()))?;
@@ -90,5 +83,5 @@ pub(super) fn parse(
     if !affine.is_valid() {
         return Err(wrong("voxels with a volume", format!("the matrix {:?}", affine.0)));
     }
-    Ok(Volume { size, affine, labels })
+    Ok(Volume { size, affine, voxels })
 }

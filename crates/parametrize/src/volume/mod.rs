@@ -26,6 +26,7 @@
 //! | `pieces` | connected pieces, and the cavities inside |
 //! | `boundary` | the quadrangles between inside and outside, as a closed surface |
 //! | `surface` | a label's surface: checked, repaired on request |
+//! | `grey` | a body in grey values or probabilities, located by them within the voxels |
 //! | `relax` | a label's surface without the voxels' steps |
 //! | `simple` | tests whether a voxel may change sides without changing the topology |
 //! | `repair` | reduces any label to one piece without cavities, handles and bare contacts |
@@ -44,6 +45,7 @@
 
 mod affine;
 mod boundary;
+mod grey;
 mod labels;
 mod mask;
 mod mgh;
@@ -65,7 +67,8 @@ mod values;
 
 pub use affine::Affine;
 pub use boundary::QuadMesh;
-pub use labels::LabelVolume;
+pub use grey::VoxelValues;
+pub use labels::{LabelVolume, VolumeReading};
 pub use mask::Mask;
 pub use open::is_volume;
 pub use pieces::{Pieces, pieces};

@@ -4,12 +4,11 @@
 //! file's size before memory is allocated for them.
 
 use std::io::Read;
-use std::path::Path;
 
 use nifti::{Endianness, NiftiHeader, NiftiType};
-use spharm_monitor::Monitor;
 
 use super::affine::Affine;
+use super::source::Source;
 use super::values::{Layout, Scalar, Volume, cut_short};
 use crate::error::ParametrizeError;
 use crate::geometry::Vec3;
@@ -18,13 +17,8 @@ use crate::geometry::Vec3;
 const HEADER: usize = 348;
 
 /// Parses a file, given as a stream of at most `most` bytes.
-pub(super) fn parse(
-    path: &Path,
-    mut stream: impl Read,
-    most: u64,
-    monitor: &dyn Monitor,
-) -> Result<Volume, ParametrizeError> {
-    let wrong = |expected, found| ParametrizeError::NotAVolume { path: path.to_owned(), expected, found };
+pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Result<Volume, ParametrizeError> {
+    let (path, wrong) = (source.path, |expected, found| source.wrong(expected, found));
     let not_nifti = |what: &str| wrong("a NIfTI-1 volume (.nii, .nii.gz)", what.to_owned());
     let mut header = [0; HEADER];
     stream.read_exact(&mut header).map_err(|_| not_nifti("a file that is shorter than its header"))?;
@@ -40,7 +34,7 @@ pub(super) fn parse(
     let size = [dim[0], dim[1], dim[2]].map(usize::from);
     let kind = header.data_type().map_err(|error| not_nifti(&error.to_string()))?;
     let Some(scalar) = scalar(kind) else {
-        return Err(wrong("whole numbers as labels", format!("values of type {kind:?}")));
+        return Err(wrong("numbers", format!("values of type {kind:?}")));
     };
     let (slope, intercept) = (f64::from(header.scl_slope), f64::from(header.scl_inter));
     // By the standard, a slope of 0 means that values aren't scaled.
@@ -61,14 +55,14 @@ pub(super) fn parse(
     let broken = |error: std::io::Error| cut_short(path, &error.to_string());
     // Skips extensions between the header and the values.
     std::io::copy(&mut (&mut stream).take(offset - HEADER as u64), &mut std::io::sink()).map_err(broken)?;
-    let labels = layout.read(path, &mut stream, monitor)?;
+    let voxels = layout.read(source, &mut stream)?;
     // Reads to the end of the compressed data, which ends in a checksum. Other data may follow the values.
     std::io::copy(&mut (&mut stream).take(1 << 20), &mut std::io::sink()).map_err(broken)?;
     let affine = Forms::of(&header).affine();
     if !affine.is_valid() {
         return Err(wrong("voxels with a volume", format!("the matrix {:?}", affine.0)));
     }
-    Ok(Volume { size, affine, labels })
+    Ok(Volume { size, affine, voxels })
 }
 
 /// The fields of a header that describe the positions of voxels.

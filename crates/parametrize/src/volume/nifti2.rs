@@ -14,11 +14,9 @@
 //! | 400, 12 x f64 | rows of the sform |
 
 use std::io::Read;
-use std::path::Path;
-
-use spharm_monitor::Monitor;
 
 use super::nifti::Forms;
+use super::source::Source;
 use super::values::{Layout, Scalar, Volume, cut_short};
 use crate::error::ParametrizeError;
 
@@ -54,13 +52,8 @@ impl Fields {
 }
 
 /// Parses a file, given as a stream of at most `most` bytes.
-pub(super) fn parse(
-    path: &Path,
-    mut stream: impl Read,
-    most: u64,
-    monitor: &dyn Monitor,
-) -> Result<Volume, ParametrizeError> {
-    let wrong = |expected, found| ParametrizeError::NotAVolume { path: path.to_owned(), expected, found };
+pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Result<Volume, ParametrizeError> {
+    let (path, wrong) = (source.path, |expected, found| source.wrong(expected, found));
     let not_nifti = |what: String| wrong("a NIfTI-2 volume (.nii, .nii.gz)", what);
     let mut bytes = [0; HEADER];
     stream.read_exact(&mut bytes).map_err(|_| not_nifti("a file that is shorter than its header".to_owned()))?;
@@ -87,7 +80,7 @@ pub(super) fn parse(
         768 => Scalar::U32,
         1024 => Scalar::I64,
         1280 => Scalar::U64,
-        _ => return Err(wrong("whole numbers as labels", format!("values of type {kind}"))),
+        _ => return Err(wrong("numbers", format!("values of type {kind}"))),
     };
     // Sizes above 2^16 - 1 voxels along an axis are rejected; such a volume doesn't fit in memory.
     let claimed = [dimensions[1], dimensions[2], dimensions[3]];
@@ -105,7 +98,7 @@ pub(super) fn parse(
     }
     let broken = |error: std::io::Error| cut_short(path, &error.to_string());
     std::io::copy(&mut (&mut stream).take(offset - HEADER as u64), &mut std::io::sink()).map_err(broken)?;
-    let labels = layout.read(path, &mut stream, monitor)?;
+    let voxels = layout.read(source, &mut stream)?;
     std::io::copy(&mut (&mut stream).take(1 << 20), &mut std::io::sink()).map_err(broken)?;
     let code = |at| i32::from_le_bytes(header.bytes(at));
     let forms = Forms {
@@ -118,5 +111,5 @@ pub(super) fn parse(
     if !affine.is_valid() {
         return Err(wrong("voxels with a volume", format!("the matrix {:?}", affine.0)));
     }
-    Ok(Volume { size, affine, labels })
+    Ok(Volume { size, affine, voxels })
 }

@@ -5,8 +5,8 @@ use std::io::Read;
 
 use spharm_surface::npy::Header;
 
-use super::source::Source;
-use super::values::{Layout, Scalar, Volume, cut_short, no_room};
+use super::source::{Source, no_room};
+use super::values::{Layout, Scalar, Volume, cut_short};
 use crate::error::ParametrizeError;
 
 /// Parses a file, given as a stream of at most `most` bytes.
@@ -23,7 +23,7 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
         ('i', 8) => Scalar::I64,
         ('f', 4) => Scalar::F32,
         ('f', 8) => Scalar::F64,
-        (kind, size) => return Err(source.wrong("whole numbers as labels", format!("values of type {kind}{size}"))),
+        (kind, size) => return Err(source.wrong("numbers", format!("values of type {kind}{size}"))),
     };
     let [x, y, z] = header.shape[..] else {
         return Err(source.wrong("three dimensions", format!("shape {:?}; extract one volume", header.shape)));
@@ -36,13 +36,13 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     // In C order the last axis, z, varies fastest.
     let stored = if header.fortran { [x, y, z] } else { [z, y, x] };
     let layout = Layout { size: stored, scalar, little_endian: header.little, scaling: None };
-    let labels = layout.read(source.path, &mut stream, source.monitor)?;
+    let voxels = layout.read(source, &mut stream)?;
     // Reading beyond the values also reaches the end of the compressed data, which ends in a checksum.
     let beyond = stream.take(1).read_to_end(&mut Vec::new());
     if beyond.map_err(|error| cut_short(source.path, &error.to_string()))? > 0 {
         return Err(cut_short(source.path, "more bytes than the shape allows"));
     }
-    let labels =
-        if header.fortran { labels } else { labels.transposed().map_err(|room| no_room(source.path, room))? };
-    Ok(Volume { size: [x, y, z], affine, labels })
+    let voxels =
+        if header.fortran { voxels } else { voxels.transposed(stored).map_err(|room| no_room(source.path, room))? };
+    Ok(Volume { size: [x, y, z], affine, voxels })
 }

@@ -51,7 +51,7 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
     let (header, start) =
         Header::read(bytes).ok_or_else(|| source.wrong("an NRRD header of text", "something else".to_owned()))?;
     let scalar = scalar(header.get("type").unwrap_or_default())
-        .ok_or_else(|| source.wrong("whole numbers as labels", format!("type {:?}", header.get("type"))))?;
+        .ok_or_else(|| source.wrong("numbers", format!("type {:?}", header.get("type"))))?;
     let sizes: Option<Vec<u16>> = header.get("sizes").and_then(|sizes| words(sizes).map(|n| n.parse().ok()).collect());
     let Some([x, y, z]) = sizes.as_deref().and_then(<[u16]>::as_array) else {
         let found = format!("sizes {:?}; extract one volume", header.get("sizes").unwrap_or("none"));
@@ -76,24 +76,24 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
         let found = format!("{x} x {y} x {z} voxels, but at most {most} bytes of values");
         Err(source.wrong("values of the sizes in the header", found))
     };
-    let labels = match header.get("encoding").map(str::to_ascii_lowercase).as_deref() {
+    let voxels = match header.get("encoding").map(str::to_ascii_lowercase).as_deref() {
         Some("raw") if layout.bytes() > values.len() as u64 => return too_many(values.len() as u64),
-        Some("raw") => layout.read(source.path, values, source.monitor)?,
+        Some("raw") => layout.read(source, values)?,
         Some("gzip" | "gz") => match (values.len() as u64).saturating_mul(MOST_EXPANSION) {
             most if layout.bytes() > most => return too_many(most),
             _ => {
                 let mut stream = flate2::bufread::MultiGzDecoder::new(values);
-                let labels = layout.read(source.path, &mut stream, source.monitor)?;
+                let voxels = layout.read(source, &mut stream)?;
                 // Reads to the end of the compressed data, which ends in a checksum.
                 let rest = std::io::copy(&mut stream.take(1 << 20), &mut std::io::sink());
                 rest.map_err(|error| cut_short(source.path, &error.to_string()))?;
-                labels
+                voxels
             }
         },
         other => return Err(source.wrong("encoding: raw or gzip", other.unwrap_or("none").to_owned())),
     };
     let affine = affine(source, &header)?;
-    Ok(Volume { size, affine, labels })
+    Ok(Volume { size, affine, voxels })
 }
 
 /// Reads the file of values that a header names; it must be in the header's folder or below.

@@ -53,9 +53,9 @@ fn stream(source: &Source<'_>, mut stream: impl Read, most: u64) -> Result<Volum
     let is_npy = magic == npy::MAGIC;
     let stream = magic.chain(stream);
     match first {
-        Some([0, 0, 0, 1]) => mgh::parse(source.path, stream, most, source.monitor),
+        Some([0, 0, 0, 1]) => mgh::parse(source, stream, most),
         _ if is_npy => array::parse(source, stream, most),
-        Some([0x1c, 2, 0, 0] | [0, 0, 2, 0x1c]) => nifti2::parse(source.path, stream, most, source.monitor),
-        _ => nifti::parse(source.path, stream, most, source.monitor),
+        Some([0x1c, 2, 0, 0] | [0, 0, 2, 0x1c]) => nifti2::parse(source, stream, most),
+        _ => nifti::parse(source, stream, most),
     }
 }

@@ -1,34 +1,66 @@
-//! Computes a label's surface without voxel steps: the surface of least bending within half a voxel of the stepped one.
+//! Computes a label's surface without voxel steps: the surface of least bending within a box around each vertex.
 //!
 //! ```text
-//! min |L x|^2   with   |x_v - c_v| <= 1/2 along each axis,   (L x)_v = x_v - mean of its neighbours
+//! min |L x|^2   with   |x_v - c_v| <= r along each axis,   (L x)_v = x_v - mean of its neighbours
 //! ```
 //!
-//! in voxels, where c_v is the lattice corner of vertex v. Minimising |L x|^2 (the bilaplacian) shrinks the surface
-//! less than the Laplacian does (S. Gibson, "Constrained elastic surface nets", MICCAI 1998, has the boxes and the
-//! Laplacian). The problem is solved by projected gradients with Nesterov's momentum, 60 flops per vertex and step.
-//! Small bodies still lose up to 8 % of their volume. It is restored: all vertices move along their normals, within the
-//! boxes, until the volume equals that of the voxels.
+//! in voxels, where c_v is the lattice corner of vertex v, and r is half a voxel unless the caller smooths more.
+//! Minimising |L x|^2 (the bilaplacian) shrinks the surface less than the Laplacian does (S. Gibson, "Constrained
+//! elastic surface nets", MICCAI 1998, has the boxes and the Laplacian). The problem is solved by projected gradients
+//! with Nesterov's momentum, 60 flops per vertex and step. Small bodies still lose up to 8 % of their volume. It is
+//! restored: all vertices move along their normals, within the boxes, until the volume equals that of the voxels.
+//!
+//! If grey values locate the surface ([`grey`](super::grey)), the volume is that of the grey values, and the sum gains
+//!
+//! ```text
+//! w |C x - b|^2   with   (C x)_q = mean of the four vertices of quadrangle q, along its normal axis
+//! ```
+//!
+//! where b_q is the position at which the values cross the level. Linear interpolation is off by up to a tenth of a
+//! voxel where the surface is oblique, so w is small. On balls and ellipsoids of 3 to 10 voxels' radius whose voxels
+//! have their exact shares, the volume reduces the largest error of the area from 3.9 to 3.3 % (radius 3) and from 2.4
+//! to 1.3 % (radius 5), and w = 0.1 reduces it further to 2.4 and 0.7 %; w = 1 gives 3.0 and 1.8 %.
 
 use spharm_monitor::{Interrupted, Monitor};
+use spharm_surface::Mesh;
 use spharm_surface::geometry::{Vec3, add, cross, dot, scale, sub, unit};
 use spharm_surface::topology::signed_volume;
 
 use super::boundary::QuadMesh;
+use super::grey::Located;
 
-/// Number of gradient steps. Afterwards vertices are within a hundredth of a voxel of the minimum.
-const STEPS: usize = 300;
+/// Number of gradient steps for boxes of half a voxel. Afterwards vertices are within a hundredth of a voxel of the
+/// minimum. Larger boxes flatten longer waves, whose number of steps grows in proportion.
+const STEPS: f64 = 300.0;
 /// Step length. It must be below 1/4, since the largest eigenvalue of `L^T L` is about 4, and exactly 4 for symmetric
 /// L.
 const STEP: f64 = 0.22;
 /// Largest number of moves along the normals. Each leaves at most a tenth of the missing volume, unless most vertices
 /// are at the limits of their boxes.
 const MOVES: usize = 8;
-/// Half the width of the box in which a vertex may move, in voxels.
-const HALF: f64 = 0.5;
+/// The default radius of smooth surfaces, in voxels.
+pub(super) const HALF_A_VOXEL: f64 = 0.5;
+/// Weight of the positions at which grey values cross the level.
+const WEIGHT: f64 = 0.1;
 
 /// Largest relative difference of a smooth surface's volume from that of the voxels.
 const VOLUME: f64 = 0.01;
+
+/// What a surface of least bending has to keep to.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Bounds<'a> {
+    /// Half the width of the boxes, in voxels.
+    pub(crate) radius: f64,
+    /// The body as grey values locate it; `None` for a label.
+    pub(crate) located: Option<&'a Located>,
+}
+
+impl Bounds<'_> {
+    /// Returns the position in the box around a lattice corner that is nearest to `x`.
+    fn clamp(&self, x: [f64; 3], corner: &[f64; 3]) -> [f64; 3] {
+        std::array::from_fn(|k| x[k].clamp(corner[k] - self.radius, corner[k] + self.radius))
+    }
+}
 
 impl QuadMesh {
     /// Returns this surface with smooth positions: those of [`relaxed`](Self::relaxed). A label of so few voxels that
@@ -37,36 +69,41 @@ impl QuadMesh {
     /// # Errors
     ///
     /// [`Interrupted`], by the monitor.
-    pub(crate) fn smoothed(self, monitor: &dyn Monitor) -> Result<Self, Interrupted> {
-        let relaxed = self.relaxed(monitor)?;
-        let keeps = (volume(&relaxed) / volume(&self) - 1.0).abs() < VOLUME;
+    pub(crate) fn smoothed(self, bounds: Bounds<'_>, monitor: &dyn Monitor) -> Result<Self, Interrupted> {
+        let relaxed = self.relaxed(bounds, monitor)?;
+        let keeps = (volume(&relaxed) / self.kept_volume(bounds) - 1.0).abs() < VOLUME;
         Ok(Self { smooth: keeps.then_some(relaxed.vertices), ..self })
     }
 
-    /// Returns the surface of least bending that has the volume of this one, and whose vertices are within half a voxel
-    /// of their positions in this one along each axis. This surface must be in voxel coordinates, as returned by
-    /// [`around`](Self::around).
+    /// Returns the surface of least bending that has the volume of this one, or that of the grey values, and whose
+    /// vertices are within the boxes around their positions in this one. This surface must be in voxel coordinates, as
+    /// returned by [`around`](Self::around).
     ///
     /// # Errors
     ///
     /// [`Interrupted`], by the monitor.
-    pub fn relaxed(&self, monitor: &dyn Monitor) -> Result<Self, Interrupted> {
+    pub(crate) fn relaxed(&self, bounds: Bounds<'_>, monitor: &dyn Monitor) -> Result<Self, Interrupted> {
         let rings = Rings::of(self);
+        let crossings = bounds.located.map(|located| self.crossings(located));
+        // The largest eigenvalue of `L^T L + w C^T C` is at most 4 + w.
+        let length = if crossings.is_some() { STEP * 4.0 / (4.0 + WEIGHT) } else { STEP };
         let mut found = self.vertices.clone();
         let mut ahead = found.clone();
         let mut momentum = 1.0_f64;
-        for step in 0..STEPS {
+        let steps = (STEPS * (bounds.radius / HALF_A_VOXEL).max(1.0)) as usize;
+        for step in 0..steps {
             if step % 10 == 0 {
                 monitor.check()?;
             }
-            let bending = rings.transposed(&rings.off_mean(&ahead));
+            let mut gradient = rings.transposed(&rings.off_mean(&ahead));
+            if let Some(crossings) = &crossings {
+                self.add_pull(crossings, &ahead, &mut gradient);
+            }
             let next: Vec<[f64; 3]> = ahead
                 .iter()
-                .zip(&bending)
+                .zip(&gradient)
                 .zip(&self.vertices)
-                .map(|((x, g), corner)| {
-                    std::array::from_fn(|k| (x[k] - STEP * g[k]).clamp(corner[k] - HALF, corner[k] + HALF))
-                })
+                .map(|((x, g), corner)| bounds.clamp(std::array::from_fn(|k| x[k] - length * g[k]), corner))
                 .collect();
             let following = 0.5 * (1.0 + (1.0 + 4.0 * momentum * momentum).sqrt());
             let share = (momentum - 1.0) / following;
@@ -74,12 +111,35 @@ impl QuadMesh {
                 next.iter().zip(&found).map(|(n, x)| std::array::from_fn(|k| n[k] + share * (n[k] - x[k]))).collect();
             (found, momentum) = (next, following);
         }
-        Ok(self.with_own_volume(Self { vertices: found, ..self.clone() }))
+        Ok(self.with_volume(Self { vertices: found, ..self.clone() }, bounds))
     }
 
-    /// Moves a relaxed surface along its normals until its volume is that of this surface.
-    fn with_own_volume(&self, mut relaxed: Self) -> Self {
-        let whole = volume(self);
+    /// Returns the volume that the smooth surface has to have, in voxels.
+    fn kept_volume(&self, bounds: Bounds<'_>) -> f64 {
+        bounds.located.map_or_else(|| volume(self), |located| located.volume)
+    }
+
+    /// Returns, for each quadrangle, its normal axis and the position along it at which the values cross the level.
+    fn crossings(&self, located: &Located) -> Vec<(usize, f64)> {
+        let position = |(quad, offset): (usize, &f64)| {
+            let face = self.face(quad);
+            (face.axis, face.centre[face.axis] + face.sign * offset)
+        };
+        located.offsets.iter().enumerate().map(position).collect()
+    }
+
+    /// Adds the gradient of the squared distances to the crossings, times their weight, at positions `x`.
+    fn add_pull(&self, crossings: &[(usize, f64)], x: &[[f64; 3]], gradient: &mut [[f64; 3]]) {
+        for (quad, &(axis, position)) in self.quads.iter().zip(crossings) {
+            let mean = 0.25 * quad.iter().map(|&v| x[v as usize][axis]).sum::<f64>();
+            let pull = 0.25 * WEIGHT * (mean - position);
+            quad.iter().for_each(|&v| gradient[v as usize][axis] += pull);
+        }
+    }
+
+    /// Moves a relaxed surface along its normals until it has the volume to keep.
+    fn with_volume(&self, mut relaxed: Self, bounds: Bounds<'_>) -> Self {
+        let whole = self.kept_volume(bounds);
         for _ in 0..MOVES {
             let missing = whole - volume(&relaxed);
             if missing.abs() < 1e-4 * whole.abs() {
@@ -88,11 +148,23 @@ impl QuadMesh {
             let (normals, area) = relaxed.normals();
             let by = missing / area;
             for ((x, normal), corner) in relaxed.vertices.iter_mut().zip(normals).zip(&self.vertices) {
-                let moved = add(*x, scale(normal, by));
-                *x = std::array::from_fn(|k| moved[k].clamp(corner[k] - HALF, corner[k] + HALF));
+                *x = bounds.clamp(add(*x, scale(normal, by)), corner);
             }
         }
         relaxed
+    }
+
+    /// Returns a mesh of triangles whose volume is the mean of both ways to cut the quadrangles. Cuts that are all
+    /// convex would add up to 0.7 % to a small body, so vertices move along their normals by less than a hundredth of a
+    /// voxel.
+    pub(super) fn cut_evenly(&self, from_second: impl Fn(usize) -> bool) -> Mesh {
+        let mut mesh = self.cut(&self.vertices, from_second);
+        let (whole, (normals, area)) = (volume(self), self.normals());
+        for _ in 0..3 {
+            let by = (whole - signed_volume(&mesh)) / area;
+            mesh.vertices.iter_mut().zip(&normals).for_each(|(x, normal)| *x = add(*x, scale(*normal, by)));
+        }
+        mesh
     }
 
     /// Returns the unit normal of each vertex, and the surface's area.
@@ -111,7 +183,8 @@ impl QuadMesh {
 
 /// Returns the volume within a surface, as the mean over both ways to cut its quadrangles.
 fn volume(mesh: &QuadMesh) -> f64 {
-    0.5 * (signed_volume(&mesh.triangles(|_| false)) + signed_volume(&mesh.triangles(|_| true)))
+    let of = |from_second: bool| signed_volume(&mesh.cut(&mesh.vertices, |_| from_second));
+    0.5 * (of(false) + of(true))
 }
 
 /// For each vertex, the vertices connected to it by an edge.
@@ -173,14 +246,14 @@ mod tests {
         let centred = |at: [usize; 3]| at.map(|x| x as f64 - 12.0);
         let inside = |at: [usize; 3]| dot(centred(at), centred(at)) < radius * radius;
         let steps = QuadMesh::around(&Mask::new([25; 3], inside));
-        let smooth = steps.relaxed(&spharm_monitor::Silent).unwrap();
+        let smooth = steps.relaxed(Bounds { radius: HALF_A_VOXEL, located: None }, &spharm_monitor::Silent).unwrap();
         let off = |mesh: &QuadMesh| {
             let square = |v: &[f64; 3]| (dot(v.map(|x| x - 12.0), v.map(|x| x - 12.0)).sqrt() - radius).powi(2);
             (mesh.vertices.iter().map(square).sum::<f64>() / mesh.vertices.len() as f64).sqrt()
         };
         assert!(off(&smooth) < 0.12 && off(&steps) > 0.25, "{} {}", off(&smooth), off(&steps));
         let moved = smooth.vertices.iter().flatten().zip(steps.vertices.iter().flatten()).map(|(a, b)| (a - b).abs());
-        assert!(moved.fold(0.0, f64::max) <= HALF);
+        assert!(moved.fold(0.0, f64::max) <= HALF_A_VOXEL);
         let area = spharm_surface::topology::area(&smooth.triangles(|_| false));
         let expected = 4.0 * std::f64::consts::PI * radius * radius;
         assert!((area / expected - 1.0).abs() < 0.02, "{area} {expected}");

@@ -4,10 +4,11 @@ use std::io::Read;
 use std::path::Path;
 
 use spharm_monitor::Monitor;
-use spharm_surface::io::check_room;
+use spharm_surface::SurfaceError;
+use spharm_surface::io::{NoRoom, check_room};
 
 use super::affine::Affine;
-use super::values::no_room;
+use super::grey::VoxelValues;
 use crate::error::ParametrizeError;
 
 /// A volume's file.
@@ -16,6 +17,8 @@ pub(super) struct Source<'a> {
     pub(super) path: &'a Path,
     /// Size of the voxels, given by the caller if the format lacks it or the file has a wrong one.
     pub(super) voxel_size: Option<[f64; 3]>,
+    /// What the values are.
+    pub(super) values: VoxelValues,
     pub(super) monitor: &'a dyn Monitor,
 }
 
@@ -49,4 +52,9 @@ pub(super) fn load(path: &Path) -> Result<Vec<u8>, ParametrizeError> {
     let mut bytes = Vec::new();
     file.read_to_end(&mut bytes).map_err(io)?;
     Ok(bytes)
+}
+
+/// Returns the error for a volume that needs more memory than is free.
+pub(super) fn no_room(path: &Path, room: NoRoom) -> ParametrizeError {
+    SurfaceError::NoRoom { path: path.to_owned(), room }.into()
 }

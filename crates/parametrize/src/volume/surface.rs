@@ -1,7 +1,5 @@
 //! Computes a label's surface, which is checked and, on request, repaired.
 
-use std::str::FromStr;
-
 use spharm_monitor::{Interrupted, Monitor, Silent};
 use spharm_surface::Mesh;
 
@@ -9,44 +7,74 @@ use super::boundary::QuadMesh;
 use super::labels::LabelVolume;
 use super::mask::Mask;
 use super::pieces::{cavities, pieces};
+use super::relax::{Bounds, HALF_A_VOXEL};
 use super::repair::{Repair, repair};
 use crate::error::ParametrizeError;
 
+/// Largest radius of smooth surfaces, in voxels. Boxes beyond it contain most of a small body.
+const LARGEST_RADIUS: f64 = 4.0;
+
 /// The surface that stands for a label.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LabelSurface {
-    /// The surface of least bending within half a voxel of the voxels' faces, with the voxels' volume
-    /// ([`QuadMesh::relaxed`]). Labels of so few voxels that this is impossible have the voxels' faces.
-    #[default]
-    Smooth,
+    /// The surface of least bending near the voxels' faces, with the voxels' volume, or that of the grey values.
+    /// Labels of so few voxels that this is impossible have the voxels' faces.
+    Smooth {
+        /// Largest distance along each axis between a vertex and its position on the voxels' faces, in voxels. Default
+        /// 0.5, the uncertainty of a label of exact edges; more for labels whose edges aren't exact.
+        radius: f64,
+    },
     /// The faces of the voxels, with their steps.
     Voxels,
 }
 
+impl Default for LabelSurface {
+    fn default() -> Self {
+        Self::Smooth { radius: HALF_A_VOXEL }
+    }
+}
+
 impl LabelSurface {
+    /// Returns the surface of a name, as in arguments and reports, with a radius if it is smooth.
+    ///
+    /// # Errors
+    ///
+    /// [`ParametrizeError::Argument`] for other names, for a radius that isn't between 0 and 4, and for voxels with a
+    /// radius.
+    pub fn named(name: &str, radius: Option<f64>) -> Result<Self, ParametrizeError> {
+        let refused = |what, expected, found| Err(ParametrizeError::Argument { what, expected, found });
+        match (name, radius) {
+            ("smooth", Some(radius)) if !(radius > 0.0 && radius <= LARGEST_RADIUS) => {
+                refused("smooth_radius", "above 0, at most 4 voxels", radius.to_string())
+            }
+            ("smooth", radius) => Ok(Self::Smooth { radius: radius.unwrap_or(HALF_A_VOXEL) }),
+            ("voxels", None) => Ok(Self::Voxels),
+            ("voxels", Some(radius)) => refused("smooth_radius", "none for a surface of voxels", radius.to_string()),
+            (other, _) => refused("label_surface", "smooth or voxels", other.to_owned()),
+        }
+    }
+
     /// Returns the name, as in arguments and reports.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
-            Self::Smooth => "smooth",
+            Self::Smooth { .. } => "smooth",
             Self::Voxels => "voxels",
         }
     }
-}
 
-impl FromStr for LabelSurface {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        match [Self::Smooth, Self::Voxels].into_iter().find(|surface| surface.name() == text) {
-            Some(surface) => Ok(surface),
-            None => Err("expected smooth or voxels".to_owned()),
+    /// Returns the radius of a smooth surface that isn't the default.
+    #[must_use]
+    pub fn radius(self) -> Option<f64> {
+        match self {
+            Self::Smooth { radius } => Some(radius).filter(|radius| *radius != HALF_A_VOXEL),
+            Self::Voxels => None,
         }
     }
 }
 
 /// Settings of [`LabelVolume::surface`].
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct VolumeParams {
     /// The label; `None` (default) for the volume's only label.
     pub label: Option<i64>,
@@ -82,15 +110,18 @@ pub struct VolumeSurface {
 
 impl LabelVolume {
     /// Returns the surface around a label in mm, without voxel steps: the surface of least bending within half a voxel
-    /// of the steps ([`QuadMesh::relaxed`]). It can have any topology; it is for uses that need no sphere, such as
+    /// of the steps. It can have any topology; it is for uses that need no sphere, such as
     /// registration.
     ///
     /// # Errors
     ///
     /// [`NoLabel`](ParametrizeError::NoLabel).
     pub fn smooth_surface(&self, label: Option<i64>) -> Result<Mesh, ParametrizeError> {
-        let steps = QuadMesh::around(&self.mask(self.choose(label)?)?);
-        Ok(steps.relaxed(&Silent)?.to_world(&self.affine).triangles(|_| false))
+        let mask = self.mask(self.choose(label)?)?;
+        let steps = QuadMesh::around(&mask);
+        let located = self.grey.as_ref().map(|grey| grey.locate(&steps, &mask));
+        let bounds = Bounds { radius: HALF_A_VOXEL, located: located.as_ref() };
+        Ok(steps.relaxed(bounds, &Silent)?.to_world(&self.affine).triangles(|_| false))
     }
 
     /// Returns the closed surface around a label.
@@ -109,8 +140,8 @@ impl LabelVolume {
             Err(ParametrizeError::BadVolume { path, label, problems: phrases.join("; "), handles, repairable })
         };
         let problems = problems(&mask, params.handles && !params.fix, monitor)?;
-        let (quads, repair) = match (problems.phrases.is_empty(), params.fix) {
-            (true, _) => (QuadMesh::around(&mask), None),
+        let (mask, repair) = match (problems.phrases.is_empty(), params.fix) {
+            (true, _) => (mask, None),
             (false, false) => return refuse(problems, true),
             (false, true) => {
                 let (repaired, repair) = repair(&mask, monitor)?;
@@ -120,11 +151,17 @@ impl LabelVolume {
                 if !left.phrases.is_empty() {
                     return refuse(left, false);
                 }
-                (QuadMesh::around(&repaired), Some(repair))
+                (repaired, Some(repair))
             }
         };
-        let surface = params.surface;
-        let quads = if surface == LabelSurface::Smooth { quads.smoothed(monitor)? } else { quads };
+        let (quads, surface) = (QuadMesh::around(&mask), params.surface);
+        let quads = match surface {
+            LabelSurface::Smooth { radius } => {
+                let located = self.grey.as_ref().map(|grey| grey.locate(&quads, &mask));
+                quads.smoothed(Bounds { radius, located: located.as_ref() }, monitor)?
+            }
+            LabelSurface::Voxels => quads,
+        };
         let (quads, voxel_size, at_border) =
             (quads.to_world(&self.affine), self.affine.voxel_size(), self.touches_border(label));
         Ok(VolumeSurface { quads, label, voxels, voxel_size, at_border, surface, repair })

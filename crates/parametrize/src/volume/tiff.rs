@@ -10,14 +10,13 @@ use std::io::Cursor;
 use quick_xml::Reader;
 use quick_xml::events::Event;
 use spharm_monitor::Stage;
-use spharm_surface::io::{MOST_EXPANSION, check_room};
+use spharm_surface::io::MOST_EXPANSION;
 use tiff::ColorType;
 use tiff::decoder::{Decoder, DecodingResult, Limits};
 use tiff::tags::Tag;
 
-use super::runs::Builder;
 use super::source::Source;
-use super::values::{Volume, no_room, whole};
+use super::values::{Collector, Volume};
 use crate::error::ParametrizeError;
 
 /// Largest number of bytes of a page: 32,768 x 32,768 values of 8 bits.
@@ -56,7 +55,7 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
     let affine = source.affine(description.voxel_size, "a TIFF file without OME-XML or ImageJ's spacing")?;
     let (width, height) = decoder.dimensions().map_err(broken)?;
     let plane = u64::from(width) * u64::from(height);
-    let mut labels = Builder::new([width as usize, height as usize, 0]);
+    let mut found = Collector::new(source, [width as usize, height as usize, 0]);
     let mut pages = 0;
     source.monitor.begin(Stage::counted("reading", "slices"), description.slices.unwrap_or(0) as u64);
     loop {
@@ -68,16 +67,15 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
             ColorType::Gray(_) => {}
             other => return Err(source.wrong("one whole number a pixel", format!("{other:?} at slice {pages}"))),
         }
-        let voxels = (labels.len() as u64).saturating_add(plane);
+        let voxels = (found.len() as u64).saturating_add(plane);
         if voxels > 2 * most {
             return Err(source.wrong(
                 "a stack that its file can hold",
                 format!("more than {pages} slices in {} bytes", bytes.len()),
             ));
         }
-        // Memory for a page's values, and for the labels if every voxel is a run of its own, the worst case.
-        check_room(voxels.saturating_mul(5)).map_err(|room| no_room(source.path, room))?;
-        append(source, decoder.read_image().map_err(broken)?, &mut labels)?;
+        found.check_room(voxels)?;
+        append(source, decoder.read_image().map_err(broken)?, &mut found)?;
         pages += 1;
         source.monitor.step(1);
         if !decoder.more_images() {
@@ -87,22 +85,18 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
     }
     source.monitor.end();
     let size = [width as usize, height as usize, pages];
-    if description.slices.is_some_and(|slices| slices != pages) || labels.len() as u64 != plane * pages as u64 {
+    if description.slices.is_some_and(|slices| slices != pages) || found.len() as u64 != plane * pages as u64 {
         let told = description.slices.unwrap_or(pages);
         return Err(source.wrong("as many pages as slices", format!("{pages} pages, {told} slices in the description")));
     }
-    labels.slices(pages);
-    let labels = labels.finish().map_err(|room| no_room(source.path, room))?;
-    Ok(Volume { size, affine, labels })
+    found.slices(pages);
+    Ok(Volume { size, affine, voxels: found.finish()? })
 }
 
-fn append(source: &Source<'_>, page: DecodingResult, labels: &mut Builder) -> Result<(), ParametrizeError> {
-    let mut all = |values: &mut dyn Iterator<Item = f64>| -> Result<(), ParametrizeError> {
-        for value in values {
-            let label = whole(source.path, labels.len(), value)?;
-            labels.push(label).map_err(|room| no_room(source.path, room))?;
-        }
-        Ok(())
+fn append(source: &Source<'_>, page: DecodingResult, found: &mut Collector<'_>) -> Result<(), ParametrizeError> {
+    let mut all = |mut values: &mut dyn Iterator<Item = f64>| {
+        // The iterator behind the reference has no fixed size; the reference itself is an iterator that has one.
+        Iterator::try_for_each(&mut values, |value| found.push(value))
     };
     match page {
         DecodingResult::U8(page) => all(&mut page.iter().map(|&x| x.into())),
@@ -115,7 +109,7 @@ fn append(source: &Source<'_>, page: DecodingResult, labels: &mut Builder) -> Re
         DecodingResult::I64(page) => all(&mut page.iter().map(|&x| x as f64)),
         DecodingResult::F32(page) => all(&mut page.iter().map(|&x| x.into())),
         DecodingResult::F64(page) => all(&mut page.iter().copied()),
-        _ => Err(source.wrong("whole numbers as labels", "values of 16-bit floats".to_owned())),
+        _ => Err(source.wrong("numbers", "values of 16-bit floats".to_owned())),
     }
 }
 

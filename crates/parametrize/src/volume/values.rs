@@ -1,22 +1,119 @@
-//! Converts the values of voxels in a file to labels, which are 32-bit integers.
+//! Reads the values of voxels in a file, and converts them to labels, which are 32-bit integers.
 
 use std::io::Read;
 use std::path::Path;
 
-use spharm_monitor::{Monitor, Stage};
-use spharm_surface::SurfaceError;
+use spharm_monitor::Stage;
 use spharm_surface::io::{NoRoom, check_room};
 
 use super::affine::Affine;
+use super::grey::VoxelValues;
 use super::runs::{Builder, Runs};
+use super::source::{Source, no_room};
 use crate::error::ParametrizeError;
 
-/// A volume from a file: the numbers of voxels along x, y, z, the matrix to mm, and the labels.
+/// A volume from a file: the numbers of voxels along x, y, z, the matrix to mm, and the voxels.
 pub(super) struct Volume {
     pub(super) size: [usize; 3],
     pub(super) affine: Affine,
-    pub(super) labels: Runs,
+    pub(super) voxels: Voxels,
 }
+
+/// The labels of all voxels, and their values, one per voxel, if those aren't labels.
+pub(super) struct Voxels {
+    pub(super) labels: Runs,
+    pub(super) values: Vec<f32>,
+}
+
+impl Voxels {
+    /// Returns the voxels with the axes reversed: converts from z varying fastest, with sizes `[z, y, x]`, to x varying
+    /// fastest.
+    pub(super) fn transposed(&self, [nz, ny, nx]: [usize; 3]) -> Result<Self, NoRoom> {
+        let labels = self.labels.transposed()?;
+        check_room(4 * self.values.len() as u64)?;
+        let mut values = Vec::with_capacity(self.values.len());
+        if !self.values.is_empty() {
+            let rows = (0..nz).flat_map(|z| (0..ny).map(move |y| (y, z)));
+            values.extend(rows.flat_map(|(y, z)| (0..nx).map(move |x| self.values[z + nz * (y + ny * x)])));
+        }
+        Ok(Self { labels, values })
+    }
+}
+
+/// Converts voxels to labels, one after another, and keeps their values if those aren't labels.
+pub(super) struct Collector<'a> {
+    path: &'a Path,
+    meaning: VoxelValues,
+    labels: Builder,
+    values: Vec<f32>,
+    /// Smallest and largest value.
+    range: (f64, f64),
+}
+
+impl<'a> Collector<'a> {
+    pub(super) fn new(source: &Source<'a>, size: [usize; 3]) -> Self {
+        let range = (f64::INFINITY, f64::NEG_INFINITY);
+        Self { path: source.path, meaning: source.values, labels: Builder::new(size), values: Vec::new(), range }
+    }
+
+    /// Checks that memory suffices for a number of voxels in the worst case: 4 bytes for a voxel's label, 1 for its
+    /// entry in a mask, and 4 for its value.
+    pub(super) fn check_room(&self, voxels: u64) -> Result<(), ParametrizeError> {
+        let bytes = if self.meaning == VoxelValues::Labels { 5 } else { 9 };
+        check_room(voxels.saturating_mul(bytes)).map_err(|room| no_room(self.path, room))
+    }
+
+    /// Returns the number of voxels added so far.
+    pub(super) fn len(&self) -> usize {
+        self.labels.len()
+    }
+
+    /// Sets the number of slices, for readers that don't know it in advance.
+    pub(super) fn slices(&mut self, count: usize) {
+        self.labels.slices(count);
+    }
+
+    /// Adds the next voxel.
+    pub(super) fn push(&mut self, value: f64) -> Result<(), ParametrizeError> {
+        let label = match self.meaning.level() {
+            None => whole(self.path, self.len(), value)?,
+            Some(level) => {
+                if self.meaning == VoxelValues::Probability && !(value.is_nan() || PROBABILITIES.contains(&value)) {
+                    let found = format!("{value} at voxel {} (counted from 0, x fastest)", self.len());
+                    return Err(self.wrong("probabilities from 0 to 1", found));
+                }
+                self.range = (self.range.0.min(value), self.range.1.max(value));
+                self.values.push(value as f32);
+                i32::from(value >= level)
+            }
+        };
+        self.labels.push(label).map_err(|room| no_room(self.path, room))
+    }
+
+    /// Adds `count` voxels of background.
+    fn background(&mut self, count: usize) -> Result<(), ParametrizeError> {
+        if self.meaning == VoxelValues::Labels {
+            return self.labels.to(self.len() + count).map_err(|room| no_room(self.path, room));
+        }
+        (0..count).try_for_each(|_| self.push(0.0))
+    }
+
+    fn wrong(&self, expected: &'static str, found: String) -> ParametrizeError {
+        ParametrizeError::NotAVolume { path: self.path.to_owned(), expected, found }
+    }
+
+    pub(super) fn finish(self) -> Result<Voxels, ParametrizeError> {
+        let (path, (low, high)) = (self.path, self.range);
+        if let Some(level) = self.meaning.level().filter(|level| high < *level) {
+            let found = if low > high { "none".to_owned() } else { format!("values from {low} to {high}") };
+            return Err(self.wrong("voxels that reach the level", format!("{found}, below {level}")));
+        }
+        Ok(Voxels { labels: self.labels.finish().map_err(|room| no_room(path, room))?, values: self.values })
+    }
+}
+
+/// Accepted probabilities, with an allowance for rounding by the program that wrote them.
+const PROBABILITIES: std::ops::RangeInclusive<f64> = -1e-3..=1.0 + 1e-3;
 
 /// The type of a voxel's value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -84,19 +181,13 @@ impl Layout {
         self.size.iter().fold(self.scalar.width() as u64, |bytes, &n| bytes.saturating_mul(n as u64))
     }
 
-    /// Reads the values from a stream and converts them to labels. The caller must have checked that the file can
-    /// contain [`bytes`](Self::bytes) bytes.
-    pub(super) fn read(
-        &self,
-        path: &Path,
-        mut stream: impl Read,
-        monitor: &dyn Monitor,
-    ) -> Result<Runs, ParametrizeError> {
-        // 5 bytes per voxel for the worst case: 4 for the label, 1 for the voxel's entry in a mask.
-        let room = |room| no_room(path, room);
-        check_room(self.bytes() / self.scalar.width() as u64 * 5).map_err(room)?;
+    /// Reads the values from a stream. The caller must have checked that the file can contain [`bytes`](Self::bytes)
+    /// bytes.
+    pub(super) fn read(&self, source: &Source<'_>, mut stream: impl Read) -> Result<Voxels, ParametrizeError> {
+        let (path, monitor) = (source.path, source.monitor);
+        let mut voxels = Collector::new(source, self.size);
+        voxels.check_room(self.bytes() / self.scalar.width() as u64)?;
         monitor.begin(Stage::bytes("reading"), self.bytes());
-        let mut labels = Builder::new(self.size);
         let mut left = self.bytes();
         let mut bytes = Vec::with_capacity(CHUNK);
         while left > 0 {
@@ -109,43 +200,36 @@ impl Layout {
                 return Err(cut_short(path, &format!("{there} bytes of values instead of {}", self.bytes())));
             }
             if self.scaling.is_none() && bytes.iter().all(|&byte| byte == 0) {
-                labels.to(labels.len() + bytes.len() / self.scalar.width()).map_err(room)?;
+                voxels.background(bytes.len() / self.scalar.width())?;
             } else {
                 for raw in bytes.chunks_exact(self.scalar.width()) {
-                    labels.push(self.label(path, labels.len(), raw)?).map_err(room)?;
+                    voxels.push(self.value(raw))?;
                 }
             }
             left -= wanted;
             monitor.step(wanted);
         }
         monitor.end();
-        labels.finish().map_err(room)
+        voxels.finish()
     }
 
-    fn label(&self, path: &Path, index: usize, bytes: &[u8]) -> Result<i32, ParametrizeError> {
+    fn value(&self, bytes: &[u8]) -> f64 {
         let mut raw = [0; 8];
         raw[..bytes.len()].copy_from_slice(bytes);
         if !self.little_endian {
             raw[..bytes.len()].reverse();
         }
         let value = self.scalar.number(raw);
-        let value = self.scaling.map_or(value, |(slope, intercept)| slope * value + intercept);
-        whole(path, index, value)
+        self.scaling.map_or(value, |(slope, intercept)| slope * value + intercept)
     }
 }
 
 /// Converts a value to a label; an error if the value isn't an integer of 32 bits.
-pub(super) fn whole(path: &Path, index: usize, value: f64) -> Result<i32, ParametrizeError> {
+fn whole(path: &Path, index: usize, value: f64) -> Result<i32, ParametrizeError> {
     if value.fract() == 0.0 && value.abs() <= f64::from(i32::MAX) {
         return Ok(value as i32);
     }
-    let found = format!("{value} at voxel {index} (counted from 0, x fastest); threshold or round the volume first");
-    Err(ParametrizeError::NotAVolume { path: path.to_owned(), expected: "whole numbers as labels", found })
-}
-
-/// Returns the error for a volume that needs more memory than is free.
-pub(super) fn no_room(path: &Path, room: NoRoom) -> ParametrizeError {
-    SurfaceError::NoRoom { path: path.to_owned(), room }.into()
+    Err(ParametrizeError::NotLabels { path: path.to_owned(), value, voxel: index })
 }
 
 /// Returns the error for a file that is truncated or damaged.

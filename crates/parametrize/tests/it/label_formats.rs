@@ -5,11 +5,15 @@ use std::io::{Cursor, Write};
 
 use spharm_monitor::Silent;
 use spharm_parametrize::ParametrizeError;
-use spharm_parametrize::volume::LabelVolume;
+use spharm_parametrize::volume::{LabelVolume, VolumeReading};
 
 /// Values of 3 x 2 x 2 voxels, with x varying fastest.
 const VALUES: [u8; 12] = [0, 5, 5, 0, 9, 0, 0, 0, 0, 0, 0, 7];
 const SIZE: [f64; 3] = [0.2, 0.3, 0.6];
+
+fn of_size(size: [f64; 3]) -> VolumeReading {
+    VolumeReading { voxel_size: Some(size), ..VolumeReading::default() }
+}
 
 struct Folder(tempfile::TempDir);
 
@@ -132,7 +136,7 @@ fn nrrd_attached_and_detached() {
         ("encoding: raw\nspacings: 1 1 1\nsizes: 60000 60000 60000\n", "but at most"),
         ("encoding: gzip\nspacings: 1 1 1\nsizes: 60000 60000 60000\n", "but at most"),
         ("encoding: raw\nspacings: 1 1 1\ntype: short\n", "endian"),
-        ("encoding: raw\nspacings: 1 1 1\ntype: block\n", "whole numbers"),
+        ("encoding: raw\nspacings: 1 1 1\ntype: block\n", "numbers"),
     ] {
         folder.refused("bad.nrrd", &nrrd(fields, &VALUES), why);
     }
@@ -168,8 +172,8 @@ fn tiff_stacks() {
     let error = folder.read("c.tif", &plain).unwrap_err();
     assert!(matches!(error, ParametrizeError::NoVoxelSize { .. }), "{error}");
     let path = folder.0.path().join("c.tif");
-    check(&LabelVolume::read_with(&path, Some(SIZE), &Silent).unwrap(), [0.0; 3], [0.4, 0.3, 0.6]);
-    assert!(LabelVolume::read_with(&path, Some([1.0, 0.0, 1.0]), &Silent).is_err());
+    check(&LabelVolume::read_with(&path, of_size(SIZE), &Silent).unwrap(), [0.0; 3], [0.4, 0.3, 0.6]);
+    assert!(LabelVolume::read_with(&path, of_size([1.0, 0.0, 1.0]), &Silent).is_err());
     folder.refused("d.tif", &tiff(ome, 3), "as many pages as slices");
     folder.refused("e.tif", &tiff(&ome.replace("SizeC=\"1\"", "SizeC=\"2\""), 2), "one channel and one time");
     let whole = tiff(imagej, 2);
@@ -194,7 +198,7 @@ fn arrays_of_numpy() {
     let read = |bytes: &[u8]| {
         let path = folder.0.path().join("a.npy");
         std::fs::write(&path, bytes).unwrap();
-        LabelVolume::read_with(&path, Some(SIZE), &Silent)
+        LabelVolume::read_with(&path, of_size(SIZE), &Silent)
     };
     let last = [0.4, 0.3, 0.6];
     check(&read(&npy("|u1", "True", "(3, 2, 2)", &VALUES)).unwrap(), [0.0; 3], last);
@@ -210,7 +214,7 @@ fn arrays_of_numpy() {
     folder.refused("b.npy", &npy("|u1", "True", "(3, 2, 2)", &VALUES), "doesn't record the voxel size");
     for (bytes, why) in [
         (npy("|u1", "True", "(12,)", &VALUES), "three dimensions"),
-        (npy("<c8", "True", "(3, 2, 2)", &VALUES), "whole numbers"),
+        (npy("<c8", "True", "(3, 2, 2)", &VALUES), "numbers"),
         (npy("|u1", "True", "(3, 2, 99999999999)", &VALUES), "more than the file can hold"),
         (npy("|u1", "True", "(3, 2, 1)", &VALUES), "more bytes than the shape allows"),
         (npy("|u1", "True", "(-3, 2, 2)", &VALUES), "not understood"),

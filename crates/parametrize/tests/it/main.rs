@@ -2,6 +2,7 @@
 
 mod anisotropic;
 mod cancelling;
+mod grey;
 mod handles;
 mod label_files;
 mod label_formats;

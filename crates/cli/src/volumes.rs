@@ -1,0 +1,77 @@
+//! Arguments that describe volumes: their voxels, and the surface of a label.
+
+use clap::Args;
+use spharm::parametrize::ParametrizeError;
+use spharm::parametrize::volume::{LabelSurface, VolumeReading, VoxelValues};
+
+use crate::surfaces::VoxelSize;
+
+/// How to read volumes.
+#[derive(Debug, Clone, Copy, Args)]
+pub struct VolumeArgs {
+    /// Size of a volume's voxels, in place of that in its file
+    ///
+    /// Needed for arrays, and for TIFF stacks without OME-XML or ImageJ's spacing.
+    #[arg(long, value_name = "X,Y,Z", hide_short_help = true)]
+    pub voxel_size: Option<VoxelSize>,
+    /// Read grey values: the body is the voxels of LEVEL or more
+    ///
+    /// The surface runs where linear interpolation between voxels reaches LEVEL, without detail smaller than a voxel.
+    /// Values that aren't numbers are outside. The body has label 1; --fix keeps its largest piece.
+    #[arg(long, value_name = "LEVEL", allow_negative_numbers = true, value_parser = finite, hide_short_help = true)]
+    pub threshold: Option<f64>,
+    /// Read probabilities, or the share of each voxel inside the body, from 0 to 1
+    ///
+    /// The body is the voxels of 0.5 or more. The surface encloses the sum of the probabilities along its border and
+    /// the voxels farther inside.
+    #[arg(long, conflicts_with = "threshold", hide_short_help = true)]
+    pub probability: bool,
+}
+
+impl VolumeArgs {
+    /// Returns the library's settings.
+    #[must_use]
+    pub fn reading(&self) -> VolumeReading {
+        let values = VoxelValues::of(self.threshold, self.probability);
+        VolumeReading { voxel_size: self.voxel_size.map(|size| size.0), values }
+    }
+}
+
+/// The surface that stands for a label.
+#[derive(Debug, Clone, Args)]
+pub struct LabelSurfaceArgs {
+    /// Surface of a label: without the voxels' steps, or the voxels' faces
+    ///
+    /// smooth is the surface of least bending within --smooth-radius of the voxels' faces, with the voxels' volume. The
+    /// area of a model of voxels grows with the degree.
+    #[arg(
+        long,
+        value_name = "smooth|voxels",
+        default_value = "smooth",
+        value_parser = ["smooth", "voxels"],
+        hide_possible_values = true,
+        hide_short_help = true
+    )]
+    pub label_surface: String,
+    /// Distance in voxels that a smooth surface may be from the voxels' faces, at most 4 [default: 0.5]
+    ///
+    /// Larger radii remove ridges between slices that were outlined one by one, and with them detail of this size. The
+    /// volume is kept.
+    #[arg(long, value_name = "VOXELS", value_parser = finite, hide_short_help = true)]
+    pub smooth_radius: Option<f64>,
+}
+
+impl LabelSurfaceArgs {
+    /// Returns the library's setting.
+    ///
+    /// # Errors
+    ///
+    /// [`ParametrizeError::Argument`] for a radius out of range, and for voxels with a radius.
+    pub fn surface(&self) -> Result<LabelSurface, ParametrizeError> {
+        LabelSurface::named(&self.label_surface, self.smooth_radius)
+    }
+}
+
+fn finite(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|number: &f64| number.is_finite()).ok_or_else(|| "expected a number".to_owned())
+}
