@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use ndarray::Array3;
-use ndarray_npy::WriteNpyExt;
+use ndarray_npy::{ReadNpyExt, WriteNpyExt};
 use spharm::Model;
 
 use crate::common::{fail, finish, succeed, text, tool};
@@ -86,14 +86,21 @@ fn unusable_values_and_arguments_are_refused() {
     };
     let size = ["--voxel-size", "1,1,1"];
     for (arguments, expected) in [
-        (&["above.npy", "--probability"][..], "above.npy: expected probabilities from 0 to 1, found 1.4 at voxel 0"),
-        (&["p.npy", "--threshold", "7"], "voxels that reach the level, found values from 0 to 1, below 7"),
+        (
+            &["above.npy", "--probability"][..],
+            "above.npy: expected probabilities from 0 to 1, found 1.400, value 0 of the file",
+        ),
+        (
+            &["p.npy", "--threshold", "7"],
+            "voxels inside and outside of a body, found values from 0 to 1.000, all below the level 7",
+        ),
+        (&["p.npy", "--threshold", "-1"], "all at or above the level -1"),
         (&["p.npy", "--threshold", "inf"], "expected a number"),
         (&["p.npy", "--threshold", "0.5", "--probability"], "cannot be used with"),
-        (&["p.npy", "--threshold", "0.5", "--smooth-radius", "9"], "smooth_radius: expected above 0, at most 4 voxels"),
+        (&["p.npy", "--threshold", "0.5", "--smooth-radius", "9"], "expected 0.25 to 4 voxels"),
         (
             &["p.npy", "--probability", "--label-surface", "voxels", "--smooth-radius", "1"],
-            "none for a surface of voxels",
+            "--smooth-radius is for --label-surface smooth",
         ),
     ] {
         let found = refused(&[arguments, &size].concat());
@@ -112,13 +119,23 @@ fn a_study_of_probabilities_passes_them_to_all_stages() {
     for (k, id) in ids.into_iter().enumerate() {
         write_ball(&site.join(format!("{id}.npy")), 4.6 + 0.3 * k as f32);
     }
+    // A speck beside the last body, which --fix leaves out of the fit, and the group, too.
+    let mut speck = Array3::<f32>::read_npy(fs::File::open(site.join("s4.npy")).unwrap()).unwrap();
+    speck[[0, 0, 0]] = 0.9;
+    speck.write_npy(fs::File::create(site.join("s4.npy")).unwrap()).unwrap();
     let rows: String = ids.iter().map(|id| format!("{id},{id}.npy\n")).collect();
     fs::write(site.join("table.csv"), format!("id,surface\n{rows}")).unwrap();
     let study = "output = \"out\"\n[subjects]\ntable = \"table.csv\"\n[fit]\nmax_degree = 6\n\
-                 arguments = [\"--probability\", \"--voxel-size\", \"1,1,1\"]\n[align]\nmethod = \"joint\"\n";
+                 arguments = [\"--probability\", \"--voxel-size\", \"1,1,1\", \"--fix\"]\n\
+                 [align]\nmethod = \"correspond\"\n";
     fs::write(site.join("study.toml"), study).unwrap();
     let output = finish(tool("study").args(["study.toml", "--threads", "2"]).current_dir(site));
     assert!(output.status.success(), "{}", text(&output));
-    let made = fs::read_dir(site.join("out/models")).unwrap().count();
-    assert!(made >= 4, "{made} files");
+    for id in ids {
+        let [own, in_group] =
+            ["models", "group"].map(|folder| volume(&site.join(format!("out/{folder}/{id}.spharm.npz"))));
+        assert!((in_group / own - 1.0).abs() < 0.01, "{id}: {own} {in_group}");
+    }
+    let methods = fs::read_to_string(site.join("out/methods.md")).unwrap();
+    assert!(methods.contains("of a probability of 0.5 or more; its volume was the sum"), "{methods}");
 }

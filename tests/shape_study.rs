@@ -133,6 +133,13 @@ fn a_study_finds_the_bump_of_its_second_group() {
             .current_dir(site.path()),
     );
     assert!(drawn.contains("8 panels"), "{drawn}");
+    let contour = ["picture", "test/mean.surf.gii", "--map", "test/effect.shape.gii", "--contour"];
+    let line = [&contour[..], &["test/p-fwe.shape.gii", "--dpi", "300", "-o", "line.svg"]].concat();
+    succeed(&mut run(site.path(), &line));
+    let svg = std::fs::read_to_string(at("line.svg")).expect("a picture");
+    assert!(svg.contains(">line: p-fwe = 0.05</text>") && svg.contains("width=\"81.280mm\""), "{}", &svg[..300]);
+    let without = fail(&mut run(site.path(), &[&contour[..], &["test/effect.shape.gii", "-o", "x.png"]].concat()));
+    assert!(without.contains("--contour-level is required for maps other than p values"), "{without}");
     let wrong = ["picture", "meshes/a01.ply", "--map", "test/test.csv", "-o", "other.png"];
     fail(&mut run(site.path(), &wrong));
     succeed(run(site.path(), &["shape", "morph"]).args([&a[0], &b[0]]).args([

@@ -76,11 +76,17 @@ fn stages(stdout: &str) -> BTreeMap<String, String> {
 fn a_study_is_made_once_and_after_a_change_only_what_depends_on_it() {
     let site = site();
     let first = stages(&succeed(&mut study(site.path(), &[])));
-    let names = "check correspond describe fit measure modes picture.bump plain quality quality.plain report test.bump";
+    let names = "check correspond describe fit measure modes picture.bump.png picture.bump.svg plain quality quality.plain report test.bump";
     assert_eq!(first.keys().map(String::as_str).collect::<Vec<_>>().join(" "), names);
     assert!(first.values().all(|state| state == "done"), "{first:?}");
     let all = made(site.path());
-    for name in ["models/a01.spharm.npz", "group/b03.spharm.npz", "tests/bump/p-fwe.shape.gii", "figures/bump.png"] {
+    for name in [
+        "models/a01.spharm.npz",
+        "group/b03.spharm.npz",
+        "tests/bump/p-fwe.shape.gii",
+        "figures/bump.png",
+        "figures/bump.svg",
+    ] {
         assert!(all.contains_key(Path::new(name)), "{name}");
     }
     let page = String::from_utf8(all[Path::new("report.html")].clone()).expect("UTF-8");
@@ -164,7 +170,7 @@ fn shards_fit_their_subjects_and_a_last_call_does_the_rest() {
     }
     assert_eq!(made(site.path()).keys().filter(|path| path.ends_with("a01.spharm.npz")).count(), 1);
     let commands = succeed(&mut study(site.path(), &["--dry-run"]));
-    assert_eq!(commands.lines().count(), 12, "{commands}");
+    assert_eq!(commands.lines().count(), 13, "{commands}");
     assert!(commands.lines().all(|line| line.starts_with("spharm ")), "{commands}");
     succeed(&mut study(site.path(), &[]));
     assert!(made(site.path()).contains_key(Path::new("report.html")));

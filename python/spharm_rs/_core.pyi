@@ -312,7 +312,7 @@ def parametrize(
     progress: _Progress | None = None,
 ) -> _Mapped: ...
 def parametrize_volume(
-    volume: str | tuple[NDArray[np.int32], _Floats],
+    volume: str | tuple[NDArray[np.int32] | _Floats, _Floats],
     *,
     label: int | None,
     threshold: float | None,
@@ -329,7 +329,7 @@ def parametrize_volume(
     threads: int | None = None,
     progress: _Progress | None = None,
 ) -> _Mapped: ...
-def labels(volume: str | tuple[NDArray[np.int32], _Floats]) -> dict[int, int]: ...
+def labels(volume: str | tuple[NDArray[np.int32] | _Floats, _Floats]) -> dict[int, int]: ...
 def resample(
     vertices: _Floats,
     faces: _Triangles,

@@ -163,11 +163,12 @@ def parametrize_volume(
         reaches the value.
     probability : bool
         Read probabilities, or the share of each voxel inside the body, from 0 to 1: the body is the voxels of 0.5 or
-        more, and its volume the sum of the probabilities.
+        more, and its volume the sum of the probabilities near its surface and the number of voxels farther inside.
     label_surface : {"smooth", "voxels"}
-        The surface of least bending within half a voxel of the voxels' faces, with the voxels' volume; or the faces.
+        The surface of least bending near the voxels' faces, with the volume of the voxels or of their values; or the
+        faces.
     smooth_radius : float, optional
-        Distance in voxels that a smooth surface may be from the voxels' faces, at most 4; by default 0.5.
+        Distance in voxels that a smooth surface may be from the voxels' faces, 0.25 to 4; by default 0.5.
     affine : array_like of float, (4, 4), optional
         For an array: the transform from voxel indices to positions; by default the identity.
     fix : bool
@@ -239,7 +240,8 @@ def _volume(volume: Path | ArrayLike, affine: ArrayLike | None, of_values: bool)
         raise ValueError(f"volume: expected shape (i, j, k), found {array.shape}")
     if array.dtype.kind not in ("iubf" if of_values else "iub"):
         if array.dtype.kind == "f":
-            raise ValueError(f"volume: expected whole numbers as labels, found {array.dtype}; threshold= takes grey values")
+            advice = "parametrize_volume takes grey values with threshold=, and probabilities with probability=True"
+            raise ValueError(f"volume: expected whole numbers as labels, found {array.dtype}; {advice}")
         raise ValueError(f"volume: expected whole numbers, found {array.dtype}")
     if not of_values and array.size and not -(2**31) <= int(array.min()) <= int(array.max()) < 2**31:
         raise ValueError(f"volume: expected labels of 32 bits, found {array.min()} to {array.max()}")

@@ -164,11 +164,11 @@ def test_grey_values_and_probabilities_of_arrays_and_files(tmp_path: Path) -> No
 
     wide = sp.parametrize_volume(share, probability=True, smooth_radius=1.5)
     assert not np.array_equal(wide.surface.vertices, of_shares.surface.vertices)
-    with pytest.raises(ValueError, match="threshold= takes grey values"):
+    with pytest.raises(ValueError, match="grey values with threshold="):
         sp.parametrize_volume(grey)
     with pytest.raises(ValueError, match="probabilities from 0 to 1, found"):
         sp.parametrize_volume(grey, probability=True)
     with pytest.raises(ValueError, match="expected None with probability=True"):
         sp.parametrize_volume(grey, threshold=0.5, probability=True)
-    with pytest.raises(ValueError, match="smooth_radius: expected above 0, at most 4 voxels"):
+    with pytest.raises(ValueError, match="smooth_radius: expected 0.25 to 4 voxels"):
         sp.parametrize_volume(share, probability=True, smooth_radius=0)

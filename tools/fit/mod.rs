@@ -107,7 +107,7 @@ fn options(cli: &Cli, params: FitParams) -> Result<Options> {
 }
 
 fn preparation(input: &Input) -> Result<Preparation> {
-    let (reading, label_surface) = (input.volume.reading(), input.label_surface.surface()?);
+    let (reading, label_surface) = (input.volume.reading(), input.label_surface.surface(&input.volume)?);
     Ok(Preparation { reading, label_surface, fix: input.fix, cut_handles: input.cut_handles })
 }
 

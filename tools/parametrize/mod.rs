@@ -29,7 +29,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let monitor = ConsoleMonitor::new(console);
     let reader = SurfaceReader::new(Preparation {
         reading: cli.volume.reading(),
-        label_surface: cli.label_surface.surface()?,
+        label_surface: cli.label_surface.surface(&cli.volume)?,
         fix: cli.fix,
         cut_handles: cli.cut_handles,
     });

@@ -41,12 +41,18 @@ pub(crate) struct Cli {
     pub(super) error: bool,
     /// For each map, add a panel with the first surface coloured by values on its vertices
     ///
-    /// Files of one value per vertex, such as the maps of `spharm shape measure` and `test`. Colours are symmetric
-    /// about 0, from blue to red, if values have both signs, and otherwise range from the minimum to the maximum;
-    /// --range overrides this. For p values, in files called p, q or p-NAME, -log10 is shown: significant values have
-    /// the last colours.
+    /// Files of one value per vertex, such as the maps of `spharm shape measure` and `test`. If values have both signs,
+    /// colours are symmetric about 0, from blue to red; values beyond twice the 99th percentile have the last colours,
+    /// as the scale says. Otherwise colours range from the minimum to the maximum. --range overrides this. For p
+    /// values, in files called p, q or p-NAME, -log10 is shown: significant values have the last colours.
     #[arg(long, value_name = "MAP", num_args = 1.., help_heading = INPUT)]
     pub(super) map: Vec<PathBuf>,
+    /// Draw the line on the first surface, and on its maps, along which this map has the value of --contour-level
+    #[arg(long, value_name = "MAP", help_heading = INPUT)]
+    pub(super) contour: Option<PathBuf>,
+    /// Value along the contour [default: 0.05 for p values, in files called p, q or p-NAME]
+    #[arg(long, value_name = "LEVEL", allow_negative_numbers = true, requires = "contour", help_heading = INPUT)]
+    pub(super) contour_level: Option<f64>,
     /// Values with the first and the last colour of the maps, or of --colour-by
     #[arg(long, value_name = "LOW,HIGH", allow_hyphen_values = true, value_parser = range, help_heading = OUTPUT)]
     pub(super) range: Option<(f64, f64)>,
@@ -83,8 +89,15 @@ pub(crate) struct Cli {
         help_heading = OUTPUT
     )]
     pub(super) size: u16,
+    /// Resolution in dots per inch, which gives the picture its size on paper
+    ///
+    /// At 300 dpi, 1063 pixels are 90 mm. The number of pixels is that of --size times the panels in a row.
+    #[arg(long, value_name = "DPI", value_parser = clap::value_parser!(u16).range(30..=2400), help_heading = OUTPUT)]
+    pub(super) dpi: Option<u16>,
     /// Picture to write
-    #[arg(short, long, value_name = "OUT.png", help_heading = OUTPUT)]
+    ///
+    /// In SVG, captions and numbers are text that can be edited; the surfaces are an embedded PNG.
+    #[arg(short, long, value_name = "OUT.png|OUT.svg", help_heading = OUTPUT)]
     pub(super) output: PathBuf,
     /// Replace an existing output
     #[arg(long, help_heading = OUTPUT)]

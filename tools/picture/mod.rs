@@ -12,10 +12,11 @@ use spharm_cli::memory::Budget;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, check_outputs, counted, prepare, print_line};
 use spharm_harmonics::Directions;
+use spharm_monitor::number;
 use spharm_parametrize::quality::log_area_ratios;
 use spharm_render::{
-    Paint, Panel, Settings, color_of, fit_into, is_probability, render, scale_label, significance, symmetric_range,
-    with_bar, write_png,
+    Contour, Paint, Panel, Settings, color_of, fit_into, is_probability, render, scale_label, significance,
+    symmetric_range, with_bar, with_note, write_png, write_svg,
 };
 use spharm_surface::Mesh;
 use spharm_surface::io::{WriteOptions, read_mesh, read_signal};
@@ -27,7 +28,7 @@ use self::surfaces::Surface;
 
 /// Runs the verb.
 pub(crate) fn run(cli: &Cli) -> Result<()> {
-    check_outputs([OutputFile::with_ending(&cli.output, "--output", &[".png"])], cli.force)?;
+    check_outputs([OutputFile::with_ending(&cli.output, "--output", &[".png", ".svg"])], cli.force)?;
     if cli.range.is_some() && cli.map.is_empty() && cli.colour_by.is_none() {
         return Err(Usage::missing("--range: expected --map or --colour-by, whose colours it is for").into());
     }
@@ -35,7 +36,10 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let files = surfaces::files(&cli.surfaces)?;
     let panels = files.len() + usize::from(cli.error) + usize::from(cli.sphere.is_some()) + cli.map.len();
     check_memory(cli, &[], panels, budget)?;
-    budget.check_inputs("picture", files.iter().chain(&cli.sphere).chain(&cli.map).map(PathBuf::as_path))?;
+    budget.check_inputs(
+        "picture",
+        files.iter().chain(&cli.sphere).chain(&cli.map).chain(&cli.contour).map(PathBuf::as_path),
+    )?;
     let by_column = cli.colour_by.as_ref();
     let numbers = by_column.map(|(table, column)| surfaces::numbers(table, column, &files)).transpose()?;
     let numbers = numbers.unwrap_or_default();
@@ -98,6 +102,23 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         let paint = Paint::Scalar { values, range: *range, label };
         panels.push(Panel { paint, ..Panel::new(&meshes[0], name) });
     }
+    let contour = cli.contour.as_ref().map(|path| read_contour(cli, path, &meshes[0])).transpose()?;
+    if let Some(contour @ ContourMap { values, level, .. }) = &contour {
+        if !contour.has_line() {
+            let path = cli.contour.as_deref().unwrap_or(Path::new("")).display();
+            let (low, high) = contour.range;
+            let text = format!(
+                "{path}: the picture has no line at {}: all values are from {} to {}",
+                contour.stated,
+                number(low),
+                number(high)
+            );
+            cli.common.console().warn(text);
+        }
+        let line = contour.has_line().then_some(Contour { values, level: *level });
+        let of_first = |panel: &&mut Panel<'_>| std::ptr::eq(panel.mesh, &raw const meshes[0]);
+        panels.iter_mut().filter(of_first).for_each(|panel| panel.contour = line);
+    }
     panels.iter_mut().zip(&cli.caption).for_each(|(panel, caption)| panel.caption = caption);
     let captions: Vec<String> = match &cli.view[..] {
         [_] => Vec::new(),
@@ -116,8 +137,65 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         Some((_, column)) => with_bar(picture, colours, column),
         None => picture,
     };
-    write_png(&cli.output, &picture, &WriteOptions { overwrite: cli.force, double: false })?;
+    let picture = match &contour {
+        Some(contour) => with_note(picture, &contour.note()),
+        None => picture,
+    };
+    let options = WriteOptions { overwrite: cli.force, double: false };
+    if is_svg(&cli.output) {
+        write_svg(&cli.output, &picture, &options)?;
+    } else {
+        write_png(&cli.output, &picture, &options)?;
+    }
     print_line(&format!("{}: {}", cli.output.display(), counted(panels.len(), "panel")))
+}
+
+fn is_svg(path: &Path) -> bool {
+    path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("svg"))
+}
+
+/// A map and the value along its contour. For p values, both are -log10.
+struct ContourMap {
+    values: Vec<f64>,
+    level: f64,
+    name: String,
+    /// The value as it was given, and the range of the map's values in the same unit.
+    stated: f64,
+    range: (f64, f64),
+}
+
+impl ContourMap {
+    /// Returns whether the map has values on both sides of the level.
+    fn has_line(&self) -> bool {
+        self.values.iter().any(|value| *value < self.level) && self.values.iter().any(|value| *value >= self.level)
+    }
+
+    /// Returns the text beneath the picture.
+    fn note(&self) -> String {
+        let (name, stated) = (&self.name, self.stated);
+        if self.has_line() {
+            format!("line: {name} = {stated}")
+        } else {
+            format!("no line: {name} is nowhere {stated}")
+        }
+    }
+}
+
+fn read_contour(cli: &Cli, path: &Path, surface: &Mesh) -> Result<ContourMap> {
+    let (values, name) = (read_map(path, surface)?, stem(path));
+    let range = values.iter().fold((f64::MAX, f64::MIN), |(low, high), x| (low.min(*x), high.max(*x)));
+    let (values, level, stated) = match (cli.contour_level, is_probability(&name)) {
+        (None, false) => bail!("{}: --contour-level is required for maps other than p values", path.display()),
+        (Some(level), true) if !(level > 0.0 && level < 1.0) => {
+            bail!("--contour-level: expected between 0 and 1 for p values ({}), found {level}", path.display())
+        }
+        (Some(level), false) => (values, level, level),
+        (level, true) => {
+            let p = level.unwrap_or(LEVEL);
+            (significance(&values).0, -p.log10(), p)
+        }
+    };
+    Ok(ContourMap { values, level, name, stated, range })
 }
 
 /// Returns the text beneath a panel that is shown from several sides.
@@ -125,6 +203,8 @@ fn caption(name: &str, view: Side) -> String {
     if name.is_empty() { view.axis().to_owned() } else { format!("{name}, {}", view.axis()) }
 }
 
+/// Default level of contours of p values.
+const LEVEL: f64 = 0.05;
 /// Largest number of panels that are in one row by default.
 const ROW: usize = 6;
 
@@ -138,7 +218,15 @@ fn settings(cli: &Cli, panels: usize, size: u16) -> Settings {
         (None, _) => 0,
     };
     let view = cli.view.first().copied().unwrap_or(Side::Left).view();
-    Settings { width: size, height: size, columns, view, ..Settings::default() }
+    Settings {
+        width: size,
+        height: size,
+        columns,
+        view,
+        keep_text: is_svg(&cli.output),
+        dpi: cli.dpi,
+        ..Settings::default()
+    }
 }
 
 /// Refuses pictures that don't fit into memory. `surfaces` is empty when this is called before the surfaces are read.
@@ -148,7 +236,7 @@ fn check_memory(cli: &Cli, surfaces: &[Surface], panels: usize, budget: Budget) 
     let evaluating = surfaces.iter().map(Surface::bytes_to_evaluate).max().unwrap_or_default();
     // Memory of the sphere, as read and as scaled, and of the values of each panel.
     let spheres = if cli.sphere.is_some() { 2 * (24 * vertices + 12 * faces) } else { 0 };
-    let values = 8 * vertices * panels.saturating_sub(surfaces.len());
+    let values = 8 * vertices * (panels.saturating_sub(surfaces.len()) + 2 * usize::from(cli.contour.is_some()));
     let painting = match surfaces {
         [Surface::Mesh(first), .., Surface::Mesh(last)] if cli.error && correspond(first, last) => 0,
         [first, .., last] if cli.error => {

@@ -88,7 +88,7 @@ pub(super) struct Fit {
 impl Fit {
     /// Returns the arguments that say how to read volumes.
     pub(super) fn of_volumes(&self) -> Vec<String> {
-        let with_value = ["--voxel-size", "--threshold"].into_iter();
+        let with_value = ["--voxel-size", "--threshold", "--smooth-radius"].into_iter();
         let mut found: Vec<String> =
             with_value.filter_map(|name| Some([name.to_owned(), self.value(name)?.to_owned()])).flatten().collect();
         found.extend(self.arguments.iter().find(|argument| *argument == "--probability").cloned());
@@ -101,7 +101,7 @@ impl Fit {
     }
 
     /// Returns the value of an option in the arguments.
-    fn value(&self, name: &str) -> Option<&str> {
+    pub(super) fn value(&self, name: &str) -> Option<&str> {
         let given = |argument: &String| argument.split('=').next() == Some(name);
         let at = self.arguments.iter().position(given)?;
         match self.arguments[at].split_once('=') {

@@ -3,7 +3,10 @@
 use std::fmt::Write;
 
 use anyhow::Result;
+use serde_json::Value;
+use spharm::parametrize::volume::is_volume;
 use spharm_cli::output::counted;
+use spharm_cohort::Row;
 
 use super::config::Method;
 use super::plan::Plan;
@@ -64,19 +67,23 @@ pub(super) fn text(plan: &Plan, subjects: usize) -> Result<String> {
         ", over maps to the sphere that preserve areas (Brechbühler et al. 1995)"
     };
     text += ". ";
+    text += &of_volumes(plan);
+    text += "Outliers were looked for by robust z scores, from median and median absolute deviation, of volume, area, \
+             sphericity, residual, distance from the mean and scores on the modes of variation, beyond 3.5. ";
     if !plan.excluded.is_empty() {
-        let reasons: Vec<String> = plan
-            .excluded
-            .iter()
-            .map(|(row, reason)| if reason.is_empty() { row.id.clone() } else { format!("{}: {reason}", row.id) })
-            .collect();
-        let _ = write!(text, "{} excluded ({}). ", counted_were(plan.excluded.len()), reasons.join("; "));
+        let reasons = with_reasons(plan.excluded.iter().map(|(row, reason)| (row.id.as_str(), reason.as_str())));
+        let _ = write!(text, "{} excluded ({reasons}). ", counted_were(plan.excluded.len()));
+    }
+    if !study.subjects.accept.is_empty() {
+        let accepted = with_reasons(study.subjects.accept.iter().map(|of| (of.id.as_str(), of.reason.as_str())));
+        let count = counted(study.subjects.accept.len(), "subject");
+        let _ = write!(text, "{count} that might be flagged as outliers remained in the group ({accepted}). ");
     }
     let (scale, mirror) = (study.align.scale, study.align.mirror);
     text += match plan.method {
         Method::Correspond => {
             "Correspondence was established by registering one template to all surfaces, groupwise, without knowledge of \
-             groups and covariates"
+             groups and covariates; the group's models were fitted over the template's sphere"
         }
         Method::Joint => "The models were aligned by rotations of space and of the parameters",
         Method::Fixed => {
@@ -104,11 +111,20 @@ pub(super) fn text(plan: &Plan, subjects: usize) -> Result<String> {
         text += &of_test(test, plan)?;
     }
     if !study.test.is_empty() {
+        text +=
+            "The same linear models were applied to area, volume, sphericity and the scores on the modes of variation";
+        text += if text.contains("Family-wise") { ", with family-wise p values over these measures. " } else { ". " };
         text += "False discovery rates (q) were computed as in Benjamini and Hochberg 1995. ";
     }
     let cited = CITED.iter().filter(|(mark, _)| text.contains(mark));
     let references: String = cited.map(|(_, reference)| format!("- {reference}\n")).collect();
     Ok(format!("{}\n\n{references}", text.trim_end()))
+}
+
+/// Lists ids with their reasons, where there are any.
+fn with_reasons<'a>(listed: impl Iterator<Item = (&'a str, &'a str)>) -> String {
+    let one = |(id, reason): (&str, &str)| if reason.is_empty() { id.to_owned() } else { format!("{id}: {reason}") };
+    listed.map(one).collect::<Vec<_>>().join("; ")
 }
 
 fn counted_were(count: usize) -> String {
@@ -130,9 +146,10 @@ fn of_test(test: &Test, plan: &Plan) -> Result<String> {
         None => format!("a contrast in the model of {}", test.effect),
     };
     let mut text = format!(
-        "In the test \"{}\", {effect} ({}) on {quantity} was tested",
+        "In the test \"{}\", {effect} ({}{}) on {quantity} was tested",
         test.name,
-        about["tested"].as_str().unwrap_or_default()
+        about["tested"].as_str().unwrap_or_default(),
+        subjects_of(&about)
     );
     if !test.covariates.is_empty() {
         let plural = if test.covariates.len() == 1 { "a covariate" } else { "covariates" };
@@ -149,10 +166,14 @@ fn of_test(test: &Test, plan: &Plan) -> Result<String> {
         let which = if about["exact"] == true { "all" } else { "random" };
         let _ = write!(
             text,
-            "Family-wise p values were computed from the maximum over {} vertices in {count} relabellings ({which}), with \
-             nuisance effects by the method of Freedman and Lane 1983 (Winkler et al. 2014), under the assumption of \
-             {assumption}",
+            "Family-wise p values were computed from the maximum over {} vertices in {count} relabellings ({which}){} \
+             (Winkler et al. 2014), under the assumption of {assumption}",
             about["vertices"].as_u64().unwrap_or_default(),
+            if has_nuisance(test, &about) {
+                ", with nuisance effects by the method of Freedman and Lane 1983"
+            } else {
+                ""
+            },
         );
         if let Some(blocks) = &test.blocks {
             let how = if test.whole_blocks { "of whole blocks" } else { "within blocks" };
@@ -167,4 +188,40 @@ fn of_test(test: &Test, plan: &Plan) -> Result<String> {
         text += ". ";
     }
     Ok(text)
+}
+
+/// Returns whether a test has terms beside the effect and the overall mean.
+fn has_nuisance(test: &Test, about: &Value) -> bool {
+    let columns = about["columns"].as_array().map_or(0, Vec::len);
+    let of_all_levels = test.contrast.is_empty() && about["statistic"]["name"] == "F";
+    !test.covariates.is_empty() || test.effect.contains(':') || columns > 2 && !of_all_levels
+}
+
+/// Returns the sentences about the surfaces of volumes; empty if there are none.
+fn of_volumes(plan: &Plan) -> String {
+    let fit = &plan.study.fit;
+    let mapped = |row: &Row| row.sphere.is_none() && is_volume(&row.surface);
+    if plan.has_one_sphere() || !plan.manifest.rows.iter().any(mapped) {
+        return String::new();
+    }
+    let probability = fit.arguments.iter().any(|argument| argument == "--probability");
+    let (body, volume) = match fit.value("--threshold") {
+        Some(level) => (format!("voxels of {level} or more in a volume"), "that of the interpolated values"),
+        None if probability => ("voxels of a probability of 0.5 or more".to_owned(), "the sum of their probabilities"),
+        None => ("the voxels of a label".to_owned(), "that of the voxels"),
+    };
+    if fit.value("--label-surface") == Some("voxels") {
+        return format!("A surface consisted of the outer faces of {body}. ");
+    }
+    let radius = fit.value("--smooth-radius").unwrap_or("0.5");
+    format!(
+        "A surface was that of least bending within {radius} voxels of the outer faces of {body}; its volume was {volume}. "
+    )
+}
+
+/// Returns the numbers of subjects of each level, as in "; 10 a, 12 b"; empty for an effect without levels.
+fn subjects_of(about: &Value) -> String {
+    let one = |level: &Value| Some(format!("{} {}", level["subjects"].as_u64()?, level["level"].as_str()?));
+    let counts: Vec<String> = about["levels"].as_array().into_iter().flatten().filter_map(one).collect();
+    if counts.is_empty() { String::new() } else { format!("; {}", counts.join(", ")) }
 }

@@ -362,7 +362,7 @@ impl Call<'_> {
                 0 => String::new(),
                 count => format!(", {count} excluded"),
             };
-            print_line(&format!("quality control: {flagged} flagged{excluded}, see {}\n", table.display()))?;
+            print_line(&format!("quality control: {flagged} flagged{excluded}, see {}", table.display()))?;
             self.list_flagged();
         }
         warnings.iter().take(SHOWN).for_each(|warning| self.console.warn(warning));

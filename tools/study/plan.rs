@@ -83,6 +83,10 @@ impl Plan {
             .with_context(|| format!("{}: `accept` in [subjects]", path.display()))?;
         let excluded = exclusion::exclude(&study.subjects.exclude, &mut manifest, &mut made_text, &made)
             .with_context(|| format!("{}: `exclude` in [subjects]", path.display()))?;
+        if let Some((row, _)) = excluded.iter().find(|(row, _)| study.subjects.accept.iter().any(|of| of.id == row.id))
+        {
+            bail!("{}: subject {:?} is in both `exclude` and `accept` of [subjects]", path.display(), row.id);
+        }
         if let Some(row) = manifest.rows.iter().find(|row| row.output.is_some()) {
             bail!(
                 "{}: line {}: a study names its models by the ids; remove the column `output`",

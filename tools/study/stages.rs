@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use spharm::parametrize::volume::is_volume;
 use spharm_cohort::Shard;
 
 use super::config::Method;
@@ -92,7 +93,9 @@ impl Plan {
         for (index, With { weight, .. }) in self.study.align.signals.iter().enumerate() {
             arguments.extend(["--with".to_owned(), format!("{}:{weight}", signal_column(index))]);
         }
-        arguments.extend(self.study.fit.of_volumes());
+        if subjects.iter().any(|subject| is_volume(&subject.surface)) {
+            arguments.extend(self.study.fit.of_volumes());
+        }
         let files = subjects
             .iter()
             .flat_map(|subject| std::iter::once(&subject.surface).chain(&subject.landmarks).chain(subject.guides));
@@ -183,7 +186,7 @@ impl Plan {
     }
 
     /// Returns the stages of a test and of its picture.
-    fn test(&self, test: &Test, subjects: &[Subject<'_>], aligned: &[PathBuf]) -> [Stage; 2] {
+    fn test(&self, test: &Test, subjects: &[Subject<'_>], aligned: &[PathBuf]) -> [Stage; 3] {
         let (name, folder) = (format!("test.{}", test.name), self.test_folder(test));
         let of_signals = self.signal_fits().filter(|_| test.is_of_values());
         let table = self.records().join(if of_signals.is_some() { "signals.csv" } else { "aligned.csv" });
@@ -215,11 +218,15 @@ impl Plan {
         let tested = self.stage(&name, arguments, &inputs, [folder.clone()]);
         let map = |name: &str| folder.join(format!("{name}.shape.gii"));
         let (mean, statistic, map) = (folder.join("mean.surf.gii"), map("statistic"), map(test.map()));
-        let picture = self.output.join("figures").join(format!("{}.png", test.name));
-        let mut drawing = words(&["picture", &text(&mean), "--map", &text(&statistic), &text(&map), "--view"]);
-        drawing.extend(words(&["left", "right", "top", "bottom", "-o", &text(&picture)]));
-        let drawn = self.stage(&format!("picture.{}", test.name), drawing, &[mean, statistic, map], [picture]);
-        [tested, drawn]
+        let [png, svg] = ["png", "svg"].map(|ending| {
+            let picture = self.output.join("figures").join(format!("{}.{ending}", test.name));
+            let mut drawing = words(&["picture", &text(&mean), "--map", &text(&statistic), &text(&map)]);
+            drawing.extend(words(&["--contour", &text(&map), "--view", "left", "right", "top", "bottom"]));
+            drawing.extend(words(&["--size", "530", "--dpi", "300", "-o", &text(&picture)]));
+            let inputs = [mean.clone(), statistic.clone(), map.clone()];
+            self.stage(&format!("picture.{}.{ending}", test.name), drawing, &inputs, [picture])
+        });
+        [tested, png, svg]
     }
 
     /// Returns the stage of the page: modes, tests, the status of each subject and, with `[page] subjects`, their

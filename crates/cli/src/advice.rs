@@ -185,6 +185,7 @@ fn of_parametrize(error: &ParametrizeError) -> Option<String> {
             Some("--threshold LEVEL reads grey values, --probability probabilities".to_owned())
         }
         ParametrizeError::NoVoxelSize { .. } => Some("give the voxel size with --voxel-size X,Y,Z".to_owned()),
+        ParametrizeError::NotProbability { .. } => Some("--threshold LEVEL reads values of any range".to_owned()),
         ParametrizeError::NoLabel { .. } => Some("--label N chooses one of them".to_owned()),
         ParametrizeError::SinglePrecision { .. } => Some(".surf.gii and .ply hold 64-bit numbers".to_owned()),
         ParametrizeError::Surface(error) => of_surface(error),

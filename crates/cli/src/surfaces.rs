@@ -1,7 +1,7 @@
 //! Lists the surfaces named by arguments: mesh files, and labels of volumes.
 
 use std::collections::{BTreeMap, HashSet};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use anyhow::{Result, bail};
@@ -63,6 +63,21 @@ impl FromStr for VoxelSize {
     }
 }
 
+/// Refuses labels and settings of volumes for a file that isn't a volume.
+///
+/// # Errors
+///
+/// If there are any.
+pub fn refuse_for_mesh(path: &Path, labels: &[Labels], reading: VolumeReading) -> Result<()> {
+    if labels.is_empty() && reading == VolumeReading::default() {
+        return Ok(());
+    }
+    bail!(
+        "{}: --label, --voxel-size, --threshold and --probability are for volumes (.nii, .mgz, .nrrd, .tif, .npy)",
+        path.display()
+    )
+}
+
 /// Returns the surfaces named by paths, lists and labels: each is a file, or a file and one of its labels. Without
 /// `labels`, a volume must have a single label. If the caller doesn't make surfaces of volumes, every file is returned
 /// without a label. The reader's settings of volumes are refused for files that aren't volumes.
@@ -84,13 +99,7 @@ pub fn surfaces(
             bail!("{}: is a folder; give the files in it, or a list of paths as @LIST", path.display());
         }
         if !of_volumes || !is_volume(&path) {
-            if !labels.is_empty() || reader.reading() != VolumeReading::default() {
-                bail!(
-                    "{}: --label, --voxel-size, --threshold and --probability are for volumes (.nii, .mgz, .nrrd, \
-                     .tif, .npy)",
-                    path.display()
-                );
-            }
+            refuse_for_mesh(&path, labels, reader.reading())?;
             surfaces.push((path, None));
             continue;
         }

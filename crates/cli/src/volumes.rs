@@ -1,9 +1,9 @@
 //! Arguments that describe volumes: their voxels, and the surface of a label.
 
 use clap::Args;
-use spharm::parametrize::ParametrizeError;
 use spharm::parametrize::volume::{LabelSurface, VolumeReading, VoxelValues};
 
+use crate::Usage;
 use crate::surfaces::VoxelSize;
 
 /// How to read volumes.
@@ -26,6 +26,12 @@ pub struct VolumeArgs {
     /// the voxels farther inside.
     #[arg(long, conflicts_with = "threshold", hide_short_help = true)]
     pub probability: bool,
+    /// Distance in voxels that a smooth surface may be from the voxels' faces, 0.25 to 4 [default: 0.5]
+    ///
+    /// Larger radii remove ridges between slices that were outlined one by one, and other detail of this size. The
+    /// volume is kept.
+    #[arg(long, value_name = "VOXELS", value_parser = radius, hide_short_help = true)]
+    pub smooth_radius: Option<f64>,
 }
 
 impl VolumeArgs {
@@ -53,12 +59,6 @@ pub struct LabelSurfaceArgs {
         hide_short_help = true
     )]
     pub label_surface: String,
-    /// Distance in voxels that a smooth surface may be from the voxels' faces, at most 4 [default: 0.5]
-    ///
-    /// Larger radii remove ridges between slices that were outlined one by one, and with them detail of this size. The
-    /// volume is kept.
-    #[arg(long, value_name = "VOXELS", value_parser = finite, hide_short_help = true)]
-    pub smooth_radius: Option<f64>,
 }
 
 impl LabelSurfaceArgs {
@@ -66,10 +66,17 @@ impl LabelSurfaceArgs {
     ///
     /// # Errors
     ///
-    /// [`ParametrizeError::Argument`] for a radius out of range, and for voxels with a radius.
-    pub fn surface(&self) -> Result<LabelSurface, ParametrizeError> {
-        LabelSurface::named(&self.label_surface, self.smooth_radius)
+    /// [`Usage`] for a radius of a surface that isn't smooth.
+    pub fn surface(&self, volume: &VolumeArgs) -> Result<LabelSurface, Usage> {
+        LabelSurface::named(&self.label_surface, volume.smooth_radius)
+            .map_err(|_| Usage::conflict("--smooth-radius is for --label-surface smooth"))
     }
+}
+
+/// Parses a radius of smooth surfaces.
+fn radius(text: &str) -> Result<f64, String> {
+    let radius = finite(text)?;
+    LabelSurface::named("smooth", Some(radius)).map(|_| radius).map_err(|_| "expected 0.25 to 4 voxels".to_owned())
 }
 
 fn finite(text: &str) -> Result<f64, String> {

@@ -4,7 +4,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 use spharm::model::{Provenance, Settings};
-use spharm::parametrize::volume::{LabelSurface, VoxelValues};
+use spharm::parametrize::volume::VoxelValues;
 use spharm::store::{Scalar, SchemeKey};
 use spharm::{FileRecord, FitParams, Method, Model, Objective, Preparation, Smoothness, Sphere};
 
@@ -265,12 +265,13 @@ impl Request<'_> {
             differences.push(Difference { setting: "voxel_size", found, wanted });
         }
         if self.input.label.is_some() {
-            let found = recorded.label_surface.clone().unwrap_or_else(|| LabelSurface::Voxels.name().to_owned());
-            let values = VoxelValues::of(recorded.threshold, recorded.probability);
-            let of_radius = |radius: Option<f64>| radius.map_or("0.5".to_owned(), |radius| radius.to_string());
+            let named = |name: &str, radius: Option<f64>| {
+                radius.map_or(name.to_owned(), |radius| format!("{name} within {radius} voxels"))
+            };
+            let found = named(recorded.label_surface.as_deref().unwrap_or("voxels"), recorded.smooth_radius);
+            let (surface, values) = (wanted.label_surface, VoxelValues::of(recorded.threshold, recorded.probability));
             let compared = [
-                ("label_surface", found, wanted.label_surface.name().to_owned()),
-                ("smooth_radius", of_radius(recorded.smooth_radius), of_radius(wanted.label_surface.radius())),
+                ("label_surface", found, named(surface.name(), surface.radius())),
                 ("values", values.to_string(), wanted.reading.values.to_string()),
             ];
             let differ = compared.into_iter().filter(|(_, found, wanted)| found != wanted);

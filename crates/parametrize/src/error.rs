@@ -82,7 +82,8 @@ pub enum ParametrizeError {
 
     /// A voxel's value isn't a label.
     #[error(
-        "{}: expected whole numbers of 32 bits as labels, found {value} at voxel {voxel} (counted from 0, x fastest)",
+        "{}: expected whole numbers of 32 bits as labels, found {value}, value {voxel} of the file, counted \
+         from 0",
         path.display()
     )]
     NotLabels {
@@ -90,7 +91,21 @@ pub enum ParametrizeError {
         path: PathBuf,
         /// The value.
         value: f64,
-        /// Number of the voxel.
+        /// Number of the voxel in the order of the file.
+        voxel: usize,
+    },
+
+    /// A voxel's value isn't a probability.
+    #[error(
+        "{}: expected probabilities from 0 to 1, found {}, value {voxel} of the file, counted from 0",
+        path.display(), spharm_monitor::number(*value)
+    )]
+    NotProbability {
+        /// The file.
+        path: PathBuf,
+        /// The value.
+        value: f64,
+        /// Number of the voxel in the order of the file.
         voxel: usize,
     },
 

@@ -36,7 +36,9 @@ impl Given<'_> {
 impl Source {
     pub(crate) fn read(&self) -> Result<Mesh, Error> {
         match self {
-            Self::File(path) if is_volume(path) => Ok(LabelVolume::read(path, &Silent)?.smooth_surface(None)?),
+            Self::File(path) if is_volume(path) => {
+                Ok(LabelVolume::read(path, &Silent)?.smooth_surface(None, None, &Silent)?)
+            }
             Self::File(path) => Ok(read_mesh(path)?),
             Self::Mesh(mesh) => Ok(Mesh::clone(mesh)),
         }

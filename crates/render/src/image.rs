@@ -9,7 +9,7 @@ use spharm_surface::io::{Output, WriteOptions, check_output, write_new};
 use crate::RenderError;
 
 /// A picture.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Image {
     /// Width in pixels.
     pub width: usize,
@@ -17,11 +17,28 @@ pub struct Image {
     pub height: usize,
     /// Colours, (height, width), row-major from the upper left: red, green, blue (sRGB).
     pub pixels: Vec<[u8; 3]>,
+    /// Resolution in dots per inch, which gives the picture a size on paper.
+    pub(crate) dpi: Option<u16>,
+    /// Texts that are kept instead of being drawn, if that was requested.
+    pub(crate) texts: Option<Vec<Text>>,
+}
+
+/// A line of text in a picture.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Text {
+    pub(crate) text: String,
+    /// Position of the anchor on the baseline, in pixels.
+    pub(crate) at: [f32; 2],
+    /// SVG's `text-anchor`: `start`, `middle` or `end`.
+    pub(crate) anchor: &'static str,
+    /// Font size in pixels.
+    pub(crate) size: f32,
+    pub(crate) color: [u8; 3],
 }
 
 impl Image {
     pub(crate) fn filled(width: usize, height: usize, color: [u8; 3]) -> Self {
-        Self { width, height, pixels: vec![color; width * height] }
+        Self { width, height, pixels: vec![color; width * height], dpi: None, texts: None }
     }
 
     fn index(&self, x: usize, y: usize) -> Option<usize> {
@@ -94,6 +111,10 @@ pub fn write_thumbnail(path: impl AsRef<Path>, image: &Image, options: &WriteOpt
 /// The errors of `out`, and an error for a picture of more than 2^32 - 1 pixels on a side.
 pub fn encode_png(image: &Image, out: &mut dyn Write) -> io::Result<()> {
     let mut encoder = encoder(image, out)?;
+    encoder.set_pixel_dims(image.dpi.map(|dpi| {
+        let per_metre = (f64::from(dpi) / 0.0254).round() as u32;
+        png::PixelDimensions { xppu: per_metre, yppu: per_metre, unit: png::Unit::Meter }
+    }));
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
     write_pixels(encoder, image.pixels.as_flattened())

@@ -25,6 +25,7 @@ mod error;
 mod image;
 mod raster;
 mod scale;
+mod svg;
 mod text;
 
 use spharm_surface::Mesh;
@@ -38,6 +39,7 @@ pub use error::RenderError;
 pub use image::{Image, encode_png, write_png, write_thumbnail};
 use raster::Raster;
 pub use scale::{fit_into, is_probability, scale_label, significance, symmetric_range};
+pub use svg::write_svg;
 use text::Label;
 
 /// The colours of a mesh.
@@ -70,13 +72,24 @@ pub struct Panel<'a> {
     pub paint: Paint<'a>,
     /// The camera's position, in place of that of the [`Settings`].
     pub view: Option<View>,
+    /// A line on the mesh.
+    pub contour: Option<Contour<'a>>,
+}
+
+/// The line on a mesh along which a map, linear on each triangle, has a given value.
+#[derive(Clone, Copy, Debug)]
+pub struct Contour<'a> {
+    /// One value per vertex. The line has gaps in triangles with a value that isn't a number.
+    pub values: &'a [f64],
+    /// The value along the line.
+    pub level: f64,
 }
 
 impl<'a> Panel<'a> {
     /// Returns a panel with the mesh in a plain warm grey.
     #[must_use]
     pub fn new(mesh: &'a Mesh, caption: &'a str) -> Self {
-        Self { mesh, caption, paint: Paint::Plain([222, 208, 196]), view: None }
+        Self { mesh, caption, paint: Paint::Plain([222, 208, 196]), view: None, contour: None }
     }
 }
 
@@ -96,11 +109,24 @@ pub struct Settings {
     pub common_scale: bool,
     /// Lowest and highest corner of the box that each panel shows, in place of the extent of the meshes.
     pub frame: Option<[[f64; 3]; 2]>,
+    /// Whether the picture keeps its texts as text, for [`write_svg`], instead of drawing them. Default false.
+    pub keep_text: bool,
+    /// Resolution in dots per inch, which gives the picture a size on paper. Default none.
+    pub dpi: Option<u16>,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { width: 480, height: 480, columns: 0, view: View::LEFT, common_scale: true, frame: None }
+        Self {
+            width: 480,
+            height: 480,
+            columns: 0,
+            view: View::LEFT,
+            common_scale: true,
+            frame: None,
+            keep_text: false,
+            dpi: None,
+        }
     }
 }
 
@@ -113,9 +139,9 @@ impl Settings {
     /// Returns the bytes that [`render`] and [`encode_png`] take for `panels` panels with meshes of at most `vertices`
     /// vertices, including the picture.
     ///
-    /// The sum has 3 bytes per pixel of the picture, twice because of the compressed copy; 80 bytes per pixel of one
-    /// panel, because panels are drawn one after another, in linear light, at twice the resolution and with their
-    /// depth; and 128 bytes per vertex of a panel's mesh.
+    /// The sum has 3 bytes per pixel of the picture, twice because of the compressed copy, and 4 for that copy as text
+    /// in an SVG; 80 bytes per pixel of one panel, because panels are drawn one after another, in linear light, at
+    /// twice the resolution and with their depth; and 128 bytes per vertex of a panel's mesh.
     #[must_use]
     pub fn bytes(&self, panels: usize, vertices: usize) -> u64 {
         const BYTES_PER_VERTEX: u64 = 128;
@@ -123,7 +149,8 @@ impl Settings {
         // An incomplete last row takes as much memory as a complete row.
         let places = columns as u64 * panels.div_ceil(columns.max(1)) as u64;
         let pixels = (self.width as u64).saturating_mul(self.height as u64);
-        pixels.saturating_mul(raster::BYTES_PER_PIXEL + 6 * places) + BYTES_PER_VERTEX * vertices as u64
+        let stored = if self.keep_text { 10 } else { 6 };
+        pixels.saturating_mul(raster::BYTES_PER_PIXEL + stored * places) + BYTES_PER_VERTEX * vertices as u64
     }
 }
 
@@ -155,6 +182,7 @@ pub fn render(panels: &[Panel<'_>], settings: &Settings) -> Result<Image, Render
     let mesh_height = settings.height.saturating_sub(bar_height + caption_height).max(1);
 
     let mut picture = Image::filled(width, height, BACKGROUND);
+    (picture.dpi, picture.texts) = (settings.dpi, settings.keep_text.then(Vec::new));
     for (i, panel) in panels.iter().enumerate() {
         let (x, y) = ((i % columns) * settings.width, (i / columns) * settings.height);
         let framed = if settings.common_scale { panels } else { std::slice::from_ref(panel) };
@@ -172,7 +200,7 @@ pub fn render(panels: &[Panel<'_>], settings: &Settings) -> Result<Image, Render
             Paint::Vertices(colors) => colors.to_vec(),
         };
         let mut raster = Raster::new(settings.width, mesh_height);
-        raster.draw(panel.mesh, &painted, &camera);
+        raster.draw(panel.mesh, &painted, panel.contour, &camera);
         raster.paint_on(&mut picture, x, y);
         if let Paint::Scalar { range, label, .. } = panel.paint {
             bar(&mut picture, x, y + mesh_height, settings.width, line, range, label);
@@ -195,14 +223,35 @@ pub fn color_of(value: f64, range: (f64, f64)) -> [u8; 3] {
 
 /// Returns a picture with a colour bar beneath it, for the colours of all panels.
 #[must_use]
-pub fn with_bar(mut picture: Image, range: (f64, f64), label: &str) -> Image {
-    let (width, top) = (picture.width, picture.height);
-    let line = (width / 40).clamp(14, 40);
-    picture.height += 5 * line / 2;
-    picture.pixels.resize(width * picture.height, BACKGROUND);
-    let length = width.min(24 * line);
+pub fn with_bar(picture: Image, range: (f64, f64), label: &str) -> Image {
+    let line = line_of(&picture);
+    let (mut picture, top) = extended(picture, 5 * line / 2);
+    let (width, length) = (picture.width, picture.width.min(24 * line));
     bar(&mut picture, (width - length) / 2, top + line / 4, length, line, range, label);
     picture
+}
+
+/// Returns a picture with a line of text beneath it.
+#[must_use]
+pub fn with_note(picture: Image, note: &str) -> Image {
+    let line = line_of(&picture);
+    let (mut picture, top) = extended(picture, 5 * line / 4);
+    let middle = picture.width / 2;
+    Label::new(note, 0.7 * line as f64).centred(&mut picture, middle, top + line / 4, INK);
+    picture
+}
+
+/// Returns the height of a line beneath all panels of a picture.
+fn line_of(picture: &Image) -> usize {
+    (picture.width / 40).clamp(14, 40)
+}
+
+/// Returns a picture with `more` rows of background beneath it, and the number of the first of these rows.
+fn extended(mut picture: Image, more: usize) -> (Image, usize) {
+    let top = picture.height;
+    picture.height += more;
+    picture.pixels.resize(picture.width * picture.height, BACKGROUND);
+    (picture, top)
 }
 
 /// Returns the colour map for values in a range.
@@ -227,6 +276,9 @@ fn check(panels: &[Panel<'_>], settings: &Settings) -> Result<(), RenderError> {
     }
     for panel in panels {
         let expected = panel.mesh.vertices.len();
+        if let Some(found) = panel.contour.map(|contour| contour.values.len()).filter(|found| *found != expected) {
+            return Err(RenderError::ValueCount { expected, found });
+        }
         let (found, range) = match panel.paint {
             Paint::Plain(_) => continue,
             Paint::Scalar { values, range, .. } => (values.len(), range),

@@ -7,6 +7,7 @@ use spharm_surface::geometry::{Vec3, add, dot, face_normal, scale, unit};
 
 use crate::camera::Camera;
 use crate::image::Image;
+use crate::{Contour, INK};
 
 /// Samples per pixel along each axis.
 const FINE: usize = 2;
@@ -16,6 +17,10 @@ pub(crate) const BYTES_PER_PIXEL: u64 = (FINE * FINE * 20) as u64;
 /// and a weak light from the right that keeps the shadow side legible.
 const LIGHTS: [(Vec3, f64); 2] = [([-0.5, 0.7, 0.8], 0.78), ([0.9, -0.1, 0.4], 0.22)];
 const AMBIENT: f64 = 0.14;
+/// Half the width of contours, as a share of the picture's width.
+const LINE: f64 = 1.0 / 500.0;
+/// Least half width of contours in samples: lines are at least a pixel wide.
+const THINNEST: f64 = 0.5 * FINE as f64;
 
 /// A frame being drawn.
 pub(crate) struct Raster {
@@ -33,6 +38,8 @@ struct Corner {
     normal: Vec3,
     /// Colour in linear light.
     color: Vec3,
+    /// Difference of the contour's map from its level; NaN without a contour.
+    off: f64,
 }
 
 impl Raster {
@@ -41,9 +48,9 @@ impl Raster {
         Self { width, height, depth: vec![f64::NEG_INFINITY; samples], color: vec![[0.0; 3]; samples] }
     }
 
-    /// Draws a mesh with a colour (sRGB) at each vertex. Triangles that face away are drawn too, lit as if seen from
-    /// their front, so that the inside of an open or inverted surface is visible.
-    pub(crate) fn draw(&mut self, mesh: &Mesh, colors: &[[u8; 3]], camera: &Camera) {
+    /// Draws a mesh with a colour (sRGB) at each vertex, and a contour on it. Triangles that face away are drawn too,
+    /// lit as if seen from their front, so that the inside of an open or inverted surface is visible.
+    pub(crate) fn draw(&mut self, mesh: &Mesh, colors: &[[u8; 3]], contour: Option<Contour<'_>>, camera: &Camera) {
         let lights = LIGHTS.map(|(direction, strength)| (camera.direction(direction), strength));
         let normals = vertex_normals(mesh);
         let corners: Vec<Corner> = mesh
@@ -51,9 +58,12 @@ impl Raster {
             .iter()
             .zip(&normals)
             .zip(colors)
-            .map(|((&position, &normal), &color)| {
-                let at = camera.project(position);
-                Corner { at: [at[0] * FINE as f64, at[1] * FINE as f64, at[2]], normal, color: color.map(to_linear) }
+            .enumerate()
+            .map(|(vertex, ((&position, &normal), &color))| {
+                let [x, y, depth] = camera.project(position);
+                let at = [x * FINE as f64, y * FINE as f64, depth];
+                let off = contour.map_or(f64::NAN, |contour| contour.values[vertex] - contour.level);
+                Corner { at, normal, color: color.map(to_linear), off }
             })
             .collect();
         for face in &mesh.faces {
@@ -78,6 +88,7 @@ impl Raster {
             low as usize..high as usize
         };
         let across = range(0, columns);
+        let line = Line::through(corners, (LINE * columns as f64).max(THINNEST));
         for row in range(1, rows) {
             for column in columns_of([a, b, c], row as f64 + 0.5, &across) {
                 let p = [column as f64 + 0.5, row as f64 + 0.5, 0.0];
@@ -95,7 +106,12 @@ impl Raster {
                     self.depth[sample] = depth;
                     let normal = unit(mixed(|corner| corner.normal));
                     let light = shade(normal, lights, towards);
-                    self.color[sample] = mixed(|corner| corner.color).map(|x| (x * light) as f32);
+                    let color = if line.is_some_and(|line| line.covers(weights)) {
+                        INK.map(to_linear)
+                    } else {
+                        mixed(|corner| corner.color).map(|x| x * light)
+                    };
+                    self.color[sample] = color.map(|x| x as f32);
                 }
             }
         }
@@ -119,6 +135,35 @@ impl Raster {
                 picture.set(x + column, y + row, sum.map(|s| from_linear(s / (FINE * FINE) as f64)));
             }
         }
+    }
+}
+
+/// The part of a contour in a triangle.
+#[derive(Clone, Copy)]
+struct Line {
+    /// Difference of the map from its level at each corner.
+    off: [f64; 3],
+    /// Difference at the line's edges.
+    most: f64,
+}
+
+impl Line {
+    /// Returns the line of a contour through a triangle, `half` samples wide on either side; `None` if there is none.
+    fn through(corners: [&Corner; 3], half: f64) -> Option<Self> {
+        let off = corners.map(|corner| corner.off);
+        let [a, b, c] = corners.map(|corner| corner.at);
+        // The gradient of a linear function on a triangle, from its differences along two edges.
+        let (along, across) = (off[1] - off[0], off[2] - off[0]);
+        let gradient = [along * (c[1] - a[1]) - across * (b[1] - a[1]), across * (b[0] - a[0]) - along * (c[0] - a[0])];
+        let most = half * gradient[0].hypot(gradient[1]) / cross(a, b, c).abs();
+        // A line may be nearer than its width to a triangle that it doesn't cross.
+        let near = off.iter().any(|x| *x <= most) && off.iter().any(|x| *x >= -most);
+        (most.is_finite() && most > 0.0 && near).then_some(Self { off, most })
+    }
+
+    /// Returns whether the line covers a point, given by its barycentric coordinates.
+    fn covers(self, weights: [f64; 3]) -> bool {
+        (0..3).map(|k| weights[k] * self.off[k]).sum::<f64>().abs() < self.most
     }
 }
 

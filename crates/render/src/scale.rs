@@ -2,7 +2,8 @@
 
 use spharm_surface::Mesh;
 
-/// Values beyond this percentile get the last colour: otherwise a few large values would use up the range of colours.
+/// Values beyond twice this percentile's get the last colour: otherwise a few large values would use up the range of
+/// colours.
 const PERCENTILE: usize = 99;
 
 /// Returns a mesh that is scaled and moved so that its bounding box has the same largest extent and the same centre as
@@ -21,13 +22,16 @@ pub fn fit_into(mesh: &Mesh, other: &Mesh) -> Mesh {
     mesh.with_vertices(mesh.vertices.iter().map(place).collect())
 }
 
-/// Returns a range around 0 that contains the 99 % of the values that are smallest in magnitude.
+/// Returns a range around 0 that contains all values, or twice the range of the 99 % of the values that are smallest in
+/// magnitude if the largest value is beyond.
 #[must_use]
 pub fn symmetric_range(values: &[f64]) -> (f64, f64) {
     let mut sizes: Vec<f64> = values.iter().map(|value| value.abs()).collect();
     sizes.sort_unstable_by(f64::total_cmp);
     let at = sizes.len().saturating_sub(1) * PERCENTILE / 100;
-    let most = sizes.get(at).copied().unwrap_or_default().max(f64::MIN_POSITIVE);
+    let largest = sizes.last().copied().unwrap_or_default();
+    let bound = sizes.get(at).map(|size| 2.0 * size).filter(|bound| *bound > 0.0);
+    let most = bound.map_or(largest, |bound| largest.min(bound)).max(f64::MIN_POSITIVE);
     (-most, most)
 }
 
@@ -84,7 +88,12 @@ mod tests {
     fn few_large_values_do_not_widen_the_range() {
         let mut values = vec![-2.0; 200];
         values[7] = 1e9;
-        assert_eq!(symmetric_range(&values), (-2.0, 2.0));
+        assert_eq!(symmetric_range(&values), (-4.0, 4.0));
+        let mut sparse = vec![0.0; 200];
+        sparse[3] = -5.0;
+        assert_eq!(symmetric_range(&sparse), (-5.0, 5.0));
+        values[7] = 3.0;
+        assert_eq!(symmetric_range(&values), (-3.0, 3.0));
         assert_eq!(symmetric_range(&[]), (-f64::MIN_POSITIVE, f64::MIN_POSITIVE));
     }
 }

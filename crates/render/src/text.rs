@@ -2,7 +2,7 @@
 
 use ab_glyph::{Font, FontRef, PxScale, ScaleFont, point};
 
-use crate::image::Image;
+use crate::image::{Image, Text};
 
 /// A line of text of a given size.
 pub(crate) struct Label<'a> {
@@ -31,17 +31,37 @@ impl<'a> Label<'a> {
 
     /// Draws the label centred on x, its top at y.
     pub(crate) fn centred(&self, picture: &mut Image, x: usize, y: usize, color: [u8; 3]) {
-        self.draw(picture, x as f32 - self.width() / 2.0, y as f32, color);
+        self.put(picture, "middle", [x, y], color);
     }
 
     /// Draws the label with its left end at x, its top at y.
     pub(crate) fn starting(&self, picture: &mut Image, x: usize, y: usize, color: [u8; 3]) {
-        self.draw(picture, x as f32, y as f32, color);
+        self.put(picture, "start", [x, y], color);
     }
 
     /// Draws the label with its right end at x, its top at y.
     pub(crate) fn ending(&self, picture: &mut Image, x: usize, y: usize, color: [u8; 3]) {
-        self.draw(picture, x as f32 - self.width(), y as f32, color);
+        self.put(picture, "end", [x, y], color);
+    }
+
+    /// Draws the label, or keeps it as text if the picture does so.
+    fn put(&self, picture: &mut Image, anchor: &'static str, at: [usize; 2], color: [u8; 3]) {
+        let ([x, y], Some(font)) = (at.map(|x| x as f32), &self.font) else { return };
+        if let Some(texts) = picture.texts.as_mut() {
+            if !self.text.is_empty() {
+                // The scale is the height of a line; a font's size is that of its em.
+                let em = font.units_per_em().unwrap_or(1000.0) / font.height_unscaled();
+                let (at, size) = ([x, y + font.as_scaled(self.scale).ascent()], self.scale.y * em);
+                texts.push(Text { text: self.text.to_owned(), at, anchor, size, color });
+            }
+            return;
+        }
+        let left = match anchor {
+            "middle" => x - self.width() / 2.0,
+            "end" => x - self.width(),
+            _ => x,
+        };
+        self.draw(picture, left, y, color);
     }
 
     fn draw(&self, picture: &mut Image, x: f32, y: f32, color: [u8; 3]) {

@@ -1,6 +1,8 @@
 //! Tests of the pictures' contents.
 
-use spharm_render::{Image, Paint, Panel, RenderError, Settings, View, render, write_png, write_thumbnail};
+use spharm_render::{
+    Contour, Image, Paint, Panel, RenderError, Settings, View, render, with_note, write_png, write_svg, write_thumbnail,
+};
 use spharm_surface::Mesh;
 use spharm_surface::generate::icosphere;
 use spharm_surface::io::WriteOptions;
@@ -108,6 +110,67 @@ fn pictures_are_stored_as_png() {
     let info = reader.next_frame(&mut pixels).unwrap();
     assert_eq!((info.width, info.height), (100, 100));
     assert_eq!(pixels, image.pixels.as_flattened());
+}
+
+/// The line z = 0.5 on the unit ball, seen from the side, is a horizontal line half way between centre and top.
+#[test]
+fn contours_are_where_the_map_has_the_level() {
+    let ball = icosphere(5);
+    let mut values: Vec<f64> = ball.vertices.iter().map(|v| 10.0 * v[2]).collect();
+    let draw = |values: &[f64], level: f64| {
+        let frame = Some([[-1.25; 3], [1.25; 3]]);
+        let contour = Some(Contour { values, level });
+        render(&[Panel { contour, ..Panel::new(&ball, "") }], &Settings { frame, ..small() }).unwrap()
+    };
+    let plain =
+        render(&[Panel::new(&ball, "")], &Settings { frame: Some([[-1.25; 3], [1.25; 3]]), ..small() }).unwrap();
+    // Returns the rows in which a column is darker than without the contour.
+    let dark = |image: &Image, x: usize| {
+        let sum = |image: &Image, y: usize| at(image, x, y).iter().map(|&c| u32::from(c)).sum::<u32>();
+        (0..100).filter(|&y| sum(image, y) + 60 < sum(&plain, y)).collect::<Vec<_>>()
+    };
+    let (top, middle) = (draw(&values, 5.0), draw(&values, 0.0));
+    let covered = (0..100).filter(|&y| at(&plain, 50, y) != [255; 3]).count() as f64;
+    for x in [35, 50, 65] {
+        let (upper, lower) = (dark(&top, x), dark(&middle, x));
+        assert!((1..=2).contains(&upper.len()) && (1..=2).contains(&lower.len()), "{x}: {upper:?} {lower:?}");
+        let distance = lower[0] as f64 - upper[0] as f64;
+        assert!((distance - covered / 4.0).abs() <= 2.0, "{x}: {distance} of {covered}");
+    }
+    assert!(draw(&values, 11.0) == plain, "no line for a level beyond the map");
+    values.iter_mut().for_each(|value| *value = f64::NAN);
+    assert!(draw(&values, 5.0) == plain, "no line without values");
+    let short = [1.0];
+    let contour = Some(Contour { values: &short, level: 0.0 });
+    assert!(render(&[Panel { contour, ..Panel::new(&ball, "") }], &small()).is_err());
+}
+
+#[test]
+fn text_stays_text_in_svg_and_resolutions_are_stored() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let ball = icosphere(1);
+    let values = vec![0.5; ball.vertices.len()];
+    let paint = Paint::Scalar { values: &values, range: (0.0, 2.5), label: "a < b & c" };
+    let settings = Settings { keep_text: true, dpi: Some(254), ..small() };
+    let image = with_note(render(&[Panel { paint, ..Panel::new(&ball, "ball") }], &settings).unwrap(), "a note");
+    write_svg(path("a.svg"), &image, &WriteOptions::default()).unwrap();
+    let svg = std::fs::read_to_string(path("a.svg")).unwrap();
+    assert!(svg.contains("width=\"10.000mm\"") && svg.contains("href=\"data:image/png;base64,"), "{svg}");
+    for (anchor, text) in [("end", "0"), ("start", "2.5"), ("middle", "a &lt; b &amp; c"), ("middle", "ball")] {
+        let line = svg.lines().find(|line| line.ends_with(&format!(">{text}</text>")));
+        assert!(line.is_some_and(|line| line.contains(&format!("text-anchor=\"{anchor}\""))), "{text}: {svg}");
+    }
+    assert!(svg.contains(">a note</text>"));
+    // Nothing is drawn where the text is.
+    let caption = (0..100).flat_map(|x| (84..100).map(move |y| (x, y)));
+    assert!(caption.clone().all(|(x, y)| at(&image, x, y) == [255; 3]));
+
+    write_png(path("a.png"), &image, &WriteOptions::default()).unwrap();
+    let reader = png::Decoder::new(std::io::BufReader::new(std::fs::File::open(path("a.png")).unwrap()));
+    let found = reader.read_info().unwrap().info().pixel_dims.unwrap();
+    assert_eq!((found.xppu, found.yppu, found.unit), (10_000, 10_000, png::Unit::Meter));
+    assert!(write_svg(path("b.png"), &image, &WriteOptions::default()).is_err());
 }
 
 #[test]

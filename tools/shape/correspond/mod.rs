@@ -14,6 +14,7 @@ use serde_json::{Value, json};
 use spharm::correspond::{
     CorrespondParams, Group, GroupFiles, MemberOrigin, MemberReport, Resume, Signals, correspond,
 };
+use spharm::parametrize::volume::is_volume;
 use spharm::shape::{GroupQuality, QualityParams, group_quality};
 use spharm::{Coefficients, FileRecord, Sphere};
 use spharm_cli::Usage;
@@ -22,6 +23,7 @@ use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::names::NameTemplate;
 use spharm_cli::output::{OutputFile, check_outputs, write_json};
 use spharm_cli::paths::shown;
+use spharm_cli::surfaces::refuse_for_mesh;
 use spharm_cli::volumes::VolumeArgs;
 use spharm_cohort::Shard;
 use spharm_monitor::number;
@@ -148,9 +150,12 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         Some(table) => of_table(table)?,
         None => (surfaces(&cli.surfaces, &cli.name_template)?, cli.landmarks.clone()),
     };
+    if let Some(surface) = surfaces.first().filter(|_| surfaces.iter().all(|surface| !is_volume(&surface.path))) {
+        refuse_for_mesh(&surface.path, &[], cli.volume.reading())?;
+    }
     for surface in &mut surfaces {
         surface.label = surface.label.or(cli.label);
-        surface.reading = cli.volume.reading();
+        (surface.reading, surface.radius) = (cli.volume.reading(), cli.volume.smooth_radius);
     }
     find_signals(&mut surfaces, &cli.with, cli.table.as_deref())?;
     match &cli.to {
@@ -275,6 +280,7 @@ fn resume_key(cli: &Cli, params: &CorrespondParams, origins: &[MemberOrigin]) ->
         "voxel_size": cli.volume.voxel_size.map(|size| size.0),
         "threshold": cli.volume.threshold,
         "probability": cli.volume.probability,
+        "smooth_radius": cli.volume.smooth_radius,
         "template": template.as_ref().map(contents),
         "settings": settings,
     });

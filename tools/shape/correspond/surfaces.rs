@@ -30,8 +30,10 @@ pub(in crate::shape) struct Surface {
     pub(in crate::shape) path: PathBuf,
     /// Label in a volume.
     pub(in crate::shape) label: Option<i64>,
-    /// Size of a volume's voxels, overriding that in the file.
+    /// How to read a volume.
     pub(in crate::shape) reading: VolumeReading,
+    /// Radius within which a label's surface is smoothed, in voxels, if it isn't the default.
+    pub(in crate::shape) radius: Option<f64>,
     /// Files of signals on its vertices.
     pub(in crate::shape) signals: Vec<PathBuf>,
     /// The surface of a label, kept in memory because making it takes long.
@@ -121,7 +123,7 @@ impl Surface {
                 return Ok(mesh.clone());
             }
             let volume = LabelVolume::read_with(&self.path, self.reading, &Silent)?;
-            let mesh = volume.smooth_surface(self.label)?;
+            let mesh = volume.smooth_surface(self.label, self.radius, &Silent)?;
             return Ok(self.of_label.get_or_init(|| mesh).clone());
         }
         if !is_model(&self.path) {

@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 use spharm::Monitor;
 use spharm::shape::stats::{Test, TestParams, test};
 use spharm_cli::paths::model_name;
+use spharm_monitor::number;
 
 use super::super::outputs::csv;
 use super::super::table::{Table, finite, rows_of};
@@ -186,9 +187,10 @@ impl Tested {
         let line = |at: usize| {
             let effect = self
                 .effect(at)
-                .map(|[estimate, low, high]| format!("{} ({} to {}), ", short(estimate), short(low), short(high)));
-            let [p, q] = [self.found.p[at], self.found.q[at]].map(short);
-            vec![self.measures.names[at].clone(), format!("{}p {p}, q {q}", effect.unwrap_or_default())]
+                .map(|[estimate, low, high]| format!("{} ({} to {}), ", number(estimate), number(low), number(high)));
+            let [p, q] = [self.found.p[at], self.found.q[at]].map(number);
+            let family_wise = self.family_wise(at).map(|p| format!(", p-fwe {}", number(p))).unwrap_or_default();
+            vec![self.measures.names[at].clone(), format!("{}p {p}, q {q}{family_wise}", effect.unwrap_or_default())]
         };
         (0..self.measures.names.len()).map(line).collect()
     }

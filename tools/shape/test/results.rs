@@ -99,6 +99,7 @@ pub(super) fn about(found: &Test, study: &Study, cli: &Cli, warnings: &[String])
         "surface": cli.surface.as_ref().map(shown),
         "tfce": cli.tfce,
         "cluster": cli.cluster,
+        "summary": summary(found, cli.level),
         "warnings": warnings,
     })
 }

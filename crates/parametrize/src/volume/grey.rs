@@ -73,14 +73,13 @@ impl fmt::Display for VoxelValues {
     }
 }
 
-/// The values of the voxels in and around a body.
+/// The values of the voxels in and around a body, as differences from the level.
 #[derive(Clone, Debug)]
 pub(super) struct Grey {
     values: Vec<f32>,
     /// First voxel of the box of values, and the box's numbers of voxels.
     low: [usize; 3],
     size: [usize; 3],
-    level: f64,
     meaning: VoxelValues,
 }
 
@@ -96,7 +95,7 @@ pub(crate) struct Located {
 
 impl Grey {
     /// Returns the values in the box from voxel `low` to `high`, inclusive, and one voxel around it, of a volume of
-    /// `whole` voxels whose values are given with x varying fastest; `None` for labels.
+    /// `whole` voxels whose values are given as differences from the level, with x varying fastest; `None` for labels.
     pub(super) fn around(
         all: &[f32],
         whole: [usize; 3],
@@ -104,7 +103,7 @@ impl Grey {
         high: [usize; 3],
         meaning: VoxelValues,
     ) -> Option<Self> {
-        let level = meaning.level()?;
+        meaning.level()?;
         let low = low.map(|x| x.saturating_sub(1));
         let size: [usize; 3] = std::array::from_fn(|k| (high[k] + 2).min(whole[k]) - low[k]);
         let mut values = Vec::with_capacity(size.iter().product());
@@ -114,10 +113,11 @@ impl Grey {
                 values.extend_from_slice(&all[row..row + size[0]]);
             }
         }
-        Some(Self { values, low, size, level, meaning })
+        Some(Self { values, low, size, meaning })
     }
 
-    /// Returns a voxel's value; `None` for a voxel beyond the volume or without a finite value.
+    /// Returns the difference of a voxel's value from the level; `None` for a voxel beyond the volume or without a
+    /// finite value.
     fn at(&self, voxel: [i64; 3]) -> Option<f64> {
         let mut index = 0;
         for k in [2, 1, 0] {
@@ -146,31 +146,37 @@ impl Grey {
             [0, 1, 2].map(|k| centre(k).round() as i64)
         };
         let (Some(inside), Some(outside)) = (self.at(voxel(-0.5)), self.at(voxel(0.5))) else { return 0.0 };
-        let crosses = inside >= self.level && outside < self.level;
-        if crosses { (inside - self.level) / (inside - outside) - 0.5 } else { 0.0 }
+        let crosses = inside >= 0.0 && outside < 0.0;
+        if crosses { inside / (inside - outside) - 0.5 } else { 0.0 }
     }
 
     /// Returns the volume of a body of probabilities: the sum of the probabilities of all voxels with a neighbour on
     /// the other side, plus the number of the other voxels inside. Voxels that a repair has moved to the other side
     /// count as 0 or 1.
     fn expected_volume(&self, mask: &Mask) -> f64 {
+        let steps: Vec<isize> = around().map(|d| mask.step(d)).collect();
         let of = |index: usize| {
-            let at = mask.place(index);
             let side = mask.inside[index];
-            let near = around().any(|d| {
-                let next: [Option<usize>; 3] = std::array::from_fn(|k| at[k].checked_add_signed(d[k]));
-                let [Some(x), Some(y), Some(z)] = next else { return side };
-                let there = [x, y, z];
-                let inside = (0..3).all(|k| there[k] < mask.size[k]) && mask.inside[mask.index(there)];
-                inside != side
-            });
+            // A voxel of the rim, which is outside, lacks some of its neighbours.
+            let near = if mask.is_rim(index) {
+                let at = mask.place(index);
+                around().any(|d| {
+                    let next: [Option<usize>; 3] = std::array::from_fn(|k| at[k].checked_add_signed(d[k]));
+                    let [Some(x), Some(y), Some(z)] = next else { return false };
+                    let there = [x, y, z];
+                    (0..3).all(|k| there[k] < mask.size[k]) && mask.inside[mask.index(there)]
+                })
+            } else {
+                steps.iter().any(|step| mask.inside[index.wrapping_add_signed(*step)] != side)
+            };
             let certain = f64::from(u8::from(side));
             if !near {
                 return certain;
             }
+            let at = mask.place(index);
             let voxel = std::array::from_fn(|k| at[k] as i64 + mask.origin[k]);
-            let value = self.at(voxel).filter(|value| (*value >= self.level) == side);
-            value.map_or(certain, |value| value.clamp(0.0, 1.0))
+            let above = self.at(voxel).filter(|above| (*above >= 0.0) == side);
+            above.map_or(certain, |above| (0.5 + above).clamp(0.0, 1.0))
         };
         (0..mask.inside.len()).map(of).sum()
     }

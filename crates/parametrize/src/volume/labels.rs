@@ -48,7 +48,8 @@ impl LabelVolume {
     /// [`Io`](ParametrizeError::Io); [`VertexMap`](ParametrizeError::VertexMap) for a FreeSurfer file of values on
     /// vertices; [`NoVoxelSize`](ParametrizeError::NoVoxelSize) for a file that doesn't specify the size of its voxels;
     /// [`NotAVolume`](ParametrizeError::NotAVolume) for a file of another format, a file shorter than its header says,
-    /// or a file with more than three dimensions or with values that aren't integers;
+    /// or a file with more than three dimensions; [`NotLabels`](ParametrizeError::NotLabels) for values that aren't
+    /// integers;
     /// [`Interrupted`](ParametrizeError::Interrupted).
     pub fn read(path: impl AsRef<Path>, monitor: &dyn Monitor) -> Result<Self, ParametrizeError> {
         Self::read_with(path, VolumeReading::default(), monitor)
@@ -59,8 +60,8 @@ impl LabelVolume {
     /// # Errors
     ///
     /// Those of [`read`](Self::read); [`Argument`](ParametrizeError::Argument) for sizes that aren't positive and a
-    /// level that isn't finite; [`NotAVolume`](ParametrizeError::NotAVolume) for probabilities beyond 0 to 1, and if no
-    /// voxel reaches the level.
+    /// level that isn't finite; [`NotProbability`](ParametrizeError::NotProbability) for probabilities beyond 0 to 1;
+    /// [`NotAVolume`](ParametrizeError::NotAVolume) if all voxels are on one side of the level.
     pub fn read_with(
         path: impl AsRef<Path>,
         VolumeReading { voxel_size, values }: VolumeReading,
@@ -95,7 +96,9 @@ impl LabelVolume {
     ///
     /// # Errors
     ///
-    /// [`NotAVolume`](ParametrizeError::NotAVolume) for probabilities beyond 0 to 1, and if no voxel reaches the level.
+    /// [`NotProbability`](ParametrizeError::NotProbability) for probabilities beyond 0 to 1;
+    /// [`NotAVolume`](ParametrizeError::NotAVolume) if all voxels are on one side of the level;
+    /// [`Argument`](ParametrizeError::Argument) for a level that isn't finite.
     ///
     /// # Panics
     ///
@@ -111,6 +114,7 @@ impl LabelVolume {
         let path = Path::new(IN_MEMORY);
         let source = Source { path, voxel_size: None, values: meaning, monitor: &Silent };
         let mut voxels = Collector::new(&source, size);
+        voxels.check_room(values.len() as u64)?;
         values.iter().try_for_each(|&value| voxels.push(value))?;
         Ok(Self::of(path.to_owned(), Volume { size, affine, voxels: voxels.finish()? }, meaning))
     }

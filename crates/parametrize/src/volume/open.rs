@@ -56,6 +56,10 @@ fn stream(source: &Source<'_>, mut stream: impl Read, most: u64) -> Result<Volum
         Some([0, 0, 0, 1]) => mgh::parse(source, stream, most),
         _ if is_npy => array::parse(source, stream, most),
         Some([0x1c, 2, 0, 0] | [0, 0, 2, 0x1c]) => nifti2::parse(source, stream, most),
-        _ => nifti::parse(source, stream, most),
+        None | Some([0x5c, 1, 0, 0] | [0, 0, 1, 0x5c]) => nifti::parse(source, stream, most),
+        _ => Err(source.wrong(
+            "a volume: NIfTI (.nii), FreeSurfer (.mgz), NRRD (.nrrd), TIFF (.tif) or NumPy (.npy)",
+            "another format".to_owned(),
+        )),
     }
 }

@@ -30,7 +30,7 @@ use super::boundary::QuadMesh;
 use super::grey::Located;
 
 /// Number of gradient steps for boxes of half a voxel. Afterwards vertices are within a hundredth of a voxel of the
-/// minimum. Larger boxes flatten longer waves, whose number of steps grows in proportion.
+/// minimum. Larger boxes flatten longer waves and get more steps, in proportion to their radius.
 const STEPS: f64 = 300.0;
 /// Step length. It must be below 1/4, since the largest eigenvalue of `L^T L` is about 4, and exactly 4 for symmetric
 /// L.

@@ -20,7 +20,7 @@ use spharm_monitor::{Interrupted, Monitor, Stage};
 
 use super::boundary::QuadMesh;
 use super::mask::{Mask, around};
-use super::pieces::{cavities, pieces};
+use super::pieces::{Pieces, cavities, pieces};
 use super::simple::{Around, has_bare_contact, is_simple};
 
 /// How handles and bare contacts were removed.
@@ -113,12 +113,7 @@ impl std::fmt::Display for Repair {
 /// [`Interrupted`] when the monitor asks to stop.
 pub fn repair(mask: &Mask, monitor: &dyn Monitor) -> Result<(Mask, Repair), Interrupted> {
     monitor.begin(Stage::counted("repair", "voxels"), 0);
-    let mut whole = mask.clone();
-    let found = pieces(mask, monitor)?;
-    whole.inside.iter_mut().zip(&found.of).for_each(|(inside, &piece)| *inside = piece == 1);
-    let hollow = cavities(&whole, monitor)?;
-    whole.inside.iter_mut().zip(&hollow.of).for_each(|(inside, &cavity)| *inside |= cavity != 0);
-
+    let (whole, found, hollow) = largest_piece(mask, monitor)?;
     let cut = cut(&whole, monitor)?;
     let filled = fill(&whole, monitor)?;
     let changed = |other: &Mask| whole.inside.iter().zip(&other.inside).filter(|(a, b)| a != b).count();
@@ -137,6 +132,16 @@ pub fn repair(mask: &Mask, monitor: &dyn Monitor) -> Result<(Mask, Repair), Inte
     };
     monitor.end();
     Ok((repaired, repair))
+}
+
+/// Returns the largest piece of a mask with its cavities filled, all pieces, and the cavities.
+pub(super) fn largest_piece(mask: &Mask, monitor: &dyn Monitor) -> Result<(Mask, Pieces, Pieces), Interrupted> {
+    let mut whole = mask.clone();
+    let found = pieces(mask, monitor)?;
+    whole.inside.iter_mut().zip(&found.of).for_each(|(inside, &piece)| *inside = piece == 1);
+    let hollow = cavities(&whole, monitor)?;
+    whole.inside.iter_mut().zip(&hollow.of).for_each(|(inside, &cavity)| *inside |= cavity != 0);
+    Ok((whole, found, hollow))
 }
 
 /// Returns a ball grown inside the label.

@@ -1,6 +1,6 @@
 //! Computes a label's surface, which is checked and, on request, repaired.
 
-use spharm_monitor::{Interrupted, Monitor, Silent};
+use spharm_monitor::{Interrupted, Monitor};
 use spharm_surface::Mesh;
 
 use super::boundary::QuadMesh;
@@ -8,11 +8,12 @@ use super::labels::LabelVolume;
 use super::mask::Mask;
 use super::pieces::{cavities, pieces};
 use super::relax::{Bounds, HALF_A_VOXEL};
-use super::repair::{Repair, repair};
+use super::repair::{Repair, largest_piece, repair};
 use crate::error::ParametrizeError;
 
-/// Largest radius of smooth surfaces, in voxels. Boxes beyond it contain most of a small body.
-const LARGEST_RADIUS: f64 = 4.0;
+/// Smallest and largest radius of smooth surfaces, in voxels. Narrower boxes keep the steps; wider ones contain most of
+/// a small body.
+const RADII: std::ops::RangeInclusive<f64> = 0.25..=4.0;
 
 /// The surface that stands for a label.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,13 +40,13 @@ impl LabelSurface {
     ///
     /// # Errors
     ///
-    /// [`ParametrizeError::Argument`] for other names, for a radius that isn't between 0 and 4, and for voxels with a
+    /// [`ParametrizeError::Argument`] for other names, for a radius that isn't from 0.25 to 4, and for voxels with a
     /// radius.
     pub fn named(name: &str, radius: Option<f64>) -> Result<Self, ParametrizeError> {
         let refused = |what, expected, found| Err(ParametrizeError::Argument { what, expected, found });
         match (name, radius) {
-            ("smooth", Some(radius)) if !(radius > 0.0 && radius <= LARGEST_RADIUS) => {
-                refused("smooth_radius", "above 0, at most 4 voxels", radius.to_string())
+            ("smooth", Some(radius)) if !RADII.contains(&radius) => {
+                refused("smooth_radius", "0.25 to 4 voxels", radius.to_string())
             }
             ("smooth", radius) => Ok(Self::Smooth { radius: radius.unwrap_or(HALF_A_VOXEL) }),
             ("voxels", None) => Ok(Self::Voxels),
@@ -109,19 +110,37 @@ pub struct VolumeSurface {
 }
 
 impl LabelVolume {
-    /// Returns the surface around a label in mm, without voxel steps: the surface of least bending within half a voxel
-    /// of the steps. It can have any topology; it is for uses that need no sphere, such as
-    /// registration.
+    /// Returns the surface around a label in mm, without voxel steps: the surface of least bending within `radius`
+    /// voxels of the steps, with the label's volume. It can have any topology; it is for uses that need no sphere, such
+    /// as registration. Of grey values and probabilities, only the largest piece is taken, with its cavities filled.
     ///
     /// # Errors
     ///
-    /// [`NoLabel`](ParametrizeError::NoLabel).
-    pub fn smooth_surface(&self, label: Option<i64>) -> Result<Mesh, ParametrizeError> {
+    /// [`NoLabel`](ParametrizeError::NoLabel), [`Interrupted`](ParametrizeError::Interrupted).
+    pub fn smooth_surface(
+        &self,
+        label: Option<i64>,
+        radius: Option<f64>,
+        monitor: &dyn Monitor,
+    ) -> Result<Mesh, ParametrizeError> {
         let mask = self.mask(self.choose(label)?)?;
+        let mask = if self.grey.is_some() { largest_piece(&mask, monitor)?.0 } else { mask };
         let steps = QuadMesh::around(&mask);
-        let located = self.grey.as_ref().map(|grey| grey.locate(&steps, &mask));
-        let bounds = Bounds { radius: HALF_A_VOXEL, located: located.as_ref() };
-        Ok(steps.relaxed(bounds, &Silent)?.to_world(&self.affine).triangles(|_| false))
+        let relaxed =
+            self.with_bounds(&steps, &mask, radius.unwrap_or(HALF_A_VOXEL), |bounds| steps.relaxed(bounds, monitor))?;
+        Ok(relaxed.to_world(&self.affine).cut_evenly(|_| false))
+    }
+
+    /// Calls `smooth` with what the smooth surface of a mask has to keep to.
+    fn with_bounds<T>(
+        &self,
+        quads: &QuadMesh,
+        mask: &Mask,
+        radius: f64,
+        smooth: impl FnOnce(Bounds<'_>) -> Result<T, Interrupted>,
+    ) -> Result<T, Interrupted> {
+        let located = self.grey.as_ref().map(|grey| grey.locate(quads, mask));
+        smooth(Bounds { radius, located: located.as_ref() })
     }
 
     /// Returns the closed surface around a label.
@@ -157,8 +176,7 @@ impl LabelVolume {
         let (quads, surface) = (QuadMesh::around(&mask), params.surface);
         let quads = match surface {
             LabelSurface::Smooth { radius } => {
-                let located = self.grey.as_ref().map(|grey| grey.locate(&quads, &mask));
-                quads.smoothed(Bounds { radius, located: located.as_ref() }, monitor)?
+                self.with_bounds(&quads, &mask, radius, |bounds| quads.clone().smoothed(bounds, monitor))?
             }
             LabelSurface::Voxels => quads,
         };

@@ -3,7 +3,7 @@
 use std::io::Read;
 use std::path::Path;
 
-use spharm_monitor::Stage;
+use spharm_monitor::{Stage, number};
 use spharm_surface::io::{NoRoom, check_room};
 
 use super::affine::Affine;
@@ -19,7 +19,7 @@ pub(super) struct Volume {
     pub(super) voxels: Voxels,
 }
 
-/// The labels of all voxels, and their values, one per voxel, if those aren't labels.
+/// The labels of all voxels, and if the values aren't labels, the difference of each voxel's value from the level.
 pub(super) struct Voxels {
     pub(super) labels: Runs,
     pub(super) values: Vec<f32>,
@@ -48,18 +48,27 @@ pub(super) struct Collector<'a> {
     values: Vec<f32>,
     /// Smallest and largest value.
     range: (f64, f64),
+    /// Numbers of voxels outside and inside, unless the values are labels.
+    sides: [usize; 2],
 }
 
 impl<'a> Collector<'a> {
     pub(super) fn new(source: &Source<'a>, size: [usize; 3]) -> Self {
         let range = (f64::INFINITY, f64::NEG_INFINITY);
-        Self { path: source.path, meaning: source.values, labels: Builder::new(size), values: Vec::new(), range }
+        Self {
+            path: source.path,
+            meaning: source.values,
+            labels: Builder::new(size),
+            values: Vec::new(),
+            range,
+            sides: [0; 2],
+        }
     }
 
     /// Checks that memory suffices for a number of voxels in the worst case: 4 bytes for a voxel's label, 1 for its
-    /// entry in a mask, and 4 for its value.
+    /// entry in a mask, and 12 for its value, whose vector doubles as it grows.
     pub(super) fn check_room(&self, voxels: u64) -> Result<(), ParametrizeError> {
-        let bytes = if self.meaning == VoxelValues::Labels { 5 } else { 9 };
+        let bytes = if self.meaning == VoxelValues::Labels { 5 } else { 17 };
         check_room(voxels.saturating_mul(bytes)).map_err(|room| no_room(self.path, room))
     }
 
@@ -79,12 +88,18 @@ impl<'a> Collector<'a> {
             None => whole(self.path, self.len(), value)?,
             Some(level) => {
                 if self.meaning == VoxelValues::Probability && !(value.is_nan() || PROBABILITIES.contains(&value)) {
-                    let found = format!("{value} at voxel {} (counted from 0, x fastest)", self.len());
-                    return Err(self.wrong("probabilities from 0 to 1", found));
+                    return Err(ParametrizeError::NotProbability {
+                        path: self.path.to_owned(),
+                        value,
+                        voxel: self.len(),
+                    });
                 }
                 self.range = (self.range.0.min(value), self.range.1.max(value));
-                self.values.push(value as f32);
-                i32::from(value >= level)
+                // A value that a file rounded to 32 bits is on the level if the level would be rounded to it.
+                let above = if value as f32 == level as f32 { 0.0 } else { (value - level) as f32 };
+                self.values.push(above);
+                self.sides[usize::from(above >= 0.0)] += 1;
+                i32::from(above >= 0.0)
             }
         };
         self.labels.push(label).map_err(|room| no_room(self.path, room))
@@ -104,9 +119,13 @@ impl<'a> Collector<'a> {
 
     pub(super) fn finish(self) -> Result<Voxels, ParametrizeError> {
         let (path, (low, high)) = (self.path, self.range);
-        if let Some(level) = self.meaning.level().filter(|level| high < *level) {
-            let found = if low > high { "none".to_owned() } else { format!("values from {low} to {high}") };
-            return Err(self.wrong("voxels that reach the level", format!("{found}, below {level}")));
+        if let Some(level) = self.meaning.level().filter(|_| self.sides.contains(&0)) {
+            let side = if self.sides[1] == 0 { "below" } else { "at or above" };
+            let found = match low > high {
+                true => "no values".to_owned(),
+                false => format!("values from {} to {}, all {side} the level {level}", number(low), number(high)),
+            };
+            return Err(self.wrong("voxels inside and outside of a body", found));
         }
         Ok(Voxels { labels: self.labels.finish().map_err(|room| no_room(path, room))?, values: self.values })
     }
@@ -235,5 +254,5 @@ fn whole(path: &Path, index: usize, value: f64) -> Result<i32, ParametrizeError>
 /// Returns the error for a file that is truncated or damaged.
 pub(super) fn cut_short(path: &Path, found: &str) -> ParametrizeError {
     let found = format!("a file that is cut short or damaged ({found})");
-    ParametrizeError::NotAVolume { path: path.to_owned(), expected: "a label volume", found }
+    ParametrizeError::NotAVolume { path: path.to_owned(), expected: "a volume", found }
 }

@@ -123,10 +123,11 @@ fn unusable_values_are_refused() {
     let grey = values(|at| 5.0 - distance(at, CENTRE));
     assert!(refused(&grey, VoxelValues::Probability).contains("probabilities from 0 to 1, found -"), "range");
     let high = refused(&grey, VoxelValues::Level(9.0));
-    assert!(high.contains("voxels that reach the level, found values from -") && high.ends_with("below 9"), "{high}");
-    assert!(refused(&vec![f64::NAN; grey.len()], VoxelValues::Level(0.0)).contains("found none"), "NaN");
+    assert!(high.contains("inside and outside of a body, found values from -") && high.ends_with("level 9"), "{high}");
+    assert!(refused(&grey, VoxelValues::Level(-99.0)).ends_with("all at or above the level -99"), "low");
+    assert!(refused(&vec![f64::NAN; grey.len()], VoxelValues::Level(0.0)).contains("found no values"), "NaN");
     assert!(refused(&grey, VoxelValues::Level(f64::NAN)).contains("threshold: expected a number"), "level");
-    for (name, radius) in [("round", None), ("voxels", Some(1.0)), ("smooth", Some(0.0)), ("smooth", Some(4.5))] {
+    for (name, radius) in [("round", None), ("voxels", Some(1.0)), ("smooth", Some(0.2)), ("smooth", Some(4.5))] {
         assert!(matches!(LabelSurface::named(name, radius), Err(ParametrizeError::Argument { .. })), "{name}");
     }
 }
