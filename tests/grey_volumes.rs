@@ -65,7 +65,10 @@ fn grey_values_and_probabilities_become_models() {
     assert!(other.contains("values grey values from 0.9, not grey values from 0.8"), "{other}");
 
     let table = ["volumes", "p.npy", "--probability", "--max-degree", "6", "-o", "cells"];
-    succeed(&mut run(&table));
+    let json: serde_json::Value = serde_json::from_str(&succeed(run(&table).arg("--json"))).unwrap();
+    let row = &json["rows"][0];
+    assert_eq!((&json["tool"], &row["state"], &row["label"]), (&"volumes".into(), &"fitted".into(), &1.into()));
+    assert!((row["volume"].as_f64().unwrap() / ball(5.2) - 1.0).abs() < 0.01 && row["power"][5].is_f64(), "{row}");
     let half = |name: &str| Model::read(at(name)).unwrap().coefficients.values().clone();
     assert_eq!(half("cells/p.1.spharm.npz"), half("half.spharm.npz"));
     succeed(&mut run(&["parametrize", "p.npy", "--threshold", "0.9", "-o", "s.surf.gii", "--surface-output", "m.ply"]));

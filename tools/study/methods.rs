@@ -83,7 +83,7 @@ pub(super) fn text(plan: &Plan, subjects: usize) -> Result<String> {
     text += match plan.method {
         Method::Correspond => {
             "Correspondence was established by registering one template to all surfaces, groupwise, without knowledge of \
-             groups and covariates; the group's models were fitted over the template's sphere"
+             groups and covariates"
         }
         Method::Joint => "The models were aligned by rotations of space and of the parameters",
         Method::Fixed => {
@@ -98,6 +98,9 @@ pub(super) fn text(plan: &Plan, subjects: usize) -> Result<String> {
         text += if mirror { "; mirror images were matched. " } else { ". " };
     } else {
         text += ". ";
+    }
+    if plan.method == Method::Correspond {
+        text += "The models of the group were fitted over the sphere of the template. ";
     }
     if let Some(fits) = plan.signal_fits() {
         let masked = fits.manifest.rows.iter().any(|row| row.region.is_some());
@@ -166,7 +169,7 @@ fn of_test(test: &Test, plan: &Plan) -> Result<String> {
         let which = if about["exact"] == true { "all" } else { "random" };
         let _ = write!(
             text,
-            "Family-wise p values were computed from the maximum over {} vertices in {count} relabellings ({which}){} \
+            "Family-wise p values were computed from the maximum over {} vertices in {count} relabellings, {which}{} \
              (Winkler et al. 2014), under the assumption of {assumption}",
             about["vertices"].as_u64().unwrap_or_default(),
             if has_nuisance(test, &about) {

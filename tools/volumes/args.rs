@@ -68,6 +68,9 @@ pub(crate) struct Cli {
     /// Table to write, .tsv or .csv [default: volumes.tsv in that folder]
     #[arg(long, value_name = "OUT.tsv|OUT.csv", help_heading = OUTPUT)]
     pub(super) table: Option<PathBuf>,
+    /// Print the table as JSON
+    #[arg(long, help_heading = OUTPUT)]
+    pub(super) json: bool,
     /// Names of the models
     ///
     /// Built from each volume's path alone: {stem} is its name without folder and format, {label} the label, {parent}

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use anyhow::{Context, Result, anyhow, bail};
+use serde_json::json;
 use spharm::fit_mesh::steps_of;
 use spharm::parametrize::volume::{is_volume, steps_of_labels};
 use spharm::shape::{MeasureParams, descriptors, measure};
@@ -15,7 +16,7 @@ use spharm::{FileRecord, FitParams, Model, Monitor, Preparation};
 use spharm_cli::exit;
 use spharm_cli::inputs::{expand_lists, read_text};
 use spharm_cli::monitor::ConsoleMonitor;
-use spharm_cli::output::{OutputFile, check_outputs, counted, prepare, print_line};
+use spharm_cli::output::{OutputFile, check_outputs, counted, prepare, print_json, print_line};
 use spharm_cli::paths::natural_order;
 use spharm_cli::surfaces::Labels;
 use spharm_cohort::degree::degree_of_labels;
@@ -90,6 +91,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
             counted_were(refused)
         );
     }
+    let as_json = cli.json.then(|| table::to_json(&text));
     let written = table::to_file(&table, text)?;
     write_new(&table, replaced, |out| out.write_all(written.as_bytes()))?;
     let steps = rows.iter().filter_map(|row| match &row.outcome {
@@ -102,7 +104,16 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let skipped = rows.iter().filter(|row| matches!(row.outcome, Outcome::Skipped(_))).count();
     let models = counted(rows.len() - failed - skipped, "model");
     let skipped = if skipped > 0 { format!(", {skipped} skipped") } else { String::new() };
-    print_line(&format!("{}: {models}{skipped}, {failed} failed", table.display()))?;
+    match as_json {
+        Some(rows) => print_json(&json!({
+            "tool": "volumes",
+            "versions": spharm::versions(),
+            "table": table.display().to_string(),
+            "max_degree": max_degree,
+            "rows": rows,
+        }))?,
+        None => print_line(&format!("{}: {models}{skipped}, {failed} failed", table.display()))?,
+    }
     // The table of the finished rows has been written; now return an interruption as the error.
     done?;
     if failed > 0 {

@@ -4,6 +4,7 @@ use std::collections::HashSet;
 use std::path::Path;
 
 use anyhow::{Context, Result};
+use serde_json::{Value, json};
 use spharm::model::Provenance;
 use spharm::parametrize::volume::VoxelSteps;
 use spharm::shape::{Descriptors, Measures};
@@ -77,6 +78,34 @@ const NONE: &str = "n/a";
 pub(super) fn lines(rows: &[Row], max_degree: usize) -> String {
     let lines = rows.iter().map(|row| cells(row, max_degree).join("\t") + "\n");
     std::iter::once(head(max_degree) + "\n").chain(lines).collect()
+}
+
+/// Returns a table as JSON: an object per row with numbers as numbers, null for cells without a value, and the powers
+/// as one list.
+pub(super) fn to_json(table: &str) -> Vec<Value> {
+    let mut lines = table.lines().map(|line| line.split('\t'));
+    let head: Vec<&str> = lines.next().into_iter().flatten().collect();
+    let value = |name: &str, cell: &str| match (name, cell) {
+        (_, NONE) => Value::Null,
+        ("border", _) => json!(cell == "yes"),
+        ("label" | "voxels" | "volume" | "area" | "sphericity" | "residual" | "size", _) => {
+            serde_json::from_str(cell).unwrap_or(Value::Null)
+        }
+        _ => json!(cell),
+    };
+    let row = |cells: std::str::Split<'_, char>| {
+        let mut row = serde_json::Map::new();
+        let mut powers = Vec::new();
+        for (name, cell) in head.iter().zip(cells) {
+            match name.starts_with("power_") {
+                true => powers.extend(cell.parse::<f64>().ok()),
+                false => drop(row.insert((*name).to_owned(), value(name, cell))),
+            }
+        }
+        row.insert("power".to_owned(), json!(powers));
+        Value::Object(row)
+    };
+    lines.map(row).collect()
 }
 
 /// Returns the text of the file of a table: tabs between cells, or commas if its name ends in .csv.
@@ -209,5 +238,8 @@ mod tests {
         assert_eq!((lines.len(), lines[0].len(), lines[1].len()), (2, 15, 15));
         assert_eq!(lines[1][..5], ["a b.nii", "3", "failed", "yes", "8"]);
         assert_eq!(lines[1][12..], ["no ball", "n/a", "n/a"]);
+        let json = &to_json(&text)[0];
+        assert_eq!((&json["file"], &json["label"], &json["border"]), (&json!("a b.nii"), &json!(3), &json!(true)));
+        assert!(json["volume"].is_null() && json["power"] == json!([]) && json["error"] == "no ball", "{json}");
     }
 }
