@@ -30,7 +30,7 @@ fn role(verb: &str, name: &str) -> Option<Role> {
         | (
             _,
             "again" | "methods" | "provenance" | "reconstruction" | "model" | "models" | "files" | "file" | "samples"
-            | "parts" | "map" | "fit_report",
+            | "parts" | "map" | "contour" | "fit_report",
         )
         | (_, "modes" | "test" | "a" | "b" | "minus" | "to" | "from" | "among" | "study" | "volumes" | "landmarks") => {
             Role::Input
