@@ -222,6 +222,8 @@ def _volume_settings(
 ) -> dict[str, Any]:
     if threshold is not None and probability:
         raise ValueError("threshold: expected None with probability=True, whose threshold is 0.5")
+    if threshold is not None and not np.isfinite(threshold):
+        raise ValueError(f"threshold: expected a number, found {threshold}")
     return {
         "threshold": None if threshold is None else float(threshold),
         "probability": bool(probability),

@@ -168,6 +168,8 @@ def test_grey_values_and_probabilities_of_arrays_and_files(tmp_path: Path) -> No
         sp.parametrize_volume(grey)
     with pytest.raises(ValueError, match="probabilities from 0 to 1, found"):
         sp.parametrize_volume(grey, probability=True)
+    with pytest.raises(ValueError, match="threshold: expected a number, found nan"):
+        sp.fit_cohort(rows, tmp_path, 6, threshold=float("nan"), on_error="collect")
     with pytest.raises(ValueError, match="expected None with probability=True"):
         sp.parametrize_volume(grey, threshold=0.5, probability=True)
     with pytest.raises(ValueError, match="smooth_radius: expected 0.25 to 4 voxels"):
