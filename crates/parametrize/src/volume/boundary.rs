@@ -147,7 +147,7 @@ impl QuadMesh {
     pub fn triangles(&self, from_second: impl Fn(usize) -> bool) -> Mesh {
         match &self.smooth {
             None => self.cut(&self.vertices, from_second),
-            Some(smooth) => Self { vertices: smooth.clone(), smooth: None, ..self.clone() }.cut_evenly(from_second),
+            Some(smooth) => self.cut_evenly(smooth, from_second),
         }
     }
 

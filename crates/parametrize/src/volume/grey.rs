@@ -12,7 +12,7 @@
 
 use std::fmt;
 
-use super::boundary::QuadMesh;
+use super::boundary::{Face, QuadMesh};
 use super::mask::{Mask, around};
 use crate::error::ParametrizeError;
 
@@ -86,9 +86,8 @@ pub(super) struct Grey {
 /// The surface of a body as its grey values locate it.
 #[derive(Clone, Debug)]
 pub(crate) struct Located {
-    /// For each quadrangle, the distance outwards from the quadrangle to the crossing of the level, in voxels, from
-    /// -0.5 to 0.5.
-    pub(super) offsets: Vec<f64>,
+    /// For each quadrangle, its normal axis and the position along it at which the values cross the level.
+    pub(super) crossings: Vec<(usize, f64)>,
     /// The body's volume in voxels.
     pub(super) volume: f64,
 }
@@ -129,18 +128,20 @@ impl Grey {
 
     /// Locates the surface of a mask, which may have been repaired, given its quadrangles in voxel coordinates.
     pub(super) fn locate(&self, quads: &QuadMesh, mask: &Mask) -> Located {
-        let offsets: Vec<f64> = (0..quads.quads.len()).map(|quad| self.offset(quads, quad)).collect();
+        let faces = (0..quads.quads.len()).map(|quad| quads.face(quad));
+        let located = faces.map(|face| (face, self.offset(&face)));
+        let (crossings, offsets): (Vec<(usize, f64)>, Vec<f64>) =
+            located.map(|(face, offset)| ((face.axis, face.centre[face.axis] + face.sign * offset), offset)).unzip();
         let volume = match self.meaning {
             VoxelValues::Probability => self.expected_volume(mask),
             _ => mask.count() as f64 + offsets.iter().sum::<f64>() / 3.0,
         };
-        Located { offsets, volume }
+        Located { crossings, volume }
     }
 
-    /// Returns the distance outwards from a quadrangle to the crossing of the level; 0 where a repair has moved the
-    /// surface away from the level, and at the volume's border.
-    fn offset(&self, quads: &QuadMesh, quad: usize) -> f64 {
-        let face = quads.face(quad);
+    /// Returns the distance outwards from a quadrangle to the crossing of the level, from -0.5 to 0.5 voxels; 0 where a
+    /// repair has moved the surface away from the level, and at the volume's border.
+    fn offset(&self, face: &Face) -> f64 {
         let voxel = |outwards: f64| {
             let centre = |k: usize| face.centre[k] + if k == face.axis { outwards * face.sign } else { 0.0 };
             [0, 1, 2].map(|k| centre(k).round() as i64)
@@ -155,22 +156,17 @@ impl Grey {
     /// count as 0 or 1.
     fn expected_volume(&self, mask: &Mask) -> f64 {
         let steps: Vec<isize> = around().map(|d| mask.step(d)).collect();
+        // All neighbours of a voxel inside are in the box.
+        let mut near = vec![false; mask.inside.len()];
+        for index in (0..near.len()).filter(|&index| mask.inside[index]) {
+            for next in steps.iter().map(|step| index.wrapping_add_signed(*step)).filter(|&next| !mask.inside[next]) {
+                (near[index], near[next]) = (true, true);
+            }
+        }
         let of = |index: usize| {
             let side = mask.inside[index];
-            // A voxel of the rim, which is outside, lacks some of its neighbours.
-            let near = if mask.is_rim(index) {
-                let at = mask.place(index);
-                around().any(|d| {
-                    let next: [Option<usize>; 3] = std::array::from_fn(|k| at[k].checked_add_signed(d[k]));
-                    let [Some(x), Some(y), Some(z)] = next else { return false };
-                    let there = [x, y, z];
-                    (0..3).all(|k| there[k] < mask.size[k]) && mask.inside[mask.index(there)]
-                })
-            } else {
-                steps.iter().any(|step| mask.inside[index.wrapping_add_signed(*step)] != side)
-            };
             let certain = f64::from(u8::from(side));
-            if !near {
+            if !near[index] {
                 return certain;
             }
             let at = mask.place(index);

@@ -47,15 +47,15 @@ const WEIGHT: f64 = 0.1;
 const VOLUME: f64 = 0.01;
 
 /// What a surface of least bending has to keep to.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Bounds<'a> {
+#[derive(Clone, Debug)]
+pub(crate) struct Bounds {
     /// Half the width of the boxes, in voxels.
     pub(crate) radius: f64,
     /// The body as grey values locate it; `None` for a label.
-    pub(crate) located: Option<&'a Located>,
+    pub(crate) located: Option<Located>,
 }
 
-impl Bounds<'_> {
+impl Bounds {
     /// Returns the position in the box around a lattice corner that is nearest to `x`.
     fn clamp(&self, x: [f64; 3], corner: &[f64; 3]) -> [f64; 3] {
         std::array::from_fn(|k| x[k].clamp(corner[k] - self.radius, corner[k] + self.radius))
@@ -69,22 +69,22 @@ impl QuadMesh {
     /// # Errors
     ///
     /// [`Interrupted`], by the monitor.
-    pub(crate) fn smoothed(self, bounds: Bounds<'_>, monitor: &dyn Monitor) -> Result<Self, Interrupted> {
+    pub(crate) fn smoothed(self, bounds: &Bounds, monitor: &dyn Monitor) -> Result<Self, Interrupted> {
         let relaxed = self.relaxed(bounds, monitor)?;
-        let keeps = (volume(&relaxed) / self.kept_volume(bounds) - 1.0).abs() < VOLUME;
-        Ok(Self { smooth: keeps.then_some(relaxed.vertices), ..self })
+        let keeps = (self.volume(&relaxed) / self.kept_volume(bounds) - 1.0).abs() < VOLUME;
+        Ok(Self { smooth: keeps.then_some(relaxed), ..self })
     }
 
-    /// Returns the surface of least bending that has the volume of this one, or that of the grey values, and whose
-    /// vertices are within the boxes around their positions in this one. This surface must be in voxel coordinates, as
-    /// returned by [`around`](Self::around).
+    /// Returns the positions of the vertices on the surface of least bending that has the volume of this one, or that
+    /// of the grey values, within the boxes around their positions on this one. This surface must be in voxel
+    /// coordinates, as returned by [`around`](Self::around).
     ///
     /// # Errors
     ///
     /// [`Interrupted`], by the monitor.
-    pub(crate) fn relaxed(&self, bounds: Bounds<'_>, monitor: &dyn Monitor) -> Result<Self, Interrupted> {
+    pub(crate) fn relaxed(&self, bounds: &Bounds, monitor: &dyn Monitor) -> Result<Vec<Vec3>, Interrupted> {
         let rings = Rings::of(self);
-        let crossings = bounds.located.map(|located| self.crossings(located));
+        let crossings = bounds.located.as_ref().map(|located| &located.crossings);
         // The largest eigenvalue of `L^T L + w C^T C` is at most 4 + w.
         let length = if crossings.is_some() { STEP * 4.0 / (4.0 + WEIGHT) } else { STEP };
         let mut found = self.vertices.clone();
@@ -96,7 +96,7 @@ impl QuadMesh {
                 monitor.check()?;
             }
             let mut gradient = rings.transposed(&rings.off_mean(&ahead));
-            if let Some(crossings) = &crossings {
+            if let Some(crossings) = crossings {
                 self.add_pull(crossings, &ahead, &mut gradient);
             }
             let next: Vec<[f64; 3]> = ahead
@@ -111,21 +111,13 @@ impl QuadMesh {
                 next.iter().zip(&found).map(|(n, x)| std::array::from_fn(|k| n[k] + share * (n[k] - x[k]))).collect();
             (found, momentum) = (next, following);
         }
-        Ok(self.with_volume(Self { vertices: found, ..self.clone() }, bounds))
+        self.keep_volume(&mut found, bounds);
+        Ok(found)
     }
 
     /// Returns the volume that the smooth surface has to have, in voxels.
-    fn kept_volume(&self, bounds: Bounds<'_>) -> f64 {
-        bounds.located.map_or_else(|| volume(self), |located| located.volume)
-    }
-
-    /// Returns, for each quadrangle, its normal axis and the position along it at which the values cross the level.
-    fn crossings(&self, located: &Located) -> Vec<(usize, f64)> {
-        let position = |(quad, offset): (usize, &f64)| {
-            let face = self.face(quad);
-            (face.axis, face.centre[face.axis] + face.sign * offset)
-        };
-        located.offsets.iter().enumerate().map(position).collect()
+    fn kept_volume(&self, bounds: &Bounds) -> f64 {
+        bounds.located.as_ref().map_or_else(|| self.volume(&self.vertices), |located| located.volume)
     }
 
     /// Adds the gradient of the squared distances to the crossings, times their weight, at positions `x`.
@@ -137,29 +129,28 @@ impl QuadMesh {
         }
     }
 
-    /// Moves a relaxed surface along its normals until it has the volume to keep.
-    fn with_volume(&self, mut relaxed: Self, bounds: Bounds<'_>) -> Self {
+    /// Moves relaxed positions along the normals until the surface has the volume to keep.
+    fn keep_volume(&self, relaxed: &mut [Vec3], bounds: &Bounds) {
         let whole = self.kept_volume(bounds);
         for _ in 0..MOVES {
-            let missing = whole - volume(&relaxed);
+            let missing = whole - self.volume(relaxed);
             if missing.abs() < 1e-4 * whole.abs() {
                 break;
             }
-            let (normals, area) = relaxed.normals();
+            let (normals, area) = self.normals(relaxed);
             let by = missing / area;
-            for ((x, normal), corner) in relaxed.vertices.iter_mut().zip(normals).zip(&self.vertices) {
+            for ((x, normal), corner) in relaxed.iter_mut().zip(normals).zip(&self.vertices) {
                 *x = bounds.clamp(add(*x, scale(normal, by)), corner);
             }
         }
-        relaxed
     }
 
-    /// Returns a mesh of triangles whose volume is the mean of both ways to cut the quadrangles. Cuts that are all
-    /// convex would add up to 0.7 % to a small body, so vertices move along their normals by less than a hundredth of a
-    /// voxel.
-    pub(super) fn cut_evenly(&self, from_second: impl Fn(usize) -> bool) -> Mesh {
-        let mut mesh = self.cut(&self.vertices, from_second);
-        let (whole, (normals, area)) = (volume(self), self.normals());
+    /// Returns a mesh of triangles, with vertices at `x`, whose volume is the mean of both ways to cut the quadrangles.
+    /// Cuts that are all convex would add up to 0.7 % to a small body, so vertices move along their normals by less
+    /// than a hundredth of a voxel.
+    pub(super) fn cut_evenly(&self, x: &[Vec3], from_second: impl Fn(usize) -> bool) -> Mesh {
+        let mut mesh = self.cut(x, from_second);
+        let (whole, (normals, area)) = (self.volume(x), self.normals(x));
         for _ in 0..3 {
             let by = (whole - signed_volume(&mesh)) / area;
             mesh.vertices.iter_mut().zip(&normals).for_each(|(x, normal)| *x = add(*x, scale(*normal, by)));
@@ -167,11 +158,11 @@ impl QuadMesh {
         mesh
     }
 
-    /// Returns the unit normal of each vertex, and the surface's area.
-    fn normals(&self) -> (Vec<Vec3>, f64) {
-        let (mut normals, mut area) = (vec![[0.0; 3]; self.vertices.len()], 0.0);
+    /// Returns the unit normal of each vertex, and the surface's area, with vertices at `x`.
+    fn normals(&self, x: &[Vec3]) -> (Vec<Vec3>, f64) {
+        let (mut normals, mut area) = (vec![[0.0; 3]; x.len()], 0.0);
         for quad in &self.quads {
-            let [a, b, c, d] = quad.map(|v| self.vertices[v as usize]);
+            let [a, b, c, d] = quad.map(|v| x[v as usize]);
             let own = scale(cross(sub(c, a), sub(d, b)), 0.5);
             area += dot(own, own).sqrt();
             quad.iter().for_each(|v| normals[*v as usize] = add(normals[*v as usize], own));
@@ -179,12 +170,12 @@ impl QuadMesh {
         normals.iter_mut().for_each(|normal| *normal = unit(*normal));
         (normals, area)
     }
-}
 
-/// Returns the volume within a surface, as the mean over both ways to cut its quadrangles.
-fn volume(mesh: &QuadMesh) -> f64 {
-    let of = |from_second: bool| signed_volume(&mesh.cut(&mesh.vertices, |_| from_second));
-    0.5 * (of(false) + of(true))
+    /// Returns the volume within the surface with vertices at `x`, as the mean over both ways to cut its quadrangles.
+    fn volume(&self, x: &[Vec3]) -> f64 {
+        let of = |from_second: bool| signed_volume(&self.cut(x, |_| from_second));
+        0.5 * (of(false) + of(true))
+    }
 }
 
 /// For each vertex, the vertices connected to it by an edge.
@@ -246,7 +237,9 @@ mod tests {
         let centred = |at: [usize; 3]| at.map(|x| x as f64 - 12.0);
         let inside = |at: [usize; 3]| dot(centred(at), centred(at)) < radius * radius;
         let steps = QuadMesh::around(&Mask::new([25; 3], inside));
-        let smooth = steps.relaxed(Bounds { radius: HALF_A_VOXEL, located: None }, &spharm_monitor::Silent).unwrap();
+        let bounds = Bounds { radius: HALF_A_VOXEL, located: None };
+        let vertices = steps.relaxed(&bounds, &spharm_monitor::Silent).unwrap();
+        let smooth = QuadMesh { vertices, ..steps.clone() };
         let off = |mesh: &QuadMesh| {
             let square = |v: &[f64; 3]| (dot(v.map(|x| x - 12.0), v.map(|x| x - 12.0)).sqrt() - radius).powi(2);
             (mesh.vertices.iter().map(square).sum::<f64>() / mesh.vertices.len() as f64).sqrt()
@@ -257,6 +250,6 @@ mod tests {
         let area = spharm_surface::topology::area(&smooth.triangles(|_| false));
         let expected = 4.0 * std::f64::consts::PI * radius * radius;
         assert!((area / expected - 1.0).abs() < 0.02, "{area} {expected}");
-        assert!((volume(&smooth) / volume(&steps) - 1.0).abs() < 1e-3);
+        assert!((smooth.volume(&smooth.vertices) / steps.volume(&steps.vertices) - 1.0).abs() < 1e-3);
     }
 }

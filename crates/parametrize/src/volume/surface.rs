@@ -126,21 +126,14 @@ impl LabelVolume {
         let mask = self.mask(self.choose(label)?)?;
         let mask = if self.grey.is_some() { largest_piece(&mask, monitor)?.0 } else { mask };
         let steps = QuadMesh::around(&mask);
-        let relaxed =
-            self.with_bounds(&steps, &mask, radius.unwrap_or(HALF_A_VOXEL), |bounds| steps.relaxed(bounds, monitor))?;
-        Ok(relaxed.to_world(&self.affine).cut_evenly(|_| false))
+        let bounds = self.bounds(&steps, &mask, radius.unwrap_or(HALF_A_VOXEL));
+        let smooth = Some(steps.relaxed(&bounds, monitor)?);
+        Ok(QuadMesh { smooth, ..steps }.to_world(&self.affine).triangles(|_| false))
     }
 
-    /// Calls `smooth` with what the smooth surface of a mask has to keep to.
-    fn with_bounds<T>(
-        &self,
-        quads: &QuadMesh,
-        mask: &Mask,
-        radius: f64,
-        smooth: impl FnOnce(Bounds<'_>) -> Result<T, Interrupted>,
-    ) -> Result<T, Interrupted> {
-        let located = self.grey.as_ref().map(|grey| grey.locate(quads, mask));
-        smooth(Bounds { radius, located: located.as_ref() })
+    /// Returns what the smooth surface of a mask, given its quadrangles, has to keep to.
+    fn bounds(&self, quads: &QuadMesh, mask: &Mask, radius: f64) -> Bounds {
+        Bounds { radius, located: self.grey.as_ref().map(|grey| grey.locate(quads, mask)) }
     }
 
     /// Returns the closed surface around a label.
@@ -176,7 +169,8 @@ impl LabelVolume {
         let (quads, surface) = (QuadMesh::around(&mask), params.surface);
         let quads = match surface {
             LabelSurface::Smooth { radius } => {
-                self.with_bounds(&quads, &mask, radius, |bounds| quads.clone().smoothed(bounds, monitor))?
+                let bounds = self.bounds(&quads, &mask, radius);
+                quads.smoothed(&bounds, monitor)?
             }
             LabelSurface::Voxels => quads,
         };
