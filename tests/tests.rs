@@ -53,6 +53,7 @@ mod study;
 mod study_again;
 mod study_correspond;
 mod study_init;
+mod study_sides;
 mod study_signals;
 mod study_tidy;
 mod study_warnings;

@@ -15,6 +15,7 @@ fn role(verb: &str, name: &str) -> Option<Role> {
         ("report", "status" | "warnings" | "quality" | "correspondence") => Role::Input,
         ("report", "check") | ("shape quality" | "shape check", "frames") => Role::Input,
         ("shape check", "aligned" | "mean" | "scores" | "warnings" | "status") => Role::Input,
+        ("shape align" | "shape correspond", "mirrored") => Role::Input,
         ("shape check", "thumbnails") => Role::Output,
         ("report", "thumbnails") => Role::Other,
         ("shape test" | "shape correspond", "table") => Role::Input,

@@ -418,6 +418,7 @@ def correspond(
     refine: bool = True,
     scale: bool = False,
     mirror: bool = False,
+    mirrored: Sequence[bool] | None = None,
     subdivisions: int | None = None,
     memory: int | str | None = None,
     threads: int | None = None,
@@ -457,6 +458,9 @@ def correspond(
         Scale members to one size.
     mirror : bool
         Also match mirror images.
+    mirrored : sequence of bool, optional
+        Whether each surface is mirrored first, x to -x, such as right hemispheres in a group of left ones. Transforms
+        to the group's frame include the reflection.
     subdivisions : int, optional
         Subdivisions of the icosphere whose directions are registered, 2 to 8; by default 4 up to degree 15, 5 up to
         degree 40, and 6 above.
@@ -502,6 +506,9 @@ def correspond(
     if guide and template is not None and template_member is None:
         raise ValueError("template: expected the number or name of a member, because guide=True; found another surface")
     values, weights = _signals(signals, len(surfaces), refine)
+    reflected = [] if mirrored is None else [bool(one) for one in mirrored]
+    if mirrored is not None and len(reflected) != len(surfaces):
+        raise ValueError(f"mirrored: expected a bool for each of {len(surfaces)} surfaces, found {len(reflected)}")
     settings = {
         "guide": [own.tolist() for own in marks[1]] if guide and marks is not None else None,
         "template_member": template_member,
@@ -511,6 +518,7 @@ def correspond(
         "refine": bool(refine),
         "scale": bool(scale),
         "mirror": bool(mirror),
+        "mirrored": reflected,
         "subdivisions": None if subdivisions is None else min(_arrays.whole("subdivisions", subdivisions), 2**31),
         "memory": _arrays.size(memory),
     }

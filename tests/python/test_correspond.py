@@ -165,6 +165,11 @@ def test_a_mirrored_member_is_named() -> None:
     with pytest.warns(sp.SpharmWarning, match="3: .* its mirror image"):
         found = sp.shape.correspond(bodies, 6, subdivisions=3, refine=False)
     assert all(text.startswith("3:") for text in found.warnings)
+    known = sp.shape.correspond(bodies, 6, subdivisions=3, refine=False, mirrored=[False, False, False, True, False])
+    assert not known.warnings
+    assert [np.linalg.det(transform.object) < 0 for transform in known.transforms] == [False] * 3 + [True, False]
+    with pytest.raises(ValueError, match="mirrored: expected a bool for each of 5 surfaces, found 1"):
+        sp.shape.correspond(bodies, 6, mirrored=[True])
 
 
 def test_members_that_are_alike_are_not_named(folder: Path) -> None:
@@ -224,6 +229,12 @@ def test_signals_say_what_surfaces_do_not() -> None:
     without = error(sp.shape.correspond(surfaces, 8, subdivisions=3))
     with_them = error(sp.shape.correspond(surfaces, 8, subdivisions=3, signals=[(patches, 0.5)]))
     assert with_them < 0.4 * without
+    # The same with a member that is a mirror image, whose triangles are wound the other way.
+    surfaces[2] = sp.Surface(surfaces[2].vertices * [-1, 1, 1], surfaces[2].faces[:, [0, 2, 1]])
+    places[2] = places[2] * [-1, 1, 1]
+    mirrored = [member == 2 for member in range(4)]
+    found = sp.shape.correspond(surfaces, 8, subdivisions=3, signals=[(patches, 0.5)], mirrored=mirrored)
+    assert error(found) < 0.4 * without
 
 
 def test_a_group_is_saved_read_and_pickled(

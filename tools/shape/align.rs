@@ -24,7 +24,9 @@ use spharm_surface::pose::PoseParams;
 use super::again::{Again, journal};
 use super::align_meshes::{self, are_meshes};
 use super::args::{Models, ReportArgs, Resources};
+use super::frames;
 use super::groups::{distances_from_mean, equal_models};
+use super::mirrored::Mirrored;
 use super::outputs::{check_beside, finish, outputs};
 use super::plan::Plan;
 
@@ -72,6 +74,11 @@ pub(super) struct Cli {
     /// Also match mirror images
     #[arg(long, help_heading = METHOD)]
     mirror: bool,
+    /// Models, of those given, to mirror first: x to -x, on the surface and on its sphere
+    ///
+    /// Such as right hemispheres in a group of left ones. The transforms include the reflection.
+    #[arg(long, value_name = "MODEL", num_args = 1.., help_heading = METHOD)]
+    mirrored: Vec<PathBuf>,
     /// Highest degree to compare [default: the lowest of the models']
     ///
     /// The transforms are applied to all degrees.
@@ -140,6 +147,7 @@ impl Cli {
         let of_models = [
             (self.method != How::Joint, "--method"),
             (self.pose == Some(PoseBy::Joint), "--pose joint"),
+            (!self.mirrored.is_empty(), "--mirrored"),
             (self.degree.is_some(), "--degree"),
             (self.starts.is_some(), "--starts"),
             (self.templates.is_some(), "--templates"),
@@ -219,7 +227,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     plan.check(needed, [])?;
     plan.note(needed, monitor.console());
     let pool = cli.resources.threads.pool()?;
-    let models: Vec<Model> = pool.install(|| {
+    let mut models: Vec<Model> = pool.install(|| {
         super::args::read_all(&paths, monitor, |model, path| {
             if model.kind() != Kind::Surface {
                 bail!("{}: expected a model of a surface, found a signal", path.display());
@@ -227,6 +235,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
             Ok(model.clone())
         })
     })?;
+    let mirrored = Mirrored::find(&cli.mirrored, &paths)?;
+    pool.install(|| mirrored.apply(&mut models, monitor))?;
     let target = cli.target.to.as_deref().map(|path| Model::read(path).map(|model| (path, model))).transpose()?;
     let method = match (cli.method, cli.pose) {
         (How::Joint, Some(PoseBy::Surfaces)) => Method::Surfaces,
@@ -250,24 +260,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     if let (Some(path), Some(mean)) = (&cli.mean, &found.mean) {
         again.write(path, &made(mean.clone(), Kind::Surface, "shape align"))?;
     }
-    let each: Vec<Value> = paths
-        .iter()
-        .zip(&targets)
-        .zip(found.transforms.iter().zip(&found.distances))
-        .map(|((path, target), (transform, [before, after]))| {
-            json!({
-                "model": shown(path),
-                "output": shown(target),
-                "rmsd_before": before,
-                "rmsd_after": after,
-                "parameters": transform.rotation.matrix(),
-                "antipodal": transform.antipodal,
-                "object": transform.similarity.orthogonal,
-                "scale": transform.similarity.scale,
-                "translation": transform.similarity.translation,
-            })
-        })
-        .collect();
+    let whole = mirrored.of_files(&found.transforms);
+    let each = frames::written(&paths, &targets, &whole, &found.distances);
     if let Some(path) = &cli.transforms {
         again.write_json(path, &json!(each))?;
     }

@@ -1,12 +1,14 @@
-//! The members' own frames: reads the transforms that `shape align` and `shape correspond` have written.
+//! The members' own frames: writes the transforms of `shape align`, and reads those of `shape align` and `shape
+//! correspond`.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use serde::Deserialize;
-use serde_json::Value;
+use serde_json::{Value, json};
+use spharm::shape::Transform;
 use spharm_cli::inputs::{MOST_OWN, read_text};
-use spharm_cli::paths::model_name;
+use spharm_cli::paths::{model_name, shown};
 use spharm_surface::Similarity;
 
 /// A transform written by `shape align`.
@@ -23,6 +25,29 @@ struct Aligned {
 struct Member {
     name: String,
     to_group: Similarity,
+}
+
+/// Returns what `shape align` writes of each model: its transform, and its distance from the target before and after.
+pub(super) fn written(
+    models: &[PathBuf],
+    outputs: &[PathBuf],
+    transforms: &[Transform],
+    distances: &[[f64; 2]],
+) -> Vec<Value> {
+    let of = |((path, output), (transform, [before, after])): ((&PathBuf, &PathBuf), (&Transform, &[f64; 2]))| {
+        json!({
+            "model": shown(path),
+            "output": shown(output),
+            "rmsd_before": before,
+            "rmsd_after": after,
+            "parameters": transform.rotation.matrix(),
+            "antipodal": transform.antipodal,
+            "object": transform.similarity.orthogonal,
+            "scale": transform.similarity.scale,
+            "translation": transform.similarity.translation,
+        })
+    };
+    models.iter().zip(outputs).zip(transforms.iter().zip(distances)).map(of).collect()
 }
 
 /// Reads the transforms of the models with these names, in the order of the names. A transform maps the frame of a

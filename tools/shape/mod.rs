@@ -22,6 +22,7 @@ mod masks;
 mod matching;
 mod mean;
 mod measure;
+mod mirrored;
 mod morph;
 mod outputs;
 mod pca;

@@ -97,6 +97,15 @@ fn quoted(cell: &str) -> Cow<'_, str> {
     if cell.contains([',', '"', '\n', '\r']) { Cow::Owned(format!("\"{}\"", cell.replace('"', "\"\""))) } else { cell }
 }
 
+/// Formats a number with at most six significant digits.
+pub(super) fn short(value: f64) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return if value.is_nan() { String::new() } else { value.to_string() };
+    }
+    let rounded: f64 = format!("{value:.5e}").parse().unwrap_or(value);
+    if (1e-4..1e9).contains(&rounded.abs()) { rounded.to_string() } else { format!("{rounded:e}") }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -108,5 +117,11 @@ mod tests {
         assert_eq!(text, "model,a\n\"a,\"\"b\"\".npz\",0.1\nc,1e-300\n");
         let rows = [vec!["=cmd|calc".to_owned(), exact(-0.5)]];
         assert_eq!(csv(&["@x", "a"], rows.iter().map(Vec::as_slice)), "'@x,a\n'=cmd|calc,-0.5\n");
+    }
+
+    #[test]
+    fn numbers_have_six_digits() {
+        let found = [0.1 + 0.2, 1_234.567_891, 1.0 / 3e6, -2e12, 0.0, 50.0].map(short);
+        assert_eq!(found, ["0.3", "1234.57", "3.33333e-7", "-2e12", "0", "50"]);
     }
 }

@@ -6,9 +6,9 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 use clap::Args;
 use serde_json::json;
-use spharm::Model;
 use spharm::model::signed;
 use spharm::shape::{Rotation, Similarity, Transform};
+use spharm::{Kind, Model};
 use spharm_cli::Usage;
 use spharm_cli::help::{self, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
@@ -19,10 +19,11 @@ use super::args::{Models, ReportArgs, Resources};
 use super::outputs::{check_beside, finish, outputs};
 use super::plan::Plan;
 
-/// Rotate models: their parameters, or the surface in space
+/// Rotate or mirror models: their parameters, or the surface in space
 ///
 /// --parameters rotates the sphere under the surface, which doesn't move: a vertex at direction u is then at direction
 /// R u, and the model's own sphere rotates with it. --object moves the surface: x becomes scale Q x + translation.
+/// --mirror exchanges left and right of both, before anything else.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -38,6 +39,9 @@ use super::plan::Plan;
 pub(super) struct Cli {
     #[command(flatten)]
     models: Models,
+    /// Mirror first: x to -x, on the sphere and, of surfaces, in space
+    #[arg(long, help_heading = METHOD)]
+    mirror: bool,
     /// Rotation of the parameters
     #[arg(long, value_name = "NUMBERS", allow_hyphen_values = true, value_delimiter = ',', help_heading = METHOD)]
     parameters: Option<Vec<f64>>,
@@ -76,6 +80,12 @@ fn rotation(numbers: Option<&Vec<f64>>, option: &'static str) -> Result<Rotation
     found.context(option)
 }
 
+/// Returns the reflection of a model; a signal is only mirrored on its sphere.
+fn mirror(kind: Kind) -> Transform {
+    let similarity = Similarity::default();
+    if kind == Kind::Surface { Transform::reflection() } else { Transform { similarity, ..Transform::reflection() } }
+}
+
 /// Runs the subcommand.
 pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let started = Instant::now();
@@ -94,8 +104,9 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         antipodal: false,
         similarity: Similarity { orthogonal: turned.matrix(), scale: cli.scale, translation },
     };
-    if transform == Transform::default() {
-        return Err(Usage::missing("nothing to do: give --parameters, --object, --scale or --translate").into());
+    if transform == Transform::default() && !cli.mirror {
+        let options = "--parameters, --object, --scale, --translate or --mirror";
+        return Err(Usage::missing(format!("nothing to do: give {options}")).into());
     }
     let targets = outputs(&cli.models, &paths, &cli.output, "spharm.npz")?;
     check_beside(&paths, targets.iter().map(|path| OutputFile::with_ending(path, "--output", &[".npz"])), &cli.report)?;
@@ -105,7 +116,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     for (path, target) in paths.iter().zip(&targets) {
         spharm::Monitor::check(monitor)?;
         let model = Model::read(path)?;
-        let moved = pool.install(|| transform.apply_model(&model, monitor));
+        let whole = if cli.mirror { mirror(model.kind()).then(&transform) } else { transform };
+        let moved = pool.install(|| whole.apply_model(&model, monitor));
         let moved = signed(moved.with_context(|| path.display().to_string())?, "shape rotate");
         prepare(target)?;
         moved.write_with(target, cli.report.force)?;
@@ -113,6 +125,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let report = json!({
         "models": all_shown(&paths),
         "outputs": all_shown(&targets),
+        "mirror": cli.mirror,
         "parameters": transform.rotation.matrix(),
         "object": transform.similarity.orthogonal,
         "scale": transform.similarity.scale,

@@ -3,10 +3,12 @@
 use anyhow::{Context, Result, bail};
 use spharm::shape::stats::{self, TestParams};
 use spharm_cli::output::counted;
+use spharm_cohort::{Manifest, Row};
 
 use super::LEAST;
 use super::config::Method;
 use super::plan::Plan;
+use super::sides;
 use super::test::Test;
 use crate::shape::table::{Subjects, is_missing};
 
@@ -40,6 +42,13 @@ fn correspondence(plan: &Plan) -> Result<()> {
              found method {:?}",
             plan.file.display(),
             plan.method.name()
+        );
+    }
+    if plan.has_sides() && plan.method == Method::None {
+        bail!(
+            "{}: `sides` in [subjects]: the second side is mirrored and has to be aligned; expected another method than \
+             \"none\" in [align]",
+            plan.file.display()
         );
     }
     if plan.method == Method::Correspond {
@@ -113,7 +122,15 @@ fn tested(plan: &Plan, test: &Test) -> Result<()> {
     if test.mask.is_some() && test.sphere.is_none() {
         bail!("mask: also give `sphere`, the sphere to whose vertices the mask belongs");
     }
-    let question = test.asked().question(&Rows(plan)).with_context(|| plan.table.display().to_string())?;
+    let rows = Rows::of(plan, test);
+    if rows.rows.len() < LEAST {
+        bail!(
+            "side: expected {LEAST} subjects or more with {}, found {}",
+            test.side.as_deref().unwrap_or("rows"),
+            rows.rows.len()
+        );
+    }
+    let question = test.asked().question(&rows).with_context(|| plan.table.display().to_string())?;
     let components = if test.signal.as_deref() == Some("position") { 3 } else { 1 };
     let params = TestParams { welch: test.welch, ..TestParams::default() };
     if test.welch && (question.levels.len() != 2 || !question.covariates.is_empty()) {
@@ -123,32 +140,43 @@ fn tested(plan: &Plan, test: &Test) -> Result<()> {
         .with_context(|| plan.table.display().to_string())
 }
 
-/// The table of a study's subjects.
-struct Rows<'a>(&'a Plan);
+/// The table of a test's subjects.
+struct Rows<'a> {
+    plan: &'a Plan,
+    rows: Vec<&'a Row>,
+}
+
+impl<'a> Rows<'a> {
+    fn of(plan: &'a Plan, test: &Test) -> Self {
+        let Manifest { rows, columns, .. } = &plan.manifest;
+        let tested = sides::tested(test, &plan.study.subjects, rows.iter().map(|row| row.extra.as_slice()), columns);
+        Self { plan, rows: tested.into_iter().map(|(row, _)| &rows[row]).collect() }
+    }
+}
 
 impl Subjects for Rows<'_> {
     fn count(&self) -> usize {
-        self.0.manifest.rows.len()
+        self.rows.len()
     }
 
     fn names(&self) -> Vec<&str> {
-        self.0.manifest.columns.iter().map(String::as_str).collect()
+        self.plan.manifest.columns.iter().map(String::as_str).collect()
     }
 
     fn cells(&self, column: &str) -> Result<Vec<&str>> {
-        cells(self.0, column)
+        cells(self.plan, &self.rows, column)
     }
 
     fn place(&self, row: usize) -> String {
-        self.0.manifest.rows[row].id.clone()
+        self.rows[row].id.clone()
     }
 }
 
 /// Returns a column's cells, one per subject; a cell without a value is an error.
-fn cells<'a>(plan: &'a Plan, column: &str) -> Result<Vec<&'a str>> {
+fn cells<'a>(plan: &Plan, rows: &[&'a Row], column: &str) -> Result<Vec<&'a str>> {
     let at = plan.manifest.columns.iter().position(|name| name == column);
     let at = at.with_context(|| format!("{}: no column {column:?}", plan.table.display()))?;
-    let cell = |row: &'a spharm_cohort::Row| {
+    let cell = |row: &&'a Row| {
         let cell = row.extra.get(at).map_or("", |cell| cell.trim());
         if cell.is_empty() || is_missing(cell) {
             let found = if cell.is_empty() { "nothing".to_owned() } else { format!("{cell:?}") };
@@ -161,5 +189,5 @@ fn cells<'a>(plan: &'a Plan, column: &str) -> Result<Vec<&'a str>> {
         }
         Ok(cell)
     };
-    plan.manifest.rows.iter().map(cell).collect()
+    rows.iter().map(cell).collect()
 }

@@ -5,10 +5,11 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use serde::Deserialize;
 use spharm_cli::inputs::read_text;
-use toml::{Table, Value};
+use toml::Table;
 
-use super::exclusion::{Named, check_list};
-use super::test::{KEYS, Test};
+use super::exclusion::Named;
+use super::keys;
+use super::test::Test;
 use crate::shape::correspond::surfaces::With;
 
 /// Contents of a study file; paths are as written in the file.
@@ -56,6 +57,10 @@ pub(super) struct Subjects {
     pub(super) signal: Option<String>,
     /// Vertices at which the signal is read: a column, a pattern with `{id}`, or `none`.
     pub(super) mask: Option<String>,
+    /// Names of the two sides of each subject, `{side}` in patterns; the second side is mirrored.
+    pub(super) sides: Vec<String>,
+    /// Label of each side, if volumes have both.
+    pub(super) labels: Vec<i64>,
     /// Subjects to leave out.
     pub(super) exclude: Vec<Named>,
     /// Subjects whose flags are accepted.
@@ -72,6 +77,8 @@ impl Default for Subjects {
             landmarks: None,
             signal: None,
             mask: None,
+            sides: Vec::new(),
+            labels: Vec::new(),
             exclude: Vec::new(),
             accept: Vec::new(),
         }
@@ -198,18 +205,6 @@ pub(super) struct Page {
     pub(super) subjects: bool,
 }
 
-/// Keys of each section: the section's name, the number of required keys, and all keys, the required ones first.
-const SECTIONS: [(&str, usize, &[&str]); 8] = [
-    ("", 0, &["title", "output", "subjects", "fit", "align", "modes", "quality", "test", "page"]),
-    ("subjects", 1, &["table", "id", "surface", "sphere", "landmarks", "signal", "mask", "exclude", "accept"]),
-    ("fit", 1, &["max_degree", "arguments"]),
-    ("align", 0, &["method", "scale", "mirror", "guide", "signals"]),
-    ("modes", 0, &["count"]),
-    ("quality", 0, &["plain"]),
-    ("page", 0, &["subjects"]),
-    ("test", 2, &KEYS),
-];
-
 /// Largest size of a study file, in bytes.
 const LARGEST: u64 = 1 << 20;
 
@@ -230,7 +225,7 @@ impl Study {
     /// If it has an unknown key, lacks a required key, or has a value of the wrong type.
     pub(super) fn parse(text: &str) -> Result<Self> {
         let table: Table = text.parse().map_err(|error: toml::de::Error| told(text, &error))?;
-        check_keys(&table)?;
+        keys::check(&table)?;
         let study: Self = toml::from_str(text).map_err(|error| told(text, &error))?;
         study.check()?;
         Ok(study)
@@ -285,52 +280,6 @@ pub(super) fn template(table: Option<&str>) -> String {
         Some(table) => template.replace("table = \"subjects.tsv\"", &format!("table = \"{}\"", escaped(table))),
         None => template.to_owned(),
     }
-}
-
-fn check_keys(table: &Table) -> Result<()> {
-    for (section, needed, keys) in SECTIONS {
-        let parts: Vec<&Table> = match table.get(section) {
-            _ if section.is_empty() => vec![table],
-            None if needed == 0 || section == "test" => continue,
-            None => bail!("expected a section [{section}], found none"),
-            Some(Value::Table(part)) if section != "test" => vec![part],
-            Some(Value::Array(parts)) if section == "test" => match parts.iter().map(Value::as_table).collect() {
-                Some(parts) => parts,
-                None => bail!("expected [[test]], a table for each test"),
-            },
-            Some(_) if section == "test" => bail!("expected [[test]] with two pairs of brackets, found something else"),
-            Some(_) => bail!("expected a section [{section}], found a value"),
-        };
-        let place = match section {
-            "" => String::new(),
-            "test" => " in [[test]]".to_owned(),
-            _ => format!(" in [{section}]"),
-        };
-        for part in parts {
-            if let Some(unknown) = part.keys().find(|key| !keys.contains(&key.as_str())) {
-                let nearest = keys
-                    .iter()
-                    .map(|key| (strsim::damerau_levenshtein(unknown, key), key))
-                    .min()
-                    .filter(|(distance, key)| *distance <= 2.max(key.len() / 3));
-                match nearest {
-                    Some((_, nearest)) => bail!("unknown key `{unknown}`{place}: did you mean `{nearest}`?"),
-                    None if section == "fit" => bail!(
-                        "unknown key `{unknown}`{place}: options of spharm fit are arguments = [\"--{}\"]",
-                        unknown.replace('_', "-")
-                    ),
-                    None => bail!("unknown key `{unknown}`{place}: expected one of {}", keys.join(", ")),
-                }
-            }
-            for key in ["exclude", "accept"] {
-                part.get(key).filter(|_| section == "subjects").map_or(Ok(()), |list| check_list(key, list))?;
-            }
-            if let Some(missing) = keys[..needed].iter().find(|key| !part.contains_key(**key)) {
-                bail!("expected a key `{missing}`{place}, found none");
-            }
-        }
-    }
-    Ok(())
 }
 
 #[cfg(test)]

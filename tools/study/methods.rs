@@ -52,10 +52,13 @@ const CITED: [(&str, &str); 8] = [
 /// Returns the text, for a study in which `subjects` subjects could be fitted.
 pub(super) fn text(plan: &Plan, subjects: usize) -> Result<String> {
     let (version, study) = (env!("CARGO_PKG_VERSION"), &plan.study);
+    let of_what = match &study.subjects.sides[..] {
+        [first, second] => format!("{subjects} sides ({first}, {second}) of subjects"),
+        _ => counted(subjects, "subject"),
+    };
     let mut text = format!(
-        "The surfaces of {} were modelled by spherical harmonics up to degree {} (Shen and Chung 2006) with spharm-rs \
+        "The surfaces of {of_what} were modelled by spherical harmonics up to degree {} (Shen and Chung 2006) with spharm-rs \
          {version}",
-        counted(subjects, "subject"),
         study.fit.max_degree,
     );
     if !study.fit.arguments.is_empty() {
@@ -99,6 +102,9 @@ pub(super) fn text(plan: &Plan, subjects: usize) -> Result<String> {
     } else {
         text += ". ";
     }
+    if let [_, second] = &study.subjects.sides[..] {
+        let _ = write!(text, "Surfaces of the side {second} were mirrored first. ");
+    }
     if plan.method == Method::Correspond {
         text += "The models of the group were fitted over the sphere of the template. ";
     }
@@ -141,15 +147,23 @@ fn of_test(test: &Test, plan: &Plan) -> Result<String> {
         Some("value") => "the value at each point of the surface",
         _ => "the displacement of each point of the surface along the normal of the mean",
     };
+    let side = match (&test.side, &plan.study.subjects.sides[..]) {
+        (Some(_), [first, second]) if test.is_of_differences() => {
+            format!(" (difference {first} minus mirrored {second} of each subject)")
+        }
+        (Some(side), _) => format!(" of the side {side}"),
+        _ => String::new(),
+    };
     let about = about(plan, test)?;
     let effect = match test.effect.split_once(':').filter(|_| !plan.manifest.columns.contains(&test.effect)) {
         Some((first, second)) if test.contrast.is_empty() => format!("the interaction of {first} and {second}"),
         Some((first, second)) => format!("a contrast in the model of {first}, {second} and their interaction"),
+        None if test.mean => "the mean".to_owned(),
         None if test.contrast.is_empty() => format!("the effect of {}", test.effect),
         None => format!("a contrast in the model of {}", test.effect),
     };
     let mut text = format!(
-        "In the test \"{}\", {effect} ({}{}) on {quantity} was tested",
+        "In the test \"{}\", {effect} ({}{}) on {quantity}{side} was tested",
         test.name,
         about["tested"].as_str().unwrap_or_default(),
         subjects_of(&about)

@@ -2,10 +2,11 @@
 //!
 //! | module | contents |
 //! |---|---|
-//! | `config`, `subjects` | the study's file and its table of subjects |
+//! | `config`, `keys`, `subjects` | the study's file, its keys and its table of subjects |
+//! | `sides` | both sides of each subject, such as hemispheres |
 //! | `surfaces` | the table of meshes that are made to correspond |
 //! | `fits` | the fits of the subjects' surfaces and signals |
-//! | `plan` | the study's files and their locations |
+//! | `plan`, `lists` | the study's files and their locations, and the lists that stages read |
 //! | `provenance`, `methods` | the record of the study, and the paragraph for a paper |
 //! | `stages` | the commands of the study |
 //! | `check` | checks before any command is run |
@@ -19,9 +20,12 @@ mod config;
 mod exclusion;
 mod fits;
 mod init;
+mod keys;
+mod lists;
 mod methods;
 mod plan;
 mod provenance;
+mod sides;
 mod stage;
 mod stages;
 mod subjects;

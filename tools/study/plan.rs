@@ -9,7 +9,7 @@ use spharm_surface::io::write_new;
 use super::config::{Method, Study};
 use super::fits::{Fits, Outcomes, SIGNALS, SURFACES};
 use super::test::Test;
-use super::{exclusion, subjects, surfaces};
+use super::{exclusion, sides, subjects};
 
 /// Folder within the output folder for the records from which a study is resumed.
 const RECORDS: &str = ".study";
@@ -55,6 +55,8 @@ pub(super) struct Subject<'a> {
     pub(super) surface: PathBuf,
     /// Label in the volume.
     pub(super) label: Option<i64>,
+    /// Whether the subject is mirrored before it is compared.
+    pub(super) mirrored: bool,
     pub(super) landmarks: Option<PathBuf>,
     /// Files of the signals that guide the correspondence.
     pub(super) guides: &'a [PathBuf],
@@ -69,6 +71,7 @@ impl Plan {
     /// Reads the table of a study, as if `text` were the contents of the file at `path`.
     pub(super) fn of_text(path: &Path, text: String, output: Option<PathBuf>, common: Vec<String>) -> Result<Self> {
         let study = Study::parse(&text).with_context(|| path.display().to_string())?;
+        sides::check(&study).with_context(|| path.display().to_string())?;
         let folder = path.parent().unwrap_or(Path::new(""));
         let table = folder.join(&study.subjects.table);
         let output = match output {
@@ -79,6 +82,10 @@ impl Plan {
         };
         let made = output.join(RECORDS).join("manifest.tsv");
         let (mut manifest, mut made_text) = subjects::manifest(&study.subjects, folder, &table, &made)?;
+        let mut study = study;
+        let of_rows = |listed: &[exclusion::Named]| sides::rows_of(listed, &study.subjects, &manifest);
+        let (accept, exclude) = (of_rows(&study.subjects.accept), of_rows(&study.subjects.exclude));
+        (study.subjects.accept, study.subjects.exclude) = (accept, exclude);
         exclusion::check_ids(&study.subjects.accept, &manifest)
             .with_context(|| format!("{}: `accept` in [subjects]", path.display()))?;
         let excluded = exclusion::exclude(&study.subjects.exclude, &mut manifest, &mut made_text, &made)
@@ -110,7 +117,8 @@ impl Plan {
         }
         let landmarks = subjects::landmarks(&study.subjects, folder, &table, &manifest)?;
         let named = || path.display().to_string();
-        let guides = subjects::guides(&study.align.signals, folder, &table, &manifest).with_context(named)?;
+        let guides =
+            subjects::guides(&study.align.signals, &study.subjects, folder, &table, &manifest).with_context(named)?;
         let made = output.join(RECORDS).join("signals.tsv");
         let signals = subjects::signals(&study.subjects, folder, &table, &manifest, &made).with_context(named)?;
         let spheres = study.fit.sphere().is_some() || manifest.rows.iter().all(|row| row.sphere.is_some());
@@ -225,7 +233,8 @@ impl Plan {
             let landmarks = self.landmarks.as_ref().and_then(|files| files.get(index).cloned());
             let (surface, label) = (row.surface.clone(), row.label);
             let guides = &self.guides[index];
-            Subject { id: &row.id, cells: &row.extra, surface, label, model, landmarks, guides }
+            let mirrored = sides::is_mirrored(&self.study.subjects, &self.manifest, row);
+            Subject { id: &row.id, cells: &row.extra, surface, label, mirrored, model, landmarks, guides }
         };
         self.manifest.rows.iter().enumerate().map(of).collect()
     }
@@ -271,7 +280,7 @@ impl Plan {
         named.map_or("", |of| if of.reason.is_empty() { "no reason given" } else { &of.reason })
     }
 
-    fn columns(&self) -> impl Iterator<Item = &str> {
+    pub(super) fn columns(&self) -> impl Iterator<Item = &str> {
         self.manifest.columns.iter().map(String::as_str)
     }
 
@@ -280,71 +289,6 @@ impl Plan {
         let signals = self.signals.as_ref().map(|(_, text)| ("signals.tsv", text));
         let made = self.made_text.as_ref().map(|text| ("manifest.tsv", text)).into_iter().chain(signals);
         made.into_iter().try_for_each(|(name, text)| self.write(name, std::str::from_utf8(text)?))
-    }
-
-    /// Returns the paths of the models that are compared.
-    pub(super) fn aligned(&self, subjects: &[Subject<'_>]) -> Vec<PathBuf> {
-        let folder = self.aligned_folder();
-        let place = |subject: &Subject<'_>| match (self.method, subject.model.file_name()) {
-            (Method::Correspond | Method::Joint | Method::Fixed, Some(name)) => folder.join(name),
-            _ => subject.model.clone(),
-        };
-        subjects.iter().map(place).collect()
-    }
-
-    /// Writes the lists and the table that the stages read; leaves a file untouched if its text hasn't changed.
-    pub(super) fn write_lists<'s>(&self, subjects: &'s [Subject<'_>]) -> Result<()> {
-        let models: Vec<PathBuf> = subjects.iter().map(|subject| subject.model.clone()).collect();
-        let aligned = self.aligned(subjects);
-        let lines = |paths: &[PathBuf]| -> Result<String> {
-            let of = |path: &PathBuf| -> Result<String> { Ok(self.relative(path)? + "\n") };
-            paths.iter().map(of).collect()
-        };
-        self.write("models.txt", &lines(&models)?)?;
-        self.write("aligned.txt", &lines(&aligned)?)?;
-        if self.method == Method::Correspond {
-            let folder = self.output.join(PLAIN);
-            let plain = models.iter().filter_map(|model| Some(folder.join(model.file_name()?)));
-            self.write("plain.txt", &lines(&plain.collect::<Vec<_>>())?)?;
-            let of = |subject: &'s Subject<'_>| surfaces::Member {
-                id: subject.id,
-                surface: &subject.surface,
-                label: subject.label,
-                landmarks: subject.landmarks.as_deref(),
-                signals: subject.guides,
-            };
-            let members: Vec<_> = subjects.iter().map(of).collect();
-            self.write("surfaces.tsv", &surfaces::table(&members, &self.records())?)?;
-            if self.landmarks.is_some() {
-                self.write("landmarks.txt", &surfaces::landmarks(&members, &self.records())?)?;
-            }
-        }
-        self.write_tested("aligned.csv", subjects, &aligned)?;
-        let Some(fits) = self.signal_fits() else { return Ok(()) };
-        let signals: Vec<PathBuf> = subjects.iter().map(|subject| fits.model(subject.id)).collect();
-        self.write_tested("signals.csv", subjects, &signals)
-    }
-
-    /// Writes a table for the tests: each subject with a model and the columns of the study's table.
-    fn write_tested(&self, name: &str, subjects: &[Subject<'_>], models: &[PathBuf]) -> Result<()> {
-        let mut writer = csv::Writer::from_writer(Vec::new());
-        writer.write_record(["id", "model"].into_iter().chain(self.columns()))?;
-        for (subject, path) in subjects.iter().zip(models) {
-            let path = self.relative(path)?;
-            writer.write_record([subject.id, &path].into_iter().chain(subject.cells.iter().map(String::as_str)))?;
-        }
-        self.write(name, &String::from_utf8(writer.into_inner()?)?)
-    }
-
-    /// Returns a path in the output relative to the folder of the lists.
-    fn relative(&self, path: &Path) -> Result<String> {
-        let path = path.strip_prefix(&self.output).with_context(|| path.display().to_string())?;
-        Ok(Path::new("..").join(path).display().to_string())
-    }
-
-    /// Writes a file of the records.
-    pub(super) fn write(&self, name: &str, text: &str) -> Result<()> {
-        write_changed(&self.records().join(name), text)
     }
 }
 

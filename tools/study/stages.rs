@@ -7,6 +7,7 @@ use spharm_cohort::Shard;
 
 use super::config::Method;
 use super::fits::{Fits, SURFACES};
+use super::lists::{MIRRORED, MIRRORED_SIGNALS};
 use super::methods;
 use super::plan::{PLAIN, Plan, Subject, text};
 use super::provenance;
@@ -47,6 +48,7 @@ impl Plan {
         };
         let mut stages = vec![of_models("measure", "measures.csv"), of_models("describe", "descriptors.csv")];
         stages.push(self.together(subjects, &models));
+        stages.extend(self.mirror_signals(subjects));
         let aligned = self.aligned(subjects);
         let count = study.modes.count.to_string();
         let scores = at("scores.csv");
@@ -55,7 +57,7 @@ impl Plan {
         stages.push(self.stage("modes", arguments, &aligned, [modes, scores]));
         stages.push(self.check(&models, &aligned));
         for test in &study.test {
-            stages.extend(self.test(test, subjects, &aligned));
+            stages.extend(self.test(test, subjects));
         }
         stages.extend(self.quality(subjects, &models, &aligned));
         stages.push(self.report(subjects));
@@ -79,6 +81,17 @@ impl Plan {
                 self.stage("mean", arguments, models, [mean])
             }
         }
+    }
+
+    /// Returns the stage that mirrors the signals of mirrored subjects, if there are any.
+    fn mirror_signals(&self, subjects: &[Subject<'_>]) -> Option<Stage> {
+        let fits = self.signal_fits()?;
+        let mirrored = subjects.iter().filter(|subject| subject.mirrored);
+        let models: Vec<PathBuf> = mirrored.map(|subject| fits.model(subject.id)).collect();
+        let folder = self.mirrored_signals();
+        let list = self.list(MIRRORED_SIGNALS);
+        let arguments = words(&["shape", "rotate", &list, "--mirror", "-o", &text(&folder)]);
+        (!models.is_empty()).then(|| self.stage("mirror.signal", arguments, &models, [folder]))
     }
 
     fn correspond(&self, subjects: &[Subject<'_>]) -> Stage {
@@ -107,6 +120,9 @@ impl Plan {
     fn align(&self, how: &str, name: &str, folder: &Path) -> Vec<String> {
         let mut arguments =
             words(&["shape", "align", &self.list("models.txt"), "--group", how, name, "-o", &text(folder)]);
+        if self.has_sides() {
+            arguments.extend(words(&["--mirrored", &self.list(MIRRORED)]));
+        }
         arguments.extend(self.moved());
         arguments
     }
@@ -186,20 +202,21 @@ impl Plan {
     }
 
     /// Returns the stages of a test and of its picture.
-    fn test(&self, test: &Test, subjects: &[Subject<'_>], aligned: &[PathBuf]) -> [Stage; 3] {
+    fn test(&self, test: &Test, subjects: &[Subject<'_>]) -> [Stage; 3] {
         let (name, folder) = (format!("test.{}", test.name), self.test_folder(test));
-        let of_signals = self.signal_fits().filter(|_| test.is_of_values());
-        let table = self.records().join(if of_signals.is_some() { "signals.csv" } else { "aligned.csv" });
-        let mut arguments = words(&["shape", "test", "--table", &text(&table)]);
-        arguments.extend(words(&["--effect", &test.effect, "-o", &text(&folder)]));
+        let table = self.tested_table(test);
+        let mut arguments = words(&["shape", "test", "--table", &text(&table), "-o", &text(&folder)]);
         arguments.extend(test.question());
-        let mut inputs = vec![table];
-        match &of_signals {
-            Some(fits) => {
-                inputs.extend(subjects.iter().map(|subject| fits.model(subject.id)).chain([self.mean()]));
-                arguments.extend(words(&["--surface", &text(&self.mean())]));
-            }
-            None => inputs.extend(aligned.iter().cloned()),
+        let tested = self.tested(test, subjects);
+        let models = tested.into_iter().flat_map(|(_, model, other)| std::iter::once(model).chain(other));
+        let mut inputs: Vec<PathBuf> = std::iter::once(table).chain(models).collect();
+        if test.is_of_differences() {
+            let [first, second] = self.model_columns(test);
+            arguments.extend(words(&["--model-column", first, "--minus", second]));
+        }
+        if test.is_of_values() {
+            arguments.extend(words(&["--surface", &text(&self.mean())]));
+            inputs.push(self.mean());
         }
         let (measures, scores) = (self.output.join("measures.csv"), self.output.join("scores.csv"));
         arguments.extend(words(&[

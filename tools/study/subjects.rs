@@ -7,12 +7,13 @@ use anyhow::{Context, Result, bail};
 use spharm_cohort::Manifest;
 
 use super::config::Subjects;
+use super::sides::{COLUMNS, SIDE, filled, id_of};
 use crate::freesurfer::cortex_label;
 use crate::shape::correspond::surfaces::With;
 use crate::shape::table::{LANDMARKS, files_of};
 
 /// Placeholder of the id in a pattern.
-const ID: &str = "{id}";
+pub(super) const ID: &str = "{id}";
 /// Largest size of a table in bytes, far above that of any study.
 const LARGEST: u64 = 64 << 20;
 
@@ -57,7 +58,8 @@ pub(super) fn landmarks(
 ) -> Result<Option<Vec<PathBuf>>> {
     if let Some(pattern) = &subjects.landmarks {
         has_id(LANDMARKS, pattern)?;
-        return Ok(Some(manifest.rows.iter().map(|row| folder.join(pattern.replace(ID, &row.id))).collect()));
+        let of = |row| folder.join(filled(pattern, subjects, manifest, row));
+        return Ok(Some(manifest.rows.iter().map(of).collect()));
     }
     files_of(manifest, LANDMARKS, table)
 }
@@ -68,19 +70,31 @@ pub(super) fn landmarks(
 /// # Errors
 ///
 /// If a signal is neither a pattern with `{id}` nor a column of the table, or a cell is empty.
-pub(super) fn guides(signals: &[With], folder: &Path, table: &Path, manifest: &Manifest) -> Result<Vec<Vec<PathBuf>>> {
+pub(super) fn guides(
+    signals: &[With],
+    subjects: &Subjects,
+    folder: &Path,
+    table: &Path,
+    manifest: &Manifest,
+) -> Result<Vec<Vec<PathBuf>>> {
     let mut files = vec![Vec::new(); manifest.rows.len()];
     for With { name, .. } in signals {
-        let found = of_name("`signals` in [align]", name, folder, table, manifest)?;
+        let found = of_name("`signals` in [align]", name, subjects, (folder, table), manifest)?;
         files.iter_mut().zip(found).for_each(|(files, file)| files.push(file));
     }
     Ok(files)
 }
 
 /// Returns the file of each subject that a key gives, by a pattern relative to `folder` or by a column of the table.
-fn of_name(key: &str, name: &str, folder: &Path, table: &Path, manifest: &Manifest) -> Result<Vec<PathBuf>> {
+fn of_name(
+    key: &str,
+    name: &str,
+    subjects: &Subjects,
+    (folder, table): (&Path, &Path),
+    manifest: &Manifest,
+) -> Result<Vec<PathBuf>> {
     if name.contains(ID) {
-        return Ok(manifest.rows.iter().map(|row| folder.join(name.replace(ID, &row.id))).collect());
+        return Ok(manifest.rows.iter().map(|row| folder.join(filled(name, subjects, manifest, row))).collect());
     }
     files_of(manifest, name, table)?.with_context(|| {
         format!("{key}: expected a column of {} or a pattern with {ID}, found {name:?}", table.display())
@@ -109,11 +123,11 @@ pub(super) fn signals(
         }
         return Ok(None);
     };
-    let signals = of_name("`signal` in [subjects]", signal, folder, table, manifest)?;
+    let signals = of_name("`signal` in [subjects]", signal, subjects, (folder, table), manifest)?;
     let masks: Vec<Option<PathBuf>> = match subjects.mask.as_deref() {
         Some(NO_MASK) => vec![None; signals.len()],
         Some(mask) => {
-            let masks = of_name("`mask` in [subjects]", mask, folder, table, manifest)?;
+            let masks = of_name("`mask` in [subjects]", mask, subjects, (folder, table), manifest)?;
             masks.into_iter().map(Some).collect()
         }
         None => {
@@ -160,25 +174,38 @@ fn text(subjects: &Subjects, folder: &Path, table: &Path, surface: &str) -> Resu
     let Some(id) = header.iter().position(|name| name == subjects.id) else {
         bail!("expected a column {:?}, found {}", subjects.id, header.iter().collect::<Vec<_>>().join(", "));
     };
-    let reserved = ["id", "surface", "sphere", "weights", "output", "label", "signal_mask"];
+    let two = !subjects.sides.is_empty();
+    let reserved = ["id", "surface", "sphere", "weights", "output", "label", "signal_mask"].into_iter();
+    let of_sides: Vec<&str> = COLUMNS.into_iter().chain(subjects.sides.iter().map(String::as_str)).collect();
+    let reserved: Vec<&str> = reserved.chain(of_sides.iter().copied().filter(|_| two)).collect();
     if let Some(taken) = header.iter().enumerate().find(|(at, name)| *at != id && reserved.contains(name)) {
-        bail!("column {:?} cannot be used with a pattern `surface` in [subjects]", taken.1);
+        let with = if of_sides.contains(&taken.1) { "`sides`" } else { "a pattern `surface`" };
+        bail!("column {:?} cannot be used with {with} in [subjects]", taken.1);
     }
     let mut writer = csv::WriterBuilder::new().delimiter(b'\t').from_writer(Vec::new());
     let others = |record: &csv::StringRecord| -> Vec<String> {
         record.iter().enumerate().filter(|(at, _)| *at != id).map(|(_, cell)| cell.to_owned()).collect()
     };
-    let own = ["id", "surface", "sphere"].map(str::to_owned);
-    writer.write_record(own.into_iter().chain(others(&header)))?;
+    let own = ["id", "surface", "sphere", "label"].map(str::to_owned);
+    let of_sides = COLUMNS.map(str::to_owned).into_iter().filter(|_| two);
+    writer.write_record(own.into_iter().chain(others(&header)).chain(of_sides))?;
+    // Without sides, a subject has one row.
+    let sides: Vec<Option<&String>> = if two { subjects.sides.iter().map(Some).collect() } else { vec![None] };
     for record in reader.records() {
         let record = record?;
         let name = record.get(id).unwrap_or_default();
-        let file = |pattern: &str| -> Result<String> {
-            let path: PathBuf = std::path::absolute(folder.join(pattern.replace(ID, name)))?;
-            Ok(path.display().to_string())
-        };
-        let sphere = subjects.sphere.as_deref().map_or(Ok(String::new()), file)?;
-        writer.write_record([name.to_owned(), file(surface)?, sphere].into_iter().chain(others(&record)))?;
+        for (index, side) in sides.iter().enumerate() {
+            let file = |pattern: &str| -> Result<String> {
+                let path = pattern.replace(ID, name).replace(SIDE, side.map_or(SIDE, String::as_str));
+                Ok(std::path::absolute(folder.join(path))?.display().to_string())
+            };
+            let row = side.map_or_else(|| name.to_owned(), |side| id_of(name, side));
+            let sphere = subjects.sphere.as_deref().map_or(Ok(String::new()), file)?;
+            let label = subjects.labels.get(index).map(i64::to_string).unwrap_or_default();
+            let of_side = side.map(|side| [name.to_owned(), side.clone()]);
+            let cells = [row, file(surface)?, sphere, label].into_iter().chain(others(&record));
+            writer.write_record(cells.chain(of_side.into_iter().flatten()))?;
+        }
     }
     Ok(writer.into_inner()?)
 }

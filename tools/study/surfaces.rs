@@ -6,6 +6,8 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use spharm_cli::paths::utf8;
 
+use crate::shape::correspond::surfaces::MIRRORED;
+
 /// A subject's row of the table of surfaces.
 #[derive(Clone, Copy)]
 pub(super) struct Member<'a> {
@@ -13,6 +15,7 @@ pub(super) struct Member<'a> {
     pub(super) surface: &'a Path,
     /// Label in the volume.
     pub(super) label: Option<i64>,
+    pub(super) mirrored: bool,
     pub(super) landmarks: Option<&'a Path>,
     pub(super) signals: &'a [PathBuf],
 }
@@ -32,18 +35,20 @@ pub(super) fn table(members: &[Member<'_>], folder: &Path) -> Result<String> {
     let mut writer = csv::WriterBuilder::new().delimiter(b'\t').from_writer(Vec::new());
     let landmarks = members.iter().any(|member| member.landmarks.is_some());
     let labels = members.iter().any(|member| member.label.is_some());
-    let columns = [(labels, "label"), (landmarks, "landmarks")];
+    let mirrored = members.iter().any(|member| member.mirrored);
+    let columns = [(labels, "label"), (mirrored, MIRRORED), (landmarks, "landmarks")];
     let columns = columns.into_iter().filter(|(there, _)| *there).map(|(_, name)| name.to_owned());
     let signals = (0..members.first().map_or(0, |member| member.signals.len())).map(signal_column);
     writer.write_record(["id", "surface"].map(str::to_owned).into_iter().chain(columns).chain(signals))?;
-    for &Member { id, surface, label, landmarks: marks, signals } in members {
+    for &Member { id, surface, label, mirrored: is_mirrored, landmarks: marks, signals } in members {
         if !surface.is_file() {
             bail!("{id}: {}: no such file; method \"joint\" in [align] needs only the models", surface.display());
         }
         let cell = |file: &Path| -> Result<String> { Ok(utf8(&from_folder(folder, file)?)?.to_owned()) };
         let label = labels.then(|| label.map(|label| label.to_string()).unwrap_or_default());
         let marks = marks.map(cell).transpose()?;
-        let cells = [Some(id.to_owned()), Some(cell(surface)?), label, marks];
+        let reflected = mirrored.then(|| if is_mirrored { "yes" } else { "no" }.to_owned());
+        let cells = [Some(id.to_owned()), Some(cell(surface)?), label, reflected, marks];
         let signals = signals.iter().map(|file| cell(file)).collect::<Result<Vec<_>>>()?;
         writer.write_record(cells.into_iter().flatten().chain(signals))?;
     }

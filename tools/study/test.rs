@@ -8,10 +8,12 @@ use spharm::shape::stats::{MAX_RELABELLINGS, Resampling};
 
 use crate::shape::design::{Asked, parts};
 
-/// Keys of `[[test]]`, the two required ones first.
-pub(super) const KEYS: [&str; 17] = [
+/// Keys of `[[test]]`, the required one first.
+pub(super) const KEYS: [&str; 19] = [
     "name",
     "effect",
+    "mean",
+    "side",
     "levels",
     "contrast",
     "covariates",
@@ -29,6 +31,9 @@ pub(super) const KEYS: [&str; 17] = [
     "permutations",
 ];
 
+/// Value of the key `side` for the differences between the sides.
+pub(super) const ASYMMETRY: &str = "asymmetry";
+
 /// Name of the values of a signal, as a quantity that is tested.
 const VALUE: &str = "value";
 
@@ -37,6 +42,10 @@ const VALUE: &str = "value";
 pub(super) struct Test {
     pub(super) name: String,
     pub(super) effect: String,
+    /// Whether the mean is tested, in place of an effect.
+    pub(super) mean: bool,
+    /// Side whose rows are tested, or the differences between the sides.
+    pub(super) side: Option<String>,
     pub(super) levels: Vec<String>,
     /// Combinations of the design's columns to test in place of the effect's own.
     #[serde(deserialize_with = "one_or_more")]
@@ -64,6 +73,18 @@ pub(super) struct Test {
 impl Test {
     /// Checks the values of the keys.
     pub(super) fn check(&self) -> Result<()> {
+        match (self.effect.is_empty(), self.mean) {
+            (true, false) => bail!("expected `effect`, the column to test, or mean = true; found neither"),
+            (false, true) => bail!("expected `effect` or mean = true, found both"),
+            (true, true) if !self.is_of_differences() && !self.is_of_values() => bail!(
+                "mean: relative to the mean of the group, the mean displacement is always zero; the mean of side = \
+                 \"asymmetry\" or of signal = \"value\" can be tested"
+            ),
+            _ => {}
+        }
+        if self.mean && !(self.levels.is_empty() && self.contrast.is_empty()) {
+            bail!("levels and contrast are those of an `effect`, found mean = true");
+        }
         if let Some(name) = self.asked().unused() {
             bail!("categorical: {name:?} is neither in the effect nor in the covariates");
         }
@@ -106,13 +127,13 @@ impl Test {
     /// Returns what is asked of the table.
     pub(super) fn asked(&self) -> Asked<'_> {
         Asked {
-            effect: Some(&self.effect),
+            effect: (!self.mean).then_some(self.effect.as_str()),
             levels: &self.levels,
             contrast: &self.contrast,
             covariates: &self.covariates,
             categorical: &self.categorical,
             blocks: self.blocks.as_deref(),
-            relative: !self.is_of_values(),
+            relative: !self.is_of_values() && !self.is_of_differences(),
         }
     }
 
@@ -121,12 +142,23 @@ impl Test {
         self.signal.as_deref() == Some(VALUE)
     }
 
+    /// Returns whether the differences between the sides are tested.
+    pub(super) fn is_of_differences(&self) -> bool {
+        self.side.as_deref() == Some(ASYMMETRY)
+    }
+
     /// Returns the arguments of `shape test` that choose the tested quantity, design, statistics and relabellings.
     pub(super) fn question(&self) -> Vec<String> {
-        let flags = [("--welch", self.welch), ("--whole-blocks", self.whole_blocks), ("--tfce", self.tfce)];
+        let flags = [
+            ("--mean", self.mean),
+            ("--welch", self.welch),
+            ("--whole-blocks", self.whole_blocks),
+            ("--tfce", self.tfce),
+        ];
         let flags = flags.into_iter().filter(|(_, given)| *given).map(|(flag, _)| flag.to_owned());
         let list = |names: &[String]| (!names.is_empty()).then(|| names.join(","));
         let values = [
+            ("--effect", (!self.mean).then(|| self.effect.clone())),
             ("--levels", list(&self.levels)),
             ("--covariates", list(&self.covariates)),
             ("--categorical", list(&self.categorical)),
@@ -154,7 +186,7 @@ impl Test {
 
     /// Returns all columns of the table that the test uses; `is_column` returns whether the table has a column.
     pub(super) fn columns(&self, is_column: impl Fn(&str) -> bool) -> Vec<&str> {
-        let terms = std::iter::once(&self.effect).chain(&self.covariates);
+        let terms = std::iter::once(&self.effect).filter(|_| !self.mean).chain(&self.covariates);
         let columns = terms.flat_map(|term| {
             let parts = parts(term);
             // Without a column of this name, an interaction's columns.

@@ -34,6 +34,8 @@ struct Settings {
     refine: bool,
     scale: bool,
     mirror: bool,
+    /// Whether each surface is mirrored first; empty for none.
+    mirrored: Vec<bool>,
     subdivisions: Option<u32>,
     memory: Option<usize>,
     /// Landmarks of each member that guide the correspondence.
@@ -46,7 +48,7 @@ struct Settings {
 
 impl Settings {
     fn params(self, template: Option<Mesh>, signals: Vec<Vec<Vec<f64>>>) -> CorrespondParams {
-        let Self { max_degree, rounds, refine, scale, mirror, subdivisions, memory, .. } = self;
+        let Self { max_degree, rounds, refine, scale, mirror, mirrored, subdivisions, memory, .. } = self;
         let of_template =
             |members: &[Vec<[f64; 3]>]| self.template_member.and_then(|index| members.get(index).cloned());
         let guide = self.guide.map(|members| GuideLandmarks { template: of_template(&members), members });
@@ -56,6 +58,7 @@ impl Settings {
         CorrespondParams::up_to(max_degree)
             .with_template(template)
             .with_guide(guide)
+            .with_mirrored(mirrored)
             .with_signals(signals)
             .with_subdivisions(subdivisions)
             .with_rounds(rounds)

@@ -39,6 +39,9 @@ impl Rotation {
     /// The identity.
     pub const IDENTITY: Self = Self { matrix: IDENTITY };
 
+    /// The rotation by 180 degrees about the first axis.
+    pub(crate) const HALF_TURN_X: Self = Self { matrix: [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]] };
+
     /// Creates a rotation from a matrix, given by rows. The matrix is replaced by the nearest orthogonal one, because a
     /// matrix from a file may have few digits.
     ///

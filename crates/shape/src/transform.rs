@@ -31,6 +31,24 @@ pub struct Transform {
 }
 
 impl Transform {
+    /// Returns the mirror image of left and right, [`Similarity::reflection`], of a surface together with its sphere:
+    /// `f'(u) = M f(M u)` with `M = diag(-1, 1, 1)`. Normals stay outward.
+    #[must_use]
+    pub const fn reflection() -> Self {
+        // M is a half turn about the first axis, followed by the reflection of all axes.
+        Self { rotation: Rotation::HALF_TURN_X, antipodal: true, similarity: Similarity::reflection() }
+    }
+
+    /// Returns the transform that applies this one first, then `next`.
+    #[must_use]
+    pub fn then(&self, next: &Self) -> Self {
+        Self {
+            rotation: next.rotation * self.rotation,
+            antipodal: self.antipodal != next.antipodal,
+            similarity: self.similarity.then(&next.similarity),
+        }
+    }
+
     /// Returns the transformed coefficients of a surface, (K, 3).
     ///
     /// # Errors
@@ -210,6 +228,38 @@ mod tests {
             assert_eq!(moved.provenance.other["transform"][0]["antipodal"], antipodal);
             assert_eq!(moved.scheme_key, None);
         }
+    }
+
+    /// The surface is mirrored at the same places of the mirrored sphere, and the image of the image is the surface.
+    #[test]
+    fn a_reflection_mirrors_surface_and_sphere() {
+        let surface = blob(6, 2);
+        let mirrored = Transform::reflection().apply(&surface, &Silent).unwrap();
+        let sphere = Sphere::icosphere(2);
+        let flipped: Vec<[f64; 3]> = sphere.directions.as_slice().iter().map(|u| [-u[0], u[1], u[2]]).collect();
+        let flipped = Directions::from_vertices(&flipped).unwrap();
+        let at = |directions: &Directions, coefficients: &Coefficients| {
+            spharm_transform::synthesis(directions, coefficients.values().view()).unwrap()
+        };
+        let (expected, found) = (at(&flipped, &surface), at(&sphere.directions, &mirrored));
+        for (expected, found) in expected.rows().into_iter().zip(found.rows()) {
+            for (axis, sign) in [-1.0, 1.0, 1.0].into_iter().enumerate() {
+                assert!((sign * expected[axis] - found[axis]).abs() < 1e-12);
+            }
+        }
+        let twice = Transform::reflection().then(&Transform::reflection());
+        assert_eq!(twice, Transform::default());
+    }
+
+    /// Two transforms in turn are their composition.
+    #[test]
+    fn transforms_are_composed() {
+        let (first, second) = (Transform { antipodal: true, ..some_pose(2) }, some_pose(5));
+        let surface = blob(6, 3);
+        let in_turn = second.apply(&first.apply(&surface, &Silent).unwrap(), &Silent).unwrap();
+        let at_once = first.then(&second).apply(&surface, &Silent).unwrap();
+        let apart = in_turn.values() - at_once.values();
+        assert!(apart.iter().all(|difference| difference.abs() < 1e-11));
     }
 
     #[test]

@@ -4,7 +4,7 @@ use serde_json::{Value, json};
 use spharm_cohort::cell;
 use spharm_cohort::check::{Checked, Facts, Measure, edges};
 
-use super::super::outputs::exact;
+use super::super::outputs::short;
 use super::gather::{State, WithoutModel};
 
 /// A subject in the table.
@@ -150,7 +150,7 @@ pub(super) fn tsv(lines: &[Line<'_>]) -> String {
             Value::Bool(yes) => if yes { "yes" } else { "no" }.to_owned(),
             Value::String(text) => cell(&text),
             Value::Number(found) => match found.as_f64() {
-                Some(value) if found.is_f64() => exact(value),
+                Some(value) if found.is_f64() => short(value),
                 _ => found.to_string(),
             },
             other => other.to_string(),

@@ -12,6 +12,7 @@ use spharm_cli::Usage;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{counted, same_place};
 use spharm_cli::paths::shown;
+use spharm_surface::Similarity;
 
 use super::super::outputs::finish;
 use super::surfaces::{Surface, plan};
@@ -98,7 +99,8 @@ fn added(
         }
         return Ok(None);
     }
-    let found = joining.add(&surface.read()?, monitor)?;
+    let motion = if surface.mirrored { Similarity::reflection() } else { Similarity::default() };
+    let found = joining.add(&motion.apply_mesh(&surface.read()?), monitor)?.moved_before(&motion);
     let of_member = warnings_of(&found.report, directions);
     let warnings = of_member.iter().map(|text| format!("{name}: {text}")).collect();
     let origin = MemberOrigin { name: name.clone(), input: Some(input), warnings: of_member };

@@ -19,6 +19,7 @@ use spharm::shape::{GroupQuality, QualityParams, group_quality};
 use spharm::{Coefficients, FileRecord, Sphere};
 use spharm_cli::Usage;
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
+use spharm_cli::inputs::expand_lists;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::names::NameTemplate;
 use spharm_cli::output::{OutputFile, check_outputs, write_json};
@@ -30,6 +31,7 @@ use spharm_monitor::number;
 
 use self::surfaces::{Surface, With, find_signals, of_table, plan, read, surfaces};
 use super::args::{ReportArgs, Resources};
+use super::mirrored::among;
 use super::outputs::finish;
 
 /// Make surfaces correspond: models of all of them over one sphere, from bare meshes
@@ -60,10 +62,11 @@ pub(super) struct Cli {
     /// Meshes, label volumes, or models, which are evaluated; or @LIST with one path per line
     #[arg(value_name = "SURFACE", required_unless_present = "table", help_heading = INPUT)]
     surfaces: Vec<PathBuf>,
-    /// Table of the surfaces: columns id and surface, optionally label, landmarks and signals
+    /// Table of the surfaces: columns id and surface, optionally label, landmarks, mirrored and signals
     ///
-    /// TSV, or CSV by its name; paths are relative to the table. Members are named by the ids.
-    #[arg(long, value_name = "TABLE", conflicts_with_all = ["surfaces", "name_template", "landmarks"], help_heading = INPUT)]
+    /// TSV, or CSV by its name; paths are relative to the table. Members are named by the ids. `mirrored` is yes for
+    /// the surfaces that --mirrored would name.
+    #[arg(long, value_name = "TABLE", conflicts_with_all = ["surfaces", "name_template", "landmarks", "mirrored"], help_heading = INPUT)]
     table: Option<PathBuf>,
     /// Label of the volumes; only needed if there are several
     ///
@@ -123,6 +126,11 @@ pub(super) struct Cli {
     /// Also match mirror images
     #[arg(long, help_heading = METHOD)]
     mirror: bool,
+    /// Surfaces, of those given, to mirror first, x to -x: such as right hemispheres in a group of left ones
+    ///
+    /// Their models are those of the mirrored surfaces; transforms to the group's frame include the reflection.
+    #[arg(long, value_name = "SURFACE", num_args = 1.., help_heading = METHOD)]
+    mirrored: Vec<PathBuf>,
     /// Output folder
     #[arg(short, long, value_name = "DIR", help_heading = OUTPUT)]
     output_dir: PathBuf,
@@ -157,6 +165,9 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         surface.label = surface.label.or(cli.label);
         (surface.reading, surface.radius) = (cli.volume.reading(), cli.volume.smooth_radius);
     }
+    let paths: Vec<PathBuf> = surfaces.iter().map(|surface| surface.path.clone()).collect();
+    let mirrored = among(&expand_lists(&cli.mirrored)?, &paths, "surfaces")?;
+    surfaces.iter_mut().zip(mirrored).for_each(|(surface, mirrored)| surface.mirrored |= mirrored);
     find_signals(&mut surfaces, &cli.with, cli.table.as_deref())?;
     match &cli.to {
         Some(group) => join::run(cli, group, &surfaces, monitor),
@@ -184,6 +195,7 @@ fn together(cli: &Cli, surfaces: &Arc<Vec<Surface>>, landmarks: &[PathBuf], moni
         .with_template(template)
         .with_subdivisions(cli.subdivisions)
         .with_rounds(usize::from(cli.rounds))
+        .with_mirrored(surfaces.iter().map(|surface| surface.mirrored).collect::<Vec<_>>())
         .with_memory(cli.resources.memory.memory.map(|size| size.0));
     if cli.no_refinement {
         params.refinement = None;
@@ -271,8 +283,8 @@ fn together(cli: &Cli, surfaces: &Arc<Vec<Surface>>, landmarks: &[PathBuf], moni
 /// Returns a hash of everything on which the registrations depend.
 fn resume_key(cli: &Cli, params: &CorrespondParams, origins: &[MemberOrigin]) -> Result<String> {
     let template = cli.template.as_deref().map(FileRecord::of).transpose()?;
-    let CorrespondParams { max_degree, subdivisions, rounds, pose, register, guide, .. } = params;
-    let settings = format!("{max_degree} {subdivisions:?} {rounds} {pose:?} {register:?} {guide:?}");
+    let CorrespondParams { max_degree, subdivisions, rounds, pose, register, guide, mirrored, .. } = params;
+    let settings = format!("{max_degree} {subdivisions:?} {rounds} {pose:?} {register:?} {guide:?} {mirrored:?}");
     let contents = |record: &FileRecord| json!([record.blake3, record.label]);
     let key = json!({
         "version": env!("CARGO_PKG_VERSION"),

@@ -34,11 +34,16 @@ pub(in crate::shape) struct Surface {
     pub(in crate::shape) reading: VolumeReading,
     /// Radius within which a label's surface is smoothed, in voxels, if it isn't the default.
     pub(in crate::shape) radius: Option<f64>,
+    /// Whether the surface is mirrored first, x to -x.
+    pub(in crate::shape) mirrored: bool,
     /// Files of signals on its vertices.
     pub(in crate::shape) signals: Vec<PathBuf>,
     /// The surface of a label, kept in memory because making it takes long.
     of_label: OnceLock<Mesh>,
 }
+
+/// Column of a table that says which surfaces are mirrored: yes or no.
+pub(crate) const MIRRORED: &str = "mirrored";
 
 /// A signal to match and its weight, as given by `--with`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -166,10 +171,20 @@ pub(in crate::shape) fn surfaces(paths: &[PathBuf], template: &NameTemplate) -> 
 pub(in crate::shape) fn of_table(table: &Path) -> Result<(Vec<Surface>, Vec<PathBuf>)> {
     let manifest = Manifest::read(table)?;
     let landmarks = files_of(&manifest, LANDMARKS, table)?.unwrap_or_default();
+    let at = manifest.columns.iter().position(|name| name == MIRRORED);
     let surface = |row: &Row| {
         let path = tidied(&row.surface);
         check(&path)?;
-        Ok(Surface { name: row.id.clone(), path, label: row.label, ..Surface::default() })
+        let mirrored = match at.map_or("no", |at| row.extra[at].trim()) {
+            "yes" => true,
+            "no" | "" => false,
+            found => bail!(
+                "{}: line {}: column {MIRRORED:?}: expected yes or no, found {found:?}",
+                table.display(),
+                row.line
+            ),
+        };
+        Ok(Surface { name: row.id.clone(), path, label: row.label, mirrored, ..Surface::default() })
     };
     let surfaces = manifest.rows.iter().map(surface).collect::<Result<_>>()?;
     Ok((surfaces, landmarks.iter().map(|path| tidied(path)).collect()))

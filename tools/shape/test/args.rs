@@ -106,8 +106,9 @@ pub(crate) struct Cli {
     /// all columns of numbers or the named ones; their first column has the models' names
     ///
     /// summary.csv gets their numbers of subjects, means, standard deviations, effects with confidence intervals, p
-    /// values, and q and family-wise p values over all measures.
-    #[arg(long, value_name = "FILE[:COLUMNS]", num_args = 1.., value_parser = source, conflicts_with_all = ["paired", "minus"], help_heading = INPUT)]
+    /// values, and q and family-wise p values over all measures. With --paired and --minus all of these are of the
+    /// differences.
+    #[arg(long, value_name = "FILE[:COLUMNS]", num_args = 1.., value_parser = source, help_heading = INPUT)]
     pub(super) measures: Vec<Source>,
     /// Quantity at a vertex: displacement along the mean's normal, position, or the value of a signal
     #[arg(long, value_enum, default_value_t = What::Normal, help_heading = METHOD)]

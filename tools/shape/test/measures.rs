@@ -11,7 +11,7 @@ use spharm::shape::stats::{Test, TestParams, test};
 use spharm_cli::paths::model_name;
 use spharm_monitor::number;
 
-use super::super::outputs::csv;
+use super::super::outputs::{csv, short};
 use super::super::table::{Table, finite, rows_of};
 use super::args::Source;
 use super::question::Study;
@@ -31,7 +31,7 @@ impl Measures {
     /// # Errors
     ///
     /// If a subject has no row, or a named column isn't one of numbers.
-    pub(super) fn read(sources: &[Source], models: &[PathBuf], warn: &dyn Fn(String)) -> Result<Self> {
+    fn read(sources: &[Source], models: &[PathBuf], warn: &dyn Fn(String)) -> Result<Self> {
         let (mut names, mut columns) = (Vec::new(), Vec::new());
         for (path, wanted) in sources {
             let table = Table::read(path)?;
@@ -74,6 +74,29 @@ impl Measures {
         }
         let values = Array2::from_shape_fn((models.len(), names.len()), |(row, column)| columns[column][row]);
         Ok(Self { names, values })
+    }
+
+    /// Reads the measures of a test's subjects: of pairs, the differences, first minus second.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`read`](Self::read); also if a measure is known of the first models only, or of the second ones.
+    pub(super) fn of(study: &Study, sources: &[Source], warn: &dyn Fn(String)) -> Result<Self> {
+        if !study.pairs {
+            return Self::read(sources, &study.paths, warn);
+        }
+        let (first, second) = study.paths.split_at(study.paths.len() / 2);
+        let (mut first, second) = (Self::read(sources, first, warn)?, Self::read(sources, second, warn)?);
+        if let Some(alone) = first.names.iter().chain(&second.names).find(|name| {
+            let has = |of: &Self| of.names.contains(name);
+            !(has(&first) && has(&second))
+        }) {
+            bail!(
+                "--measures: {alone:?} varies only among the first models, or only among those subtracted; name columns"
+            );
+        }
+        first.values -= &second.values;
+        Ok(first)
     }
 
     /// Tests the measures.
@@ -193,25 +216,5 @@ impl Tested {
             vec![self.measures.names[at].clone(), format!("{}p {p}, q {q}{family_wise}", effect.unwrap_or_default())]
         };
         (0..self.measures.names.len()).map(line).collect()
-    }
-}
-
-/// Formats a number with at most six significant digits.
-fn short(value: f64) -> String {
-    if value == 0.0 || !value.is_finite() {
-        return if value.is_nan() { String::new() } else { value.to_string() };
-    }
-    let rounded: f64 = format!("{value:.5e}").parse().unwrap_or(value);
-    if (1e-4..1e9).contains(&rounded.abs()) { rounded.to_string() } else { format!("{rounded:e}") }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn numbers_have_six_digits() {
-        let found = [0.1 + 0.2, 1_234.567_891, 1.0 / 3e6, -2e12, 0.0, 50.0].map(short);
-        assert_eq!(found, ["0.3", "1234.57", "3.33333e-7", "-2e12", "0", "50"]);
     }
 }

@@ -98,7 +98,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         None => Sphere::icosphere(cli.icosphere),
     };
     let measures = (!cli.measures.is_empty())
-        .then(|| Measures::read(&cli.measures, &study.paths, &|text| console.warn(text)))
+        .then(|| Measures::of(&study, &cli.measures, &|text| console.warn(text)))
         .transpose()?;
     let mask = cli.mask.as_deref().map(|path| masks::read(path, &sphere)).transpose()?;
     let permutations = PermutationParams { count: cli.permutations, seed: cli.seed, ..PermutationParams::default() };

@@ -168,11 +168,16 @@ impl Fitted {
     pub(super) fn models(&self, sphere: &Sphere, similarities: &[Similarity]) -> Vec<Model> {
         let model = |(own, similarity): (&Coefficients, &Similarity)| {
             let mut model = signed(Model::new(sphere.clone(), own.clone(), Kind::Surface), "shape correspond");
-            model.provenance.other.insert("to_group".to_owned(), json!(similarity));
+            record_motion(&mut model, similarity);
             model
         };
         self.coefficients.iter().zip(similarities).map(model).collect()
     }
+}
+
+/// Records in a member's model the similarity to the group's frame.
+pub(super) fn record_motion(model: &mut Model, similarity: &Similarity) {
+    model.provenance.other.insert("to_group".to_owned(), json!(similarity));
 }
 
 /// Returns the settings of the fits over the group's sphere.

@@ -10,7 +10,7 @@ use spharm_surface::pose::{PoseParams, PoseSurface, pose};
 use spharm_surface::{Kind, Mesh, Similarity};
 
 use super::GroupTemplate;
-use super::fits::Fitted;
+use super::fits::{Fitted, record_motion};
 use super::params::CorrespondParams;
 use super::report::MemberReport;
 use super::subjects::Subjects;
@@ -30,6 +30,17 @@ pub struct NewMember {
     pub reached: Vec<bool>,
     /// Report on the registration of the surface.
     pub report: MemberReport,
+}
+
+impl NewMember {
+    /// Returns the member of a surface that was moved by `motion` before it was added, such as
+    /// [`Similarity::reflection`]: its similarity maps from the frame before the motion.
+    #[must_use]
+    pub fn moved_before(mut self, motion: &Similarity) -> Self {
+        self.similarity = motion.then(&self.similarity);
+        record_motion(&mut self.model, &self.similarity);
+        self
+    }
 }
 
 /// Data of a group that is prepared once for all new members.

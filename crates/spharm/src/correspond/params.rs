@@ -3,8 +3,8 @@
 use derive_setters::Setters;
 use spharm_register::RegisterParams;
 use spharm_shape::groupwise::GroupwiseParams;
-use spharm_surface::Mesh;
 use spharm_surface::pose::PoseParams;
+use spharm_surface::{Mesh, Similarity};
 
 use super::guide::GuideLandmarks;
 use super::resume::Resume;
@@ -25,6 +25,9 @@ pub struct CorrespondParams {
     /// Landmarks that guide the registration; none by default.
     #[setters(into)]
     pub guide: Option<GuideLandmarks>,
+    /// Whether each surface is mirrored first, x to -x, such as right hemispheres in a group of left ones; empty for
+    /// none. The similarities to the group's frame include the reflection.
+    pub mirrored: Vec<bool>,
     /// Signals on the surfaces that the refinement matches in addition to positions; none by default.
     #[setters(into)]
     pub signals: Option<Signals>,
@@ -60,6 +63,7 @@ impl CorrespondParams {
             max_degree,
             template: None,
             guide: None,
+            mirrored: Vec::new(),
             signals: None,
             subdivisions: None,
             rounds: 2,
@@ -81,6 +85,11 @@ impl CorrespondParams {
         })
     }
 
+    /// Returns the reflection that is applied first to a surface, or the identity.
+    pub(super) fn reflection(&self, index: usize) -> Similarity {
+        if self.mirrored.get(index) == Some(&true) { Similarity::reflection() } else { Similarity::default() }
+    }
+
     pub(super) fn check(&self, count: usize) -> Result<(), Error> {
         let refused = |what, expected, found: usize| Err(Error::Setting { what, expected, found: found.to_string() });
         if count < LEAST {
@@ -91,6 +100,9 @@ impl CorrespondParams {
         }
         if self.max_degree == 0 {
             return refused("the degree", "at least 1", 0);
+        }
+        if !self.mirrored.is_empty() && self.mirrored.len() != count {
+            return refused("the list of mirrored surfaces", "one value per surface", self.mirrored.len());
         }
         if let Some(guide) = &self.guide {
             guide.check(count, self.template.is_some())?;

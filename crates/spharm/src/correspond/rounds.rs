@@ -10,7 +10,7 @@ use spharm_surface::pose::{GroupPoses, PoseSurface, group_poses, pose};
 use spharm_surface::{Mesh, Similarity, Sphere};
 
 use super::fits::Fitted;
-use super::guide::Guided;
+use super::guide::{GuideLandmarks, Guided};
 use super::params::CorrespondParams;
 use super::report::{CorrespondReport, CorrespondWarning, MemberReport, UNREACHED};
 use super::subjects::Subjects;
@@ -40,6 +40,9 @@ pub(super) fn run(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &
         mark = Instant::now();
     };
     let Posed { mut similarities, distances, template, mut warnings } = poses(subjects, params, monitor)?;
+    for (index, similarity) in similarities.iter_mut().enumerate() {
+        *similarity = params.reflection(index).then(similarity);
+    }
     lap("poses");
     let first = match (&params.template, template) {
         (Some(given), _) => given.clone(),
@@ -104,16 +107,19 @@ pub(super) fn run(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &
     })
 }
 
+/// Returns the poses of the surfaces after their reflections.
 fn poses(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monitor) -> Result<Posed, Error> {
-    let surface = |_: usize, mesh: Mesh| {
+    let surface = |index: usize, mesh: Mesh| {
         monitor.check()?;
-        PoseSurface::new(&mesh).ok_or(Error::NoArea)
+        PoseSurface::new(&params.reflection(index).apply_mesh(&mesh)).ok_or(Error::NoArea)
     };
     let surfaces = subjects.each(surface)?;
+    let landmarks = params.guide.as_ref().map(|guide| reflected(guide, params));
     let mut warnings = same(&surfaces);
     let Some(template) = &params.template else {
         let mut found = group_poses(&surfaces, &params.pose, monitor)?;
-        let by_landmarks = turned(params, &surfaces, &mut found);
+        let by_landmarks =
+            landmarks.map_or_else(Vec::new, |landmarks| turned(&landmarks, params, &surfaces, &mut found));
         found.warnings.retain(|warning| !by_landmarks.contains(&warning.member()));
         warnings.extend(found.warnings.into_iter().map(CorrespondWarning::Pose));
         return Ok(Posed {
@@ -127,7 +133,7 @@ fn poses(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monit
     let quiet = OnlyCancel(monitor);
     let found = surfaces.par_iter().map(|moving| pose(moving, &fixed, &params.pose, &quiet));
     let mut found = found.collect::<Result<Vec<_>, _>>()?;
-    if let Some(landmarks) = &params.guide
+    if let Some(landmarks) = &landmarks
         && let Some(theirs) = &landmarks.template
     {
         for ((moving, own), pose) in surfaces.iter().zip(&landmarks.members).zip(&mut found) {
@@ -144,9 +150,22 @@ fn poses(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monit
     })
 }
 
+/// Returns landmarks after the reflections of their surfaces.
+fn reflected(landmarks: &GuideLandmarks, params: &CorrespondParams) -> GuideLandmarks {
+    let members = landmarks.members.iter().enumerate().map(|(index, points)| {
+        let reflection = params.reflection(index);
+        points.iter().map(|point| reflection.apply(*point)).collect()
+    });
+    GuideLandmarks { members: members.collect(), template: landmarks.template.clone() }
+}
+
 /// Replaces the poses of members whose landmarks give a different rotation than their surfaces; returns their indices.
-fn turned(params: &CorrespondParams, surfaces: &[PoseSurface], found: &mut GroupPoses) -> Vec<usize> {
-    let Some(landmarks) = &params.guide else { return Vec::new() };
+fn turned(
+    landmarks: &GuideLandmarks,
+    params: &CorrespondParams,
+    surfaces: &[PoseSurface],
+    found: &mut GroupPoses,
+) -> Vec<usize> {
     let template = found.template;
     let to_group = found.similarities[template];
     let (fixed, theirs) = (&surfaces[template], &landmarks.members[template]);

@@ -63,11 +63,13 @@ impl Signals {
             monitor.check()?;
             let values = (self.read)(index)?;
             self.check_values(&values, mesh.vertices.len())?;
-            let tree = TriangleTree::new(&similarities[index].apply_mesh(&mesh));
+            // Barycentric coordinates are those of the moved triangles, whose corners a reflection reorders.
+            let moved = similarities[index].apply_mesh(&mesh);
+            let tree = TriangleTree::new(&moved);
             let of = |place: &Vec3| -> Vec<f64> {
                 let found = tree.nearest(*place);
                 let value = |values: &Vec<f64>| {
-                    let corners = found.map(|found| (mesh.faces[found.triangle as usize], found.barycentric));
+                    let corners = found.map(|found| (moved.faces[found.triangle as usize], found.barycentric));
                     corners.map_or(0.0, |(corners, shares)| {
                         corners.iter().zip(shares).map(|(v, share)| share * values[*v as usize]).sum()
                     })

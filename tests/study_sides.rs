@@ -1,0 +1,149 @@
+//! Studies of both sides of each subject: the second side is mirrored, and differences between the sides are tested.
+
+use std::fs;
+use std::path::Path;
+
+use spharm_model::Model;
+use spharm_surface::generate::{Cortex, cortex};
+use spharm_surface::io::{read_mesh, write_mesh, write_signal};
+use spharm_surface::{Signal, Similarity};
+
+use crate::common::{error_line, finish, succeed, text, tool};
+use crate::first_users::OPTIONS;
+use crate::freesurfer::write_label;
+use crate::shape_inference::map;
+
+const TESTS: &str = r#"
+[[test]]
+name = "sides"
+mean = true
+side = "asymmetry"
+[[test]]
+name = "groups"
+effect = "group"
+side = "asymmetry"
+[[test]]
+name = "right"
+effect = "group"
+side = "rh"
+permutations = 100
+"#;
+
+fn study(site: &Path) -> std::process::Output {
+    finish(tool("study").args(["study.toml", "--threads", "2"]).current_dir(site))
+}
+
+/// Twelve subjects whose right bodies are mirror images with a bump: bodies of the same kind, half of which have it.
+#[test]
+fn right_bodies_are_mirrored_and_compared_with_left_ones() {
+    let site = tempfile::tempdir().expect("a folder");
+    let site = site.path();
+    let generate = ["--study", "made", "--subjects", "24", "--bump", "1.5", "-q"];
+    succeed(tool("generate").args(generate).current_dir(site));
+    let mut table = "id,group\n".to_owned();
+    for subject in 1..=12 {
+        fs::create_dir_all(site.join(format!("in/s{subject}"))).expect("a folder");
+        let body = |name: String| read_mesh(site.join("made").join(name)).expect("a mesh");
+        let (left, right) = (body(format!("a{subject:02}.ply")), body(format!("b{subject:02}.ply")));
+        write_mesh(site.join(format!("in/s{subject}/lh.ply")), &left, &OPTIONS).expect("a mesh");
+        let mirrored = Similarity::reflection().apply_mesh(&right);
+        write_mesh(site.join(format!("in/s{subject}/rh.ply")), &mirrored, &OPTIONS).expect("a mesh");
+        table += &format!("s{subject},{}\n", if subject % 2 == 0 { "x" } else { "y" });
+    }
+    fs::write(site.join("table.csv"), table).expect("a table");
+    let head = "output = \"out\"\n[subjects]\ntable = \"table.csv\"\nsurface = \"in/{id}/{side}.ply\"\nsides = [\"lh\", \"rh\"]\n\
+                exclude = [{ id = \"s12\", reason = \"moved\" }]\n[fit]\nmax_degree = 8\n[quality]\nplain = false\n";
+    fs::write(site.join("study.toml"), format!("{head}{TESTS}")).expect("a study");
+    let output = study(site);
+    assert!(output.status.success(), "{}", text(&output));
+    // Left minus right: the bump points outwards on the right.
+    let of = |test: &str, name: &str| map(site, &format!("out/tests/{test}"), name);
+    let (effect, p) = (of("sides", "effect"), of("sides", "p-fwe"));
+    let peak = (0..effect.len()).max_by(|i, j| effect[*i].abs().total_cmp(&effect[*j].abs())).expect("vertices");
+    assert!(effect[peak] < -0.6 && p[peak] < 0.01, "{} {}", effect[peak], p[peak]);
+    assert!(of("groups", "p-fwe").iter().all(|p| *p > 0.01));
+    let summary = |test: &str| fs::read_to_string(site.join(format!("out/tests/{test}/summary.csv"))).expect("a table");
+    // The eleven subjects that aren't excluded; the bump makes the right bodies larger.
+    let volume = summary("sides").lines().find(|line| line.starts_with("volume,")).map(str::to_owned).expect("a row");
+    assert!(volume.starts_with("volume,11,-"), "{volume}");
+    assert!(summary("right").contains("\nvolume,11,"));
+    // Transforms to the group's frame start in the frame of the surface's own file.
+    let [left, right] = ["s1_lh", "s1_rh"].map(|id| {
+        let text = fs::read(site.join(format!("out/group/members/{id}.json"))).expect("a member");
+        let member: serde_json::Value = serde_json::from_slice(&text).expect("JSON");
+        serde_json::from_value::<Similarity>(member["to_group"].clone()).expect("a similarity").mirrors()
+    });
+    assert!(!left && right);
+    let methods = fs::read_to_string(site.join("out/methods.md")).expect("a paragraph");
+    assert!(methods.contains("Surfaces of the side rh were mirrored first."), "{methods}");
+    assert!(methods.contains("difference lh minus mirrored rh of each subject"), "{methods}");
+    for (from, to, expected) in [
+        ("side = \"rh\"", "side = \"right\"", "side: expected \"lh\", \"rh\" or \"asymmetry\", found \"right\""),
+        ("side = \"rh\"\n", "", "expected `side`, \"lh\", \"rh\" or \"asymmetry\""),
+        ("{side}.ply", "lh.ply", "expected a pattern `surface` with {side}, or a label for each side in `labels`"),
+        ("[\"lh\", \"rh\"]", "[\"lh\", \"lh\"]", "found \"lh\" twice"),
+        ("\"rh\"]\n", "\"rh\"]\nlabels = [17]\n", "a label for each side"),
+        ("mean = true\nside = \"asymmetry\"", "mean = true\nside = \"lh\"", "is always zero"),
+        ("[fit]", "[align]\nmethod = \"none\"\n[fit]", "expected another method"),
+        ("s12", "s13", "no subject \"s13\""),
+    ] {
+        let changed = format!("{head}{TESTS}").replacen(from, to, 1);
+        fs::write(site.join("study.toml"), changed).expect("a study");
+        let error = error_line(&study(site));
+        assert!(error.contains(expected), "{error}");
+    }
+}
+
+/// Mirrored models over mirrored spheres: right surfaces that are mirror images of the left ones have no asymmetry, and
+/// that of the thickness is where it was put.
+#[test]
+fn signals_of_both_hemispheres_are_compared() {
+    let site = tempfile::tempdir().expect("a folder");
+    let site = site.path();
+    let mut table = "participant_id\tgroup\n".to_owned();
+    for subject in 0..8 {
+        let group = if subject < 4 { "a" } else { "b" };
+        table += &format!("s{subject}\t{group}\n");
+        let at = |name: &str| site.join(format!("subjects/s{subject}")).join(name);
+        fs::create_dir_all(at("surf")).expect("a folder");
+        let (surface, sphere) = cortex(&Cortex { subdivisions: 3, variant: subject });
+        let reflection = Similarity::reflection();
+        for side in ["lh", "rh"] {
+            let place = |mesh| if side == "lh" { Clone::clone(mesh) } else { reflection.apply_mesh(mesh) };
+            let sphere = place(&sphere);
+            write_mesh(at(&format!("surf/{side}.white")), &place(&surface), &OPTIONS).expect("a mesh");
+            write_mesh(at(&format!("surf/{side}.sphere.reg")), &sphere, &OPTIONS).expect("a mesh");
+            let length = |p: &[f64; 3]| p.iter().map(|x| x * x).sum::<f64>().sqrt();
+            // The left cortex of group a is thicker where y is positive.
+            let thicker = if side == "lh" && group == "a" { 1.0 } else { 0.0 };
+            let value =
+                |p: &[f64; 3]| 2.5 + 0.01 * subject as f64 * p[2] / length(p) + thicker * (p[1] / length(p)).max(0.0);
+            let values: Vec<f64> = sphere.vertices.iter().map(value).collect();
+            let count = values.len();
+            write_signal(at(&format!("surf/{side}.thickness")), &Signal::new(values, count, 1), &OPTIONS)
+                .expect("values");
+            write_label(&at(&format!("label/{side}.cortex.label")), &sphere.vertices, |_| true);
+        }
+    }
+    fs::write(site.join("participants.tsv"), table).expect("a table");
+    let head = "output = \"out\"\n[subjects]\ntable = \"participants.tsv\"\nid = \"participant_id\"\nsides = [\"lh\", \"rh\"]\n\
+                surface = \"subjects/{id}/surf/{side}.white\"\nsphere = \"subjects/{id}/surf/{side}.sphere.reg\"\n\
+                signal = \"subjects/{id}/surf/{side}.thickness\"\n[fit]\nmax_degree = 6\n[modes]\ncount = 2\n";
+    let test = "[[test]]\nname = \"thickness\"\neffect = \"group\"\nsignal = \"value\"\nside = \"asymmetry\"\n";
+    fs::write(site.join("study.toml"), format!("{head}{test}")).expect("a study");
+    let output = study(site);
+    assert!(output.status.success(), "{}", text(&output));
+    // The transforms differ by rounding only.
+    let model = |path: &str| Model::read(site.join(path)).expect("a model").coefficients;
+    let apart = model("out/aligned/s2_lh.spharm.npz").values() - model("out/aligned/s2_rh.spharm.npz").values();
+    assert!(apart.iter().all(|apart| apart.abs() < 1e-6), "{apart}");
+    let (effect, p) = (map(site, "out/tests/thickness", "effect"), map(site, "out/tests/thickness", "p"));
+    for (v, u) in spharm::Sphere::icosphere(5).directions.as_slice().iter().enumerate() {
+        if u[1] > 0.95 {
+            assert!((effect[v] - u[1]).abs() < 0.1 && p[v] < 0.01, "{u:?}: {} {}", effect[v], p[v]);
+        }
+        if u[1] < -0.95 {
+            assert!(effect[v].abs() < 0.1, "{u:?}: {}", effect[v]);
+        }
+    }
+}

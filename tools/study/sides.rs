@@ -1,0 +1,169 @@
+//! Studies of both sides of each subject, such as hemispheres: a row for each side, of which the second is mirrored, so
+//! that equal places of both sides correspond.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use anyhow::{Context, Result, bail};
+use spharm_cohort::{Manifest, Row};
+
+use super::config::{Study, Subjects};
+use super::exclusion::Named;
+use super::test::{ASYMMETRY, Test};
+
+/// Placeholder of the side in a pattern.
+pub(super) const SIDE: &str = "{side}";
+/// Columns of a row's subject and side.
+pub(super) const COLUMNS: [&str; 2] = ["subject", "side"];
+
+/// Checks the keys about sides of a study file.
+pub(super) fn check(study: &Study) -> Result<()> {
+    check_names(&study.subjects)?;
+    let of = |test: &Test| check_test(&study.subjects, test).with_context(|| format!("test {:?}", test.name));
+    study.test.iter().try_for_each(of)
+}
+
+/// Checks the names of the sides, and that the patterns tell the sides apart.
+fn check_names(subjects: &Subjects) -> Result<()> {
+    let Subjects { sides, labels, surface, sphere, .. } = subjects;
+    let pattern = |pattern: &Option<String>| pattern.as_ref().is_some_and(|pattern| pattern.contains(SIDE));
+    let [first, second] = match &sides[..] {
+        [] if !labels.is_empty() => bail!("`labels` in [subjects] are those of `sides`, but there are no `sides`"),
+        [] if pattern(surface) || pattern(sphere) => {
+            bail!("{SIDE} in [subjects]: give `sides`, such as [\"lh\", \"rh\"]")
+        }
+        [] => return Ok(()),
+        [first, second] => [first, second],
+        _ => bail!("`sides` in [subjects]: expected two names, such as [\"lh\", \"rh\"], found {}", sides.len()),
+    };
+    let plain = |c: char| c.is_alphanumeric() || c == '-';
+    if let Some(name) = sides.iter().find(|name| name.is_empty() || !name.chars().all(plain) || *name == ASYMMETRY) {
+        bail!(
+            "`sides` in [subjects]: expected names of letters, digits and -, other than {ASYMMETRY:?}, found {name:?}"
+        );
+    }
+    if first == second {
+        bail!("`sides` in [subjects]: expected two different names, found {first:?} twice");
+    }
+    match &labels[..] {
+        [] if !pattern(surface) => {
+            bail!(
+                "`sides` in [subjects]: expected a pattern `surface` with {SIDE}, or a label for each side in `labels`"
+            )
+        }
+        [] => Ok(()),
+        [left, right] if left == right => bail!("`labels` in [subjects]: expected two labels, found {left} twice"),
+        [_, _] if surface.is_none() => bail!("`labels` in [subjects]: expected a pattern `surface`, found none"),
+        [_, _] => Ok(()),
+        _ => {
+            bail!("`labels` in [subjects]: expected a label for each side, {second:?} included, found {}", labels.len())
+        }
+    }
+}
+
+/// Checks the key `side` of a test.
+fn check_test(subjects: &Subjects, test: &Test) -> Result<()> {
+    let choices = || {
+        let names: Vec<String> = subjects.sides.iter().map(|name| format!("{name:?}")).collect();
+        format!("{} or {ASYMMETRY:?}", names.join(", "))
+    };
+    match &test.side {
+        None if subjects.sides.is_empty() => {}
+        None => bail!("expected `side`, {}, since the study has `sides`", choices()),
+        Some(_) if subjects.sides.is_empty() => bail!("side: needs `sides` in [subjects], found none"),
+        Some(side) if side != ASYMMETRY && !subjects.sides.contains(side) => {
+            bail!("side: expected {}, found {side:?}", choices())
+        }
+        Some(_) => {}
+    }
+    Ok(())
+}
+
+/// Returns the id of a subject's row for a side.
+pub(super) fn id_of(subject: &str, side: &str) -> String {
+    format!("{subject}_{side}")
+}
+
+/// Returns whether a row is of the second side.
+pub(super) fn is_mirrored(subjects: &Subjects, manifest: &Manifest, row: &Row) -> bool {
+    let [_, side] = cells(manifest, row);
+    subjects.sides.get(1).is_some_and(|second| Some(second.as_str()) == side)
+}
+
+/// Returns the subject and the side of a row; `None` in a study without sides.
+fn cells<'a>(manifest: &Manifest, row: &'a Row) -> [Option<&'a str>; 2] {
+    COLUMNS.map(|name| {
+        let at = manifest.columns.iter().position(|column| column == name)?;
+        row.extra.get(at).map(String::as_str)
+    })
+}
+
+/// Replaces `{id}` and `{side}` in a pattern.
+pub(super) fn filled(pattern: &str, subjects: &Subjects, manifest: &Manifest, row: &Row) -> String {
+    match cells(manifest, row) {
+        [Some(subject), Some(side)] if !subjects.sides.is_empty() => {
+            pattern.replace(super::subjects::ID, subject).replace(SIDE, side)
+        }
+        _ => pattern.replace(super::subjects::ID, &row.id),
+    }
+}
+
+/// Returns a list of subjects in which those of a study with sides stand for both of their rows.
+pub(super) fn rows_of(listed: &[Named], subjects: &Subjects, manifest: &Manifest) -> Vec<Named> {
+    let has = |id: &str| manifest.rows.iter().any(|row| row.id == id);
+    let rows = |named: &Named| -> Vec<Named> {
+        let ids: Vec<String> = subjects.sides.iter().map(|side| id_of(&named.id, side)).collect();
+        match !ids.is_empty() && ids.iter().all(|id| has(id)) {
+            true => ids.into_iter().map(|id| Named { id, reason: named.reason.clone() }).collect(),
+            false => vec![named.clone()],
+        }
+    };
+    listed.iter().flat_map(rows).collect()
+}
+
+/// Returns the indices of the rows that a test is of, each with that of the row to subtract: all rows, those of one
+/// side, or pairs of both sides.
+pub(super) fn tested<'a>(
+    test: &Test,
+    subjects: &Subjects,
+    rows: impl Iterator<Item = &'a [String]>,
+    columns: &[String],
+) -> Vec<(usize, Option<usize>)> {
+    let at = COLUMNS.map(|name| columns.iter().position(|column| column == name));
+    let ([Some(subject_at), Some(side_at)], Some(side)) = (at, &test.side) else {
+        return rows.enumerate().map(|(row, _)| (row, None)).collect();
+    };
+    let rows: Vec<[&str; 2]> = rows.map(|cells| [cells[subject_at].as_str(), cells[side_at].as_str()]).collect();
+    if side != ASYMMETRY {
+        let of_side = rows.iter().enumerate().filter(|(_, [_, found])| found == side);
+        return of_side.map(|(row, _)| (row, None)).collect();
+    }
+    let of = |side: &str| -> BTreeMap<&str, usize> {
+        rows.iter()
+            .enumerate()
+            .filter(|(_, [_, found])| *found == side)
+            .map(|(row, [subject, _])| (*subject, row))
+            .collect()
+    };
+    let (first, second) = (of(&subjects.sides[0]), of(&subjects.sides[1]));
+    let firsts: BTreeSet<usize> = first.values().copied().collect();
+    firsts.into_iter().filter_map(|row| Some((row, Some(*second.get(rows[row][0])?)))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tests_are_of_a_side_or_of_pairs() {
+        let subjects = Subjects { sides: vec!["lh".to_owned(), "rh".to_owned()], ..Subjects::default() };
+        let columns = ["group", "subject", "side"].map(str::to_owned);
+        let rows = [["a", "s1", "lh"], ["a", "s1", "rh"], ["b", "s2", "rh"], ["b", "s3", "rh"], ["b", "s3", "lh"]];
+        let rows: Vec<Vec<String>> = rows.iter().map(|row| row.map(str::to_owned).to_vec()).collect();
+        let of = |side: &str| {
+            let test = Test { side: Some(side.to_owned()), ..Test::default() };
+            tested(&test, &subjects, rows.iter().map(Vec::as_slice), &columns)
+        };
+        assert_eq!(of("rh"), [(1, None), (2, None), (3, None)]);
+        assert_eq!(of(ASYMMETRY), [(0, Some(1)), (4, Some(3))]);
+    }
+}
