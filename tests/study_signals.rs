@@ -147,15 +147,45 @@ fn tests_leave_out_the_medial_wall_of_a_given_sphere() {
     let site = site.path();
     let keys =
         "signal = \"value\"\nsphere = \"subjects/s0/surf/lh.sphere.reg\"\nmask = \"subjects/s0/label/lh.cortex.label\"";
-    edit(site, "signal = \"value\"", keys);
+    let keys = format!("{keys}\nannotation = \"lh.halves.annot\"\ncluster = 0.01");
+    edit(site, "signal = \"value\"", &keys);
+    let sphere = read_mesh(site.join("subjects/s0/surf/lh.sphere.reg")).expect("a sphere");
+    fs::write(site.join("lh.halves.annot"), halves(&sphere.vertices)).expect("an annotation");
     let output = study(site, &[]);
     assert!(output.status.success(), "{}", text(&output));
-    let sphere = read_mesh(site.join("subjects/s0/surf/lh.sphere.reg")).expect("a sphere");
     let p = map(site, "p");
     assert_eq!(p.len(), sphere.vertices.len());
     for (p, vertex) in p.iter().zip(&sphere.vertices) {
         assert!((*p == 1.0) == (unit(vertex)[0] > WALL), "{p} at {vertex:?}");
     }
+    // Groups differ where y is positive.
+    let table = fs::read_to_string(site.join("out/tests/thickness/clusters.csv")).expect("a table");
+    let mut lines = table.lines();
+    assert!(lines.next().is_some_and(|header| header.ends_with(",statistic,effect,region")), "{table}");
+    assert!(lines.next().is_some_and(|first| first.starts_with("1,") && first.ends_with(",anterior")), "{table}");
+    let about = fs::read(site.join("out/tests/thickness/test.json")).expect("a description");
+    let about: serde_json::Value = serde_json::from_slice(&about).expect("JSON");
+    assert_eq!(about["peak"]["region"], "anterior");
+    let peak = about["peak"]["vertex"].as_u64().expect("a vertex") as usize;
+    assert!(unit(&sphere.vertices[peak])[1] > 0.5 && about["peak"]["position"].is_array(), "{about}");
+}
+
+/// Returns the bytes of an annotation of two regions, where y is positive and where it isn't.
+fn halves(vertices: &[[f64; 3]]) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let mut put = |number: usize| bytes.extend((number as i32).to_be_bytes());
+    put(vertices.len());
+    for (vertex, position) in vertices.iter().enumerate() {
+        put(vertex);
+        put(if position[1] > 0.0 { 1 } else { 2 });
+    }
+    [1, 2, 0].into_iter().for_each(&mut put);
+    for (red, name) in [(1, "anterior"), (2, "posterior")] {
+        bytes.extend((name.len() as i32).to_be_bytes());
+        bytes.extend(name.bytes());
+        [red, 0, 0, 0].into_iter().for_each(|number: i32| bytes.extend(number.to_be_bytes()));
+    }
+    bytes
 }
 
 #[test]

@@ -27,7 +27,10 @@ fn role(verb: &str, name: &str) -> Option<Role> {
         }
         // `weights` may be a keyword instead of a file, and `minus` a folder or a column. Both are treated as inputs,
         // so that no output can overwrite a file of that name.
-        (_, "surface" | "surfaces" | "sphere" | "manifest" | "moments" | "mask" | "weights" | "original")
+        (
+            _,
+            "surface" | "surfaces" | "sphere" | "manifest" | "moments" | "mask" | "annotation" | "weights" | "original",
+        )
         | (
             _,
             "again" | "methods" | "provenance" | "reconstruction" | "model" | "models" | "files" | "file" | "samples"

@@ -114,13 +114,15 @@ fn tested(plan: &Plan, test: &Test) -> Result<()> {
     if test.mask.is_some() && plan.method == Method::Correspond {
         bail!("mask: with method \"correspond\", the places that all subjects share are tested; omit it");
     }
-    for (key, path) in [("mask", &test.mask), ("sphere", &test.sphere)] {
+    for (key, path) in [("mask", &test.mask), ("sphere", &test.sphere), ("annotation", &test.annotation)] {
         if let Some(path) = path.as_ref().map(|path| plan.folder.join(path)).filter(|path| !path.is_file()) {
             bail!("{key}: {}: no such file", path.display());
         }
     }
-    if test.mask.is_some() && test.sphere.is_none() {
-        bail!("mask: also give `sphere`, the sphere to whose vertices the mask belongs");
+    for (key, path) in [("mask", &test.mask), ("annotation", &test.annotation)] {
+        if path.is_some() && test.sphere.is_none() {
+            bail!("{key}: also give `sphere`, the sphere to whose vertices the {key} belongs");
+        }
     }
     let rows = Rows::of(plan, test);
     if rows.rows.len() < LEAST {

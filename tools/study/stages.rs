@@ -228,7 +228,8 @@ impl Plan {
         let group = (self.method == Method::Correspond).then(|| self.group_file());
         let mask = test.mask.as_ref().map(|mask| self.folder.join(mask)).or(group);
         let sphere = test.sphere.as_ref().map(|sphere| self.folder.join(sphere));
-        for (flag, path) in [("--mask", mask), ("--sphere", sphere)] {
+        let annotation = test.annotation.as_ref().map(|annotation| self.folder.join(annotation));
+        for (flag, path) in [("--mask", mask), ("--sphere", sphere), ("--annotation", annotation)] {
             arguments.extend(path.iter().flat_map(|path| words(&[flag, &text(path)])));
             inputs.extend(path);
         }

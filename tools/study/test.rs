@@ -9,7 +9,7 @@ use spharm::shape::stats::{MAX_RELABELLINGS, Resampling};
 use crate::shape::design::{Asked, parts};
 
 /// Keys of `[[test]]`, the required one first.
-pub(super) const KEYS: [&str; 19] = [
+pub(super) const KEYS: [&str; 20] = [
     "name",
     "effect",
     "mean",
@@ -20,6 +20,7 @@ pub(super) const KEYS: [&str; 19] = [
     "categorical",
     "signal",
     "mask",
+    "annotation",
     "sphere",
     "welch",
     "blocks",
@@ -58,6 +59,8 @@ pub(super) struct Test {
     /// Vertices of the sampling that are tested, and the sampling.
     pub(super) mask: Option<PathBuf>,
     pub(super) sphere: Option<PathBuf>,
+    /// Regions of the vertices, for the peaks of clusters.
+    pub(super) annotation: Option<PathBuf>,
     pub(super) welch: bool,
     /// Columns of exchangeability blocks and of variance groups.
     pub(super) blocks: Option<String>,

@@ -102,6 +102,9 @@ pub(crate) struct Cli {
     /// out the places that exist only on the template, such as lids of its holes.
     #[arg(long, value_name = "FILE", help_heading = INPUT)]
     pub(super) mask: Option<PathBuf>,
+    /// Regions of the sampling's vertices, for the peaks of clusters: FreeSurfer's .annot, or GIfTI labels
+    #[arg(long, value_name = "FILE", requires = "sphere", help_heading = INPUT)]
+    pub(super) annotation: Option<PathBuf>,
     /// Tables of further measures to test alike, such as `spharm shape measure -o` and `shape pca --scores` write them,
     /// all columns of numbers or the named ones; their first column has the models' names
     ///

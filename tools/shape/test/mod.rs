@@ -2,6 +2,7 @@
 
 mod args;
 mod measures;
+mod places;
 mod question;
 mod regions;
 mod results;
@@ -19,12 +20,13 @@ use spharm_cli::inputs::read_sphere;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::check_outputs;
 use spharm_cli::output::{OutputFile, prepare};
-use spharm_surface::io::{Output, WriteOptions, write_mesh, write_signal_of};
+use spharm_surface::io::{Output, WriteOptions, read_annotation, write_mesh, write_signal_of};
 use spharm_surface::{Hemisphere, Signal};
 
 pub(super) use self::args::Cli;
 use self::args::What;
 use self::measures::{Measures, Tested};
+use self::places::Places;
 use self::results::MAPS;
 use super::groups::read_group;
 use super::masks;
@@ -97,6 +99,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         Some(sphere) => sphere,
         None => Sphere::icosphere(cli.icosphere),
     };
+    let read = |path: &PathBuf| read_annotation(path, sphere.directions.len());
+    let annotation = cli.annotation.as_ref().map(read).transpose()?;
     let measures = (!cli.measures.is_empty())
         .then(|| Measures::of(&study, &cli.measures, &|text| console.warn(text)))
         .transpose()?;
@@ -172,7 +176,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     } else {
         stale.push(mean_file);
     }
-    match regions::clusters(&found, &sphere, mean.as_ref(), mask.as_deref()) {
+    let places = Places::new(&sphere, mean.as_ref(), mask.as_deref(), annotation.as_ref());
+    match regions::clusters(&found, &places) {
         Some(table) => write_text(&clusters_file, cli.report.force, &table)?,
         None => stale.push(clusters_file),
     }
@@ -184,7 +189,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         std::fs::remove_file(file).with_context(|| file.display().to_string())?;
     }
     write_text(&table_file, cli.report.force, &results::table(&sphere, &maps, mask.as_deref()))?;
-    let about = results::about(&found, &study, cli, &tested);
+    let about = results::about(&found, &study, cli, &places, &tested);
     write_text(&about_file, cli.report.force, &(serde_json::to_string_pretty(&about)? + "\n"))?;
     let warnings: Vec<String> = group.warnings.iter().cloned().chain(tested).collect();
     let mut report = results::report(&found, &study, cli, group.degree, &warnings);

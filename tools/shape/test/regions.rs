@@ -1,11 +1,10 @@
 //! Results of regions: TFCE and clusters, as maps, as the table of clusters and as summaries.
 
 use serde_json::{Value, json};
-use spharm::Sphere;
 use spharm::shape::stats::{Cluster, Clusters, FamilyWise, Test};
-use spharm_surface::Mesh;
 
-use super::super::outputs::{csv, exact};
+use super::super::outputs::{csv, short};
+use super::places::Places;
 
 /// Returns the maps at the tested vertices.
 pub(super) fn maps(found: &FamilyWise) -> Vec<(&'static str, Vec<f64>)> {
@@ -22,25 +21,25 @@ pub(super) fn maps(found: &FamilyWise) -> Vec<(&'static str, Vec<f64>)> {
 }
 
 /// Returns the table of the clusters, `None` if none were requested: number, vertices, area in the models' unit squared
-/// (of a signal on the unit sphere), family-wise p, and the peak's vertex, direction, position on the mean, statistic
-/// and effect.
-pub(super) fn clusters(test: &Test, sphere: &Sphere, mean: Option<&Mesh>, mask: Option<&[bool]>) -> Option<String> {
+/// (of a signal on the unit sphere), family-wise p, and the peak's vertex, direction, position on the mean, statistic,
+/// effect and region.
+pub(super) fn clusters(test: &Test, places: &Places<'_>) -> Option<String> {
     let found = test.family_wise.as_ref()?.clusters.as_ref()?;
     let mut header = vec!["cluster", "vertices", "area", "p_fwe", "peak", "ux", "uy", "uz"];
-    header.extend(mean.is_some().then_some(["x", "y", "z"]).into_iter().flatten());
+    header.extend(places.has_positions().then_some(["x", "y", "z"]).into_iter().flatten());
     header.push("statistic");
     let effect = test.effect.as_ref().filter(|effect| effect.estimate.ncols() == 1);
     header.extend(effect.map(|_| "effect"));
-    // Vertices of the sampling that are tested.
-    let tested: Vec<usize> = (0..sphere.directions.len()).filter(|v| mask.is_none_or(|mask| mask[*v])).collect();
+    header.extend(places.has_regions().then_some("region"));
     let row = |(at, cluster): (usize, &Cluster)| {
-        let peak = tested[cluster.peak];
-        let mut row = vec![(at + 1).to_string(), cluster.vertices.to_string(), exact(cluster.area), exact(cluster.p)];
-        row.push(peak.to_string());
-        row.extend(sphere.directions.as_slice()[peak].map(exact));
-        row.extend(mean.into_iter().flat_map(|mean| mean.vertices[peak].map(exact)));
-        row.push(exact(cluster.statistic));
-        row.extend(effect.map(|effect| exact(effect.estimate[[cluster.peak, 0]])));
+        let peak = cluster.peak;
+        let mut row = vec![(at + 1).to_string(), cluster.vertices.to_string(), short(cluster.area), short(cluster.p)];
+        row.push(places.vertex(peak).to_string());
+        row.extend(places.direction(peak).map(short));
+        row.extend(places.position(peak).into_iter().flatten().map(short));
+        row.push(short(cluster.statistic));
+        row.extend(effect.map(|effect| short(effect.estimate[[peak, 0]])));
+        row.extend(places.region(peak).map(str::to_owned));
         row
     };
     let rows: Vec<Vec<String>> = found.clusters.iter().enumerate().map(row).collect();

@@ -9,6 +9,7 @@ use spharm_monitor::number;
 
 use super::super::outputs::{csv, exact};
 use super::args::Cli;
+use super::places::Places;
 use super::question::Study;
 use super::regions;
 
@@ -71,7 +72,7 @@ fn tested_maps(found: &Test) -> Vec<(&'static str, Vec<f64>)> {
 }
 
 /// Describes the tested study, for pages. The same study always gives the same description.
-pub(super) fn about(found: &Test, study: &Study, cli: &Cli, warnings: &[String]) -> Value {
+pub(super) fn about(found: &Test, study: &Study, cli: &Cli, places: &Places<'_>, warnings: &[String]) -> Value {
     let question = &study.question;
     let levels = question.levels.iter().map(|(level, count)| json!({ "level": level, "subjects": count }));
     json!({
@@ -99,7 +100,9 @@ pub(super) fn about(found: &Test, study: &Study, cli: &Cli, warnings: &[String])
         "surface": cli.surface.as_ref().map(shown),
         "tfce": cli.tfce,
         "cluster": cli.cluster,
+        "annotation": cli.annotation.as_ref().map(shown),
         "summary": summary(found, cli.level),
+        "peak": places.peak(&found.statistic),
         "warnings": warnings,
     })
 }

@@ -1,11 +1,12 @@
 //! Reads masks, which select the vertices to use.
 //!
-//! A mask is a file of values on vertices, which are 0 for excluded vertices, or a FreeSurfer label
-//! (`lh.cortex.label`). A label is text: a comment line, the number of vertices, and a line for each selected vertex
-//! with its index, position and value.
+//! A mask is a file of values on vertices, which are 0 for excluded vertices; a FreeSurfer label (`lh.cortex.label`);
+//! or an annotation (`lh.aparc.annot`), which selects its regions except unknown and the medial wall. A label is text:
+//! a comment line, the number of vertices, and a line for each selected vertex with its index, position and value.
 
 use std::path::Path;
 
+use super::annotation::{is_annotation, read_annotation};
 use super::flaw::{Flaw, bounded, shown};
 use super::text::{lines, next_number, number, words};
 use super::{load, read_signal};
@@ -25,6 +26,8 @@ pub fn read_mask(path: impl AsRef<Path>, vertices: usize) -> Result<Vec<bool>, S
     let path = path.as_ref();
     let mask = if load::head(path)?.starts_with(LABEL) {
         label(&load::load(path)?, vertices).map_err(|flaw| flaw.at(path, "a FreeSurfer label"))?
+    } else if is_annotation(path) {
+        read_annotation(path, vertices)?.is_cortex()
     } else {
         let signal = read_signal(path)?;
         if signal.vertices != vertices {

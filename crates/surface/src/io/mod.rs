@@ -23,6 +23,7 @@
 //! completely; its contents take at most a few times its size in memory. The size of decompressed data is compared with
 //! [`most_expanded`] and the free memory, before and during decoding.
 
+mod annotation;
 mod atomic;
 mod bytes;
 mod check;
@@ -60,6 +61,7 @@ use crate::error::SurfaceError;
 use crate::mesh::{Input, Mesh, Signal};
 
 pub use crate::room::{NoRoom, ask_for_free_memory, check_room, most_expanded};
+pub use annotation::{Annotation, read_annotation};
 pub use atomic::write_new;
 pub use check::mesh as check_mesh;
 pub(crate) use check::{indices as check_indices, mesh_with_gaps, signal as check_signal, signal_with_gaps};

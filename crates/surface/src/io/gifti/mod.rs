@@ -22,6 +22,22 @@ pub(super) fn read(bytes: &[u8]) -> Result<Input, Flaw> {
     interpret(xml::parse(&String::from_utf8_lossy(bytes))?)
 }
 
+/// Keys and names of labels.
+pub(super) type LabelTable = Vec<(i64, String)>;
+
+/// Reads the LabelTable of a file and the label of each vertex.
+pub(super) fn read_labels(bytes: &[u8]) -> Result<(LabelTable, Vec<f64>), Flaw> {
+    let document = xml::parse(&String::from_utf8_lossy(bytes))?;
+    if document.labels.is_empty() {
+        return Err(Flaw::new("a LabelTable with names", "none"));
+    }
+    let signal = to_signal(document.arrays)?;
+    if signal.channels != 1 {
+        return Err(Flaw::new("a label for each vertex", format!("{} for each", signal.channels)));
+    }
+    Ok((document.labels, signal.values))
+}
+
 fn interpret(mut document: Document) -> Result<Input, Flaw> {
     if document.arrays.is_empty() {
         return Err(Flaw::new("at least one DataArray", "none"));

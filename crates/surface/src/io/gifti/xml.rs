@@ -16,6 +16,8 @@ use crate::room::most_expanded;
 pub(super) struct Document {
     pub(super) metadata: Vec<(String, String)>,
     pub(super) arrays: Vec<DataArray>,
+    /// Keys and names of the LabelTable.
+    pub(super) labels: super::LabelTable,
 }
 
 /// A DataArray: its metadata and its decoded values.
@@ -39,6 +41,7 @@ enum Leaf {
     TransformedSpace,
     MatrixData,
     Data,
+    Label,
     Other,
 }
 
@@ -56,6 +59,8 @@ struct State<'a> {
     /// The text of the innermost element, as far as read.
     text: Cow<'a, str>,
     name: String,
+    /// Key of the current Label.
+    key: Option<i64>,
     system: Option<CoordinateSystem>,
 }
 
@@ -138,6 +143,7 @@ impl<'a> State<'a> {
                 });
             }
             b"MD" => self.name.clear(),
+            b"Label" => self.key = key(tag)?,
             _ => {}
         }
         self.open.push(match name {
@@ -147,6 +153,7 @@ impl<'a> State<'a> {
             b"TransformedSpace" => Leaf::TransformedSpace,
             b"MatrixData" => Leaf::MatrixData,
             b"Data" => Leaf::Data,
+            b"Label" => Leaf::Label,
             _ => Leaf::Other,
         });
         self.text = Cow::default();
@@ -164,6 +171,11 @@ impl<'a> State<'a> {
                 match &mut self.array {
                     Some((array, ..)) => array.metadata.push(pair),
                     None => self.document.metadata.push(pair),
+                }
+            }
+            Leaf::Label => {
+                if let Some(key) = self.key.take() {
+                    self.document.labels.push((key, text.trim().to_owned()));
                 }
             }
             Leaf::DataSpace => self.in_system(|s| s.data_space = text.trim().to_owned()),
@@ -211,6 +223,21 @@ impl<'a> State<'a> {
             _ => Err(Flaw::new("a Data element in each DataArray", "none")),
         }
     }
+}
+
+/// Returns the key of a Label, which early files call Index.
+fn key(tag: &BytesStart<'_>) -> Result<Option<i64>, Flaw> {
+    for attribute in tag.attributes() {
+        let attribute = attribute.map_err(|e| Flaw::new("XML attributes", e.to_string()))?;
+        let name: &[u8] = attribute.key.as_ref().as_ref();
+        if [b"Key".as_slice(), b"Index"].contains(&name) {
+            return match number(attribute.value.trim().as_bytes()) {
+                Some(key) => Ok(Some(key)),
+                None => Err(Flaw::new("a whole number as the key of a Label", shown(attribute.value.as_bytes()))),
+            };
+        }
+    }
+    Ok(None)
 }
 
 fn attributes(tag: &BytesStart<'_>) -> Result<(DataArray, Description, bool), Flaw> {
