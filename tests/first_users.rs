@@ -227,7 +227,10 @@ fn too_little_memory_is_refused_before_the_mapping() {
     fit.arg("--surface").arg(folder.path().join("s.ply")).args(["--max-degree", "8", "--memory", "4MiB", "-v", "-o"]);
     let output = finish(fit.arg(folder.path().join("out")));
     let stderr = String::from_utf8_lossy(&output.stderr);
-    assert!(stderr.contains("--memory 4") && stderr.contains("is too small"), "{stderr}");
+    assert!(
+        stderr.contains("a memory budget of 4 MiB is too small") && stderr.contains("MiB; give it with --memory"),
+        "{stderr}"
+    );
     assert!(!stderr.contains("coarse to fine") && !folder.path().join("out").exists(), "{stderr}");
 }
 

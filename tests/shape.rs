@@ -87,6 +87,9 @@ fn an_ellipsoid_is_measured_and_its_maps_are_written() {
     assert_eq!(report["tool"], "shape measure");
     let table = std::fs::read_to_string(site.path("t.csv")).expect("a table");
     assert!(table.starts_with("model,degree,area,volume,") && table.lines().count() == 2, "{table}");
+    succeed(&mut site.shape("measure", &["ellipsoid"], &["-o", "t.tsv"]));
+    let tabs = std::fs::read_to_string(site.path("t.tsv")).expect("a table");
+    assert_eq!(tabs, table.replace(',', "\t"));
     // The end of the longest axis isn't a vertex of an icosphere, so it is given as a direction in a table.
     std::fs::write(site.path("tip.csv"), format!("{},0\n0,0\n", PI / 2.0)).expect("a table");
     let more = ["--sphere", "tip.csv", "--maps", "tip", "--format", "csv"];
@@ -311,4 +314,32 @@ fn the_facade_has_the_crate() {
     let stop = std::sync::atomic::AtomicBool::new(true);
     let error = spharm::Error::from(local_geometry(&ellipsoid, &directions, &stop).expect_err("stopped"));
     assert!(error.is_interrupted());
+}
+
+/// Two kinds in several sizes and poses: all models of a kind are in one cluster, and the larger cluster is the first.
+#[test]
+fn models_are_grouped_by_their_shapes() {
+    let site = Site::new();
+    for (index, kind) in ["x", "y", "x", "x", "y"].into_iter().enumerate() {
+        let mut values = if kind == "x" { bumpy() } else { Array2::zeros((81, 3)) };
+        if kind == "y" {
+            // A ball.
+            [(1, 1), (2, 2), (3, 0)].into_iter().for_each(|(row, axis)| values[[row, axis]] = 2.0);
+        }
+        values *= 1.0 + 0.01 * index as f64;
+        values[[0, 0]] = 9.0 * index as f64;
+        site.write(&format!("c{index}{kind}"), values);
+    }
+    let models = ["c0x", "c1y", "c2x", "c3x", "c4y"];
+    let report = json(&succeed(&mut site.shape("cluster", &models, &["--json", "-o", "c.csv"])));
+    assert_eq!(report["clusters"].as_array().map(Vec::len), Some(2));
+    assert_eq!((&report["clusters"][0]["models"], &report["tried"][0]["clusters"]), (&3.into(), &2.into()));
+    let table = std::fs::read_to_string(site.path("c.csv")).expect("a table");
+    let mut lines = table.lines();
+    assert_eq!(lines.next(), Some("model,cluster,silhouette,typical"));
+    for line in lines {
+        assert_eq!(line.split(',').nth(1), Some(if line.contains("x,") { "1" } else { "2" }), "{table}");
+    }
+    let error = fail(&mut site.shape("cluster", &models[..2], &["-o", "d.csv"]));
+    assert!(error.contains("models to cluster") && error.contains("three or more"), "{error}");
 }

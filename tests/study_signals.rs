@@ -128,6 +128,20 @@ fn the_thickness_of_groups_is_tested_on_the_mean_surface() {
 }
 
 #[test]
+fn models_of_signals_leave_with_the_signal() {
+    let site = site();
+    let site = site.path();
+    assert!(study(site, &[]).status.success() && site.join("out/signals/s0.spharm.npz").is_file());
+    fs::write(site.join("out/signals/notes.txt"), "mine").expect("a file");
+    let (signal, value) = ("signal = \"subjects/{id}/surf/lh.thickness\"\n", "signal = \"value\"\n");
+    fs::write(site.join("study.toml"), STUDY.replace(signal, "").replace(value, "")).expect("a study");
+    let output = study(site, &[]);
+    assert!(output.status.success() && text(&output).contains("removed 8 models"), "{}", text(&output));
+    let left: Vec<_> = fs::read_dir(site.join("out/signals")).expect("a folder").flatten().collect();
+    assert_eq!(left.iter().map(|entry| entry.file_name()).collect::<Vec<_>>(), ["notes.txt"]);
+}
+
+#[test]
 fn a_subject_without_its_signal_is_left_out_of_everything() {
     let site = site();
     let site = site.path();

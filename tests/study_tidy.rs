@@ -181,3 +181,29 @@ fn rest_folder(rest: &str) -> String {
     let path = rest.lines().nth(1).and_then(|line| line.split(',').nth(1)).unwrap_or_default();
     path.trim_end_matches("b01.ply").to_owned()
 }
+
+/// Rows 12 and 44 of the problems of first-time users: the report of a study as JSON, and maps by angles for `joint`.
+#[test]
+fn a_study_prints_one_json_report() {
+    let site = site();
+    let printed = succeed(study(site.path()).args(["--json", "-q"]));
+    let report: serde_json::Value = serde_json::from_str(&printed).expect("JSON and nothing else");
+    assert_eq!(report["tool"], "study");
+    assert_eq!((&report["subjects"], &report["failed"]), (&6.into(), &serde_json::json!([])));
+    assert_eq!(report["stages"][0]["stage"], "fit");
+    assert!(report["page"].as_str().is_some_and(|page| site.path().join(page).is_file()));
+    assert_eq!(report["tests"][0]["tested"], "a - b");
+    assert!(report["tests"][0]["summary"]["p"]["least"].is_f64() && report["tests"][0]["peak"]["vertex"].is_u64());
+    // A failure is in the report, and in the exit status.
+    write(site.path(), "meshes/a03.ply", "nothing");
+    let output = finish(study(site.path()).args(["--json", "-q"]));
+    let report: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    assert!(output.status.code() == Some(1) && report["failed"][0]["id"] == "a03", "{}", text(&output));
+    write(site.path(), "study.toml", &STUDY.replace("[modes]", "[align]\nmethod = \"joint\"\n[modes]"));
+    let commands = text(&finish(study(site.path()).arg("--dry-run")));
+    assert!(commands.contains("--update --area 0\n"), "{commands}");
+    let given = STUDY.replace("max_degree = 3", "max_degree = 3\narguments = [\"--area\", \"0.5\"]");
+    write(site.path(), "study.toml", &given.replace("[modes]", "[align]\nmethod = \"joint\"\n[modes]"));
+    let commands = text(&finish(study(site.path()).arg("--dry-run")));
+    assert!(commands.contains("--update --area 0.5\n"), "{commands}");
+}

@@ -124,6 +124,14 @@ fn folders_are_made_alike_and_outputs_checked_first() {
     site.fit("m.npz");
     succeed(&mut site.reconstruct(&["m.npz"], &[], "new/folder/x.surf.gii"));
     assert!(site.path("new/folder/x.surf.gii").is_file());
+    let json = |text: String| serde_json::from_str::<Value>(&text).expect("JSON");
+    let made = json(succeed(&mut site.reconstruct(&["m.npz"], &["--json"], "y.ply")));
+    assert_eq!((&made["tool"], made["outputs"].as_array().map(Vec::len)), (&"reconstruct".into(), Some(1)));
+    assert!(made["outputs"][0]["vertices"].is_u64() && made["outputs"][0]["output"].as_str().is_some());
+    let mut export = tool("export");
+    export.arg(site.path("m.npz")).args(["--to", "csv", "--json", "-o"]).arg(site.path("m.csv"));
+    let made = json(succeed(&mut export));
+    assert_eq!((&made["format"], &made["outputs"][0]["warnings"]), (&"csv".into(), &Value::Array(Vec::new())));
     let report = site.path("reports/r.json");
     succeed(site.compare("new/folder/x.surf.gii", &["--report"]).arg(&report).arg("-o").arg(site.path("ply/e.ply")));
     let written: Value = serde_json::from_slice(&std::fs::read(report).expect("a report")).expect("JSON");

@@ -47,6 +47,9 @@ pub(crate) struct Cli {
     /// File to write; for several models a folder
     #[arg(short, long, value_name = "OUT", help_heading = OUTPUT)]
     pub(super) output: PathBuf,
+    /// Print a report as JSON in place of the lines
+    #[arg(long, help_heading = OUTPUT)]
+    pub(super) json: bool,
     /// Replace existing outputs
     #[arg(long, help_heading = OUTPUT)]
     pub(super) force: bool,

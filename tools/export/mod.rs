@@ -5,9 +5,10 @@ mod args;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
+use serde_json::json;
 use spharm_cli::Usage;
-use spharm_cli::output::{OutputFile, check_outputs, prepare, print_line};
-use spharm_cli::paths::{expand, model_file_name, with_ending};
+use spharm_cli::output::{OutputFile, check_outputs, prepare, print_json, print_line};
+use spharm_cli::paths::{all_shown, expand, model_file_name, shown, with_ending};
 use spharm_exchange::{ExportOptions, Exported, Format, Normalization, check, export, files};
 use spharm_model::Model;
 use spharm_surface::io::bytes_to_read;
@@ -41,15 +42,28 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     }
     check_outputs(outputs.iter().map(|path| OutputFile::new(path, "--output")), cli.force)?;
     let options = ExportOptions { overwrite: cli.force, normalization: cli.normalization };
+    let mut made = Vec::new();
     for (path, target) in models.iter().zip(&targets) {
         let model = Model::read(path)?;
         prepare(target)?;
         let Exported { files, warnings } =
             export(&model, cli.to, target, &options).with_context(|| path.display().to_string())?;
         warnings.iter().for_each(|warning| console.warn(format!("{}: {warning}", path.display())));
-        for file in files {
-            print_line(&format!("{}: {}, degree {}", file.display(), cli.to, model.coefficients.max_degree()))?;
+        let degree = model.coefficients.max_degree();
+        for file in files.iter().filter(|_| !cli.json) {
+            print_line(&format!("{}: {}, degree {degree}", file.display(), cli.to))?;
         }
+        let warnings: Vec<String> = warnings.iter().map(ToString::to_string).collect();
+        made.push(json!({
+            "model": shown(path),
+            "files": all_shown(&files),
+            "degree": degree,
+            "warnings": warnings,
+        }));
+    }
+    if cli.json {
+        let (format, versions) = (cli.to.to_string(), spharm::versions());
+        print_json(&json!({ "tool": "export", "versions": versions, "format": format, "outputs": made }))?;
     }
     Ok(())
 }

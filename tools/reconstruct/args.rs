@@ -46,6 +46,9 @@ pub(crate) struct Cli {
     /// Write 64-bit positions if the format has a choice
     #[arg(long, help_heading = OUTPUT)]
     pub(super) double: bool,
+    /// Print a report as JSON in place of the lines
+    #[arg(long, help_heading = OUTPUT)]
+    pub(super) json: bool,
     /// Replace existing outputs
     #[arg(long, help_heading = OUTPUT)]
     pub(super) force: bool,

@@ -7,10 +7,12 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
+use serde_json::{Value, json};
 use spharm_cli::console::Console;
 use spharm_cli::inputs::read_sphere;
 use spharm_cli::memory::Budget;
-use spharm_cli::output::{prepare, print_line};
+use spharm_cli::output::{prepare, print_json, print_line};
+use spharm_cli::paths::shown;
 use spharm_cli::size::Size;
 use spharm_model::Model;
 use spharm_monitor::number;
@@ -29,7 +31,15 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let budget = cli.memory.budget(cli.threads.count());
     let shared = shared_sphere(cli, budget, &console)?;
     let pool = cli.threads.pool()?;
-    items.iter().try_for_each(|item| pool.install(|| one(cli, item, shared.as_ref(), budget, &console)))
+    let mut made = Vec::with_capacity(items.len());
+    for item in &items {
+        made.push(pool.install(|| one(cli, item, shared.as_ref(), budget, &console))?);
+    }
+    if cli.json {
+        print_json(&json!({ "tool": "reconstruct", "versions": spharm::versions(), "outputs": made }))
+    } else {
+        Ok(())
+    }
 }
 
 /// Returns the sphere on which all models are evaluated, or `None` if each has its own.
@@ -84,7 +94,8 @@ fn check_memory(
     Ok(())
 }
 
-fn one(cli: &Cli, item: &Item, shared: Option<&Sphere>, budget: Budget, console: &Console) -> Result<()> {
+/// Evaluates a model and writes it; returns the report.
+fn one(cli: &Cli, item: &Item, shared: Option<&Sphere>, budget: Budget, console: &Console) -> Result<Value> {
     let started = Instant::now();
     budget.check_inputs("reconstruct", [item.model.as_path()])?;
     let model = Model::read(&item.model)?;
@@ -126,7 +137,16 @@ fn one(cli: &Cli, item: &Item, shared: Option<&Sphere>, budget: Budget, console:
         write_signal(&output, &signal, &options)?;
     }
     let seconds = started.elapsed().as_secs_f64();
-    print_line(&format!("{}: {vertices} vertices, degree {degree}, {seconds:.2} s", output.display()))
+    if !cli.json {
+        print_line(&format!("{}: {vertices} vertices, degree {degree}, {seconds:.2} s", output.display()))?;
+    }
+    Ok(json!({
+        "model": shown(&item.model),
+        "output": shown(&output),
+        "vertices": vertices,
+        "degree": degree,
+        "seconds": seconds,
+    }))
 }
 
 /// Gap between the sides of a seam above which a warning is given, as a fraction of the bounding box's size.

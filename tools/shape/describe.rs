@@ -14,7 +14,7 @@ use spharm_cli::paths::{model_name, shown};
 use spharm_model::Model;
 
 use super::args::{Models, ReportArgs, Resources, read_all, to_degree};
-use super::outputs::{check, csv, exact, finish, write_report, write_text};
+use super::outputs::{TABLES, check, exact, finish, table_for, write_report, write_text};
 use super::plan::Plan;
 
 /// Describe models by rotation-invariant numbers
@@ -43,7 +43,7 @@ pub(super) struct Cli {
     #[arg(long, value_enum, value_name = "KIND", help_heading = METHOD)]
     only: Option<Kind>,
     /// Table to write
-    #[arg(short, long, value_name = "OUT.csv", help_heading = OUTPUT)]
+    #[arg(short, long, value_name = "OUT.csv|tsv", help_heading = OUTPUT)]
     output: Option<PathBuf>,
     /// Name models in the table by file name, such as a01, instead of by path
     #[arg(long, requires = "output", help_heading = OUTPUT)]
@@ -70,7 +70,7 @@ pub(super) fn of(model: &Model, path: &Path, degree: Option<usize>) -> Result<De
 pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let started = Instant::now();
     let paths = cli.models.paths()?;
-    check(cli.output.iter().map(|path| OutputFile::with_ending(path, "--output", &[".csv"])), &cli.report)?;
+    check(cli.output.iter().map(|path| OutputFile::with_ending(path, "--output", &TABLES)), &cli.report)?;
     let plan = Plan::new("describe", &paths, cli.resources.both())?;
     // Memory of the descriptors, and of the text of the table's cells.
     let numbers = (paths.len() * (1 + plan.group.channels) * (plan.group.max_degree + 1)) as u64;
@@ -107,7 +107,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let rows: Vec<Vec<String>> = found.iter().zip(&paths).map(row).collect();
     let header = header(degree, channels, cli.only);
     let names: Vec<&str> = header.iter().map(String::as_str).collect();
-    let text = csv(&names, rows.iter().map(Vec::as_slice));
+    let text = table_for(cli.output.as_deref(), &names, rows.iter().map(Vec::as_slice));
     if let Some(path) = &cli.output {
         write_text(path, cli.report.force, &text)?;
     }

@@ -17,7 +17,7 @@ use spharm_monitor::number;
 
 use super::args::{Models, ReportArgs, Resources, files, read_all};
 use super::describe::of;
-use super::outputs::{check, csv, exact, finish, write_text};
+use super::outputs::{TABLES, check, exact, finish, table_for, write_text};
 use super::plan::Plan;
 
 /// Find the models that are nearest to a given one
@@ -62,7 +62,7 @@ pub(super) struct Cli {
     #[arg(long, help_heading = METHOD)]
     mirror: bool,
     /// Table to write
-    #[arg(short, long, value_name = "OUT.csv", help_heading = OUTPUT)]
+    #[arg(short, long, value_name = "OUT.csv|tsv", help_heading = OUTPUT)]
     output: Option<PathBuf>,
     #[command(flatten)]
     report: ReportArgs,
@@ -81,7 +81,7 @@ const COLUMNS: [&str; 6] = ["query", "rank", "model", "distance", "bound", "scor
 /// Runs the subcommand.
 pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let (queries, among) = (cli.queries.paths()?, files(&cli.among)?);
-    check(cli.output.iter().map(|path| OutputFile::with_ending(path, "--output", &[".csv"])), &cli.report)?;
+    check(cli.output.iter().map(|path| OutputFile::with_ending(path, "--output", &TABLES)), &cli.report)?;
     let plan = Plan::new("match", &among, cli.resources.both())?;
     // Memory of the descriptors in three forms (as read, at a common degree, in the library), and of one alignment per
     // thread.
@@ -153,7 +153,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     }
     let searching = started.elapsed().as_secs_f64();
     if let Some(path) = &cli.output {
-        write_text(path, cli.report.force, &csv(&COLUMNS, cells.iter().map(Vec::as_slice)))?;
+        write_text(path, cli.report.force, &table_for(Some(path), &COLUMNS, cells.iter().map(Vec::as_slice)))?;
     }
     let report = json!({
         "degree": degree,

@@ -18,7 +18,7 @@ use spharm_surface::io::{Output, PAINTED};
 
 use super::args::{Models, ReportArgs, Resources, Sampling, sphere_of, to_degree};
 use super::maps::Maps;
-use super::outputs::{check, csv, exact, finish, write_text};
+use super::outputs::{TABLES, check, exact, finish, table_for, write_text};
 use super::plan::Plan;
 
 /// Measure models: area, volume, centroid; maps of curvature
@@ -52,7 +52,7 @@ pub(super) struct Cli {
     #[command(flatten)]
     sampling: Sampling,
     /// Table of the measures to write
-    #[arg(short, long, value_name = "OUT.csv", help_heading = OUTPUT)]
+    #[arg(short, long, value_name = "OUT.csv|tsv", help_heading = OUTPUT)]
     output: Option<PathBuf>,
     /// Name models in the table by file name, such as a01, instead of by path
     #[arg(long, requires = "output", help_heading = OUTPUT)]
@@ -97,7 +97,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         paths.iter().map(|path| Maps::new(folder, path, &cli.format, options)).collect()
     });
     let files: Vec<PathBuf> = maps.iter().flatten().flat_map(Maps::files).collect();
-    let table = cli.output.iter().map(|path| OutputFile::with_ending(path, "--output", &[".csv"]));
+    let table = cli.output.iter().map(|path| OutputFile::with_ending(path, "--output", &TABLES));
     let painted = maps.iter().flatten().any(Maps::painted);
     let holds = if painted { Output::Ending(PAINTED) } else { Output::Signal };
     let of_maps = files.iter().map(|path| OutputFile::holding(path, "--maps", holds));
@@ -159,7 +159,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         reports.push(report);
     }
     if let Some(path) = &cli.output {
-        write_text(path, cli.report.force, &csv(&COLUMNS, cells.iter().map(Vec::as_slice)))?;
+        write_text(path, cli.report.force, &table_for(Some(path), &COLUMNS, cells.iter().map(Vec::as_slice)))?;
     }
     finish("measure", &json!({ "tolerance": cli.tolerance, "models": reports }), &rows, &cli.report)
 }

@@ -9,6 +9,7 @@ mod align_meshes;
 mod args;
 mod carry;
 mod check;
+mod cluster;
 mod compress;
 pub(crate) mod correspond;
 mod describe;
@@ -73,6 +74,7 @@ enum Command {
     Smooth(smooth::Cli),
     Describe(describe::Cli),
     Match(matching::Cli),
+    Cluster(cluster::Cli),
     Remesh(remesh::Cli),
     Rotate(rotate::Cli),
     Correspond(Box<correspond::Cli>),
@@ -98,6 +100,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         Command::Smooth(cli) => smooth::run(cli, &monitor),
         Command::Describe(cli) => describe::run(cli, &monitor),
         Command::Match(cli) => matching::run(cli, &monitor),
+        Command::Cluster(cli) => cluster::run(cli, &monitor),
         Command::Remesh(cli) => remesh::run(cli, &monitor),
         Command::Rotate(cli) => rotate::run(cli, &monitor),
         Command::Correspond(cli) => correspond::run(cli, &monitor),

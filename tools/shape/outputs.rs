@@ -11,7 +11,7 @@ use spharm_cli::output::{
     OutputFile, check_files, check_outputs, is_stdout, prepare, print, print_json, table, write_json,
 };
 use spharm_cli::paths::{model_file_name, with_ending};
-use spharm_cohort::guarded;
+use spharm_cohort::{cell, guarded};
 use spharm_surface::io::{to_write_mesh, write_new};
 
 use super::args::{Models, ReportArgs};
@@ -76,6 +76,23 @@ pub(super) fn csv<'a>(header: &[&str], rows: impl IntoIterator<Item = &'a [Strin
     let line = |cells: Vec<Cow<'_, str>>| cells.join(",") + "\n";
     let mut text = line(header.iter().map(|name| quoted(name)).collect());
     rows.into_iter().for_each(|row| text += &line(row.iter().map(|cell| quoted(cell)).collect()));
+    text
+}
+
+/// Endings of the names of tables.
+pub(super) const TABLES: [&str; 2] = [".csv", ".tsv"];
+
+/// Returns the text of a table for a file: with tabs if its name ends in .tsv, otherwise CSV.
+pub(super) fn table_for<'a>(
+    path: Option<&Path>,
+    header: &[&str],
+    rows: impl IntoIterator<Item = &'a [String]>,
+) -> String {
+    if !path.and_then(Path::extension).is_some_and(|ending| ending.eq_ignore_ascii_case("tsv")) {
+        return csv(header, rows);
+    }
+    let mut text = header.iter().map(|name| cell(name)).collect::<Vec<_>>().join("\t") + "\n";
+    rows.into_iter().for_each(|row| text += &(row.iter().map(|text| cell(text)).collect::<Vec<_>>().join("\t") + "\n"));
     text
 }
 

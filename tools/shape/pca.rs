@@ -20,7 +20,7 @@ use spharm_monitor::number;
 
 use super::args::{Models, ReportArgs, Resources};
 use super::groups::read_group;
-use super::outputs::{check_beside, csv, exact, finish, write_text};
+use super::outputs::{TABLES, check_beside, exact, finish, table_for, write_text};
 use super::plan::Plan;
 
 /// Compute a group's modes of variation: principal components
@@ -60,7 +60,7 @@ pub(super) struct Cli {
     #[arg(short, long, value_name = "OUT.shape-model.npz", help_heading = OUTPUT)]
     output: PathBuf,
     /// Table of the members' scores to write
-    #[arg(long, value_name = "OUT.csv", help_heading = OUTPUT)]
+    #[arg(long, value_name = "OUT.csv|tsv", help_heading = OUTPUT)]
     scores: Option<PathBuf>,
     #[command(flatten)]
     report: ReportArgs,
@@ -72,7 +72,7 @@ pub(super) struct Cli {
 pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let started = Instant::now();
     let paths = cli.models.paths()?;
-    let table = cli.scores.iter().map(|path| OutputFile::with_ending(path, "--scores", &[".csv"]));
+    let table = cli.scores.iter().map(|path| OutputFile::with_ending(path, "--scores", &TABLES));
     check_beside(&paths, table.chain([OutputFile::with_ending(&cli.output, "--output", &[".npz"])]), &cli.report)?;
     let plan = Plan::new("pca", &paths, cli.resources.both())?;
     let needed = |samples: usize| plan.coefficients().saturating_add(plan.group.modes(samples, plan.threads));
@@ -99,7 +99,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         };
         let rows: Vec<Vec<String>> = file.members.iter().zip(file.modes.scores.rows()).map(row).collect();
         let names: Vec<&str> = header.iter().map(String::as_str).collect();
-        write_text(path, cli.report.force, &csv(&names, rows.iter().map(Vec::as_slice)))?;
+        write_text(path, cli.report.force, &table_for(Some(path), &names, rows.iter().map(Vec::as_slice)))?;
     }
     let report = json!({
         "output": shown(&cli.output),

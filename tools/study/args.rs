@@ -54,6 +54,9 @@ pub(crate) struct Cli {
     /// There is no page then, and tests, figures and page of an earlier run are removed.
     #[arg(long, help_heading = METHOD)]
     pub(super) strict: bool,
+    /// Print a report as JSON in place of the tables
+    #[arg(long, conflicts_with = "dry_run", help_heading = OUTPUT)]
+    pub(super) json: bool,
     /// Run all stages again
     #[arg(long, help_heading = OUTPUT)]
     pub(super) force: bool,

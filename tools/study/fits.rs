@@ -10,6 +10,9 @@ pub(super) const SURFACES: &str = "fit";
 /// Name of the stage that fits the signals.
 pub(super) const SIGNALS: &str = "fit.signal";
 
+/// Folder of the models of signals.
+pub(super) const SIGNALS_FOLDER: &str = "signals";
+
 /// Fits of one file per subject.
 pub(super) struct Fits<'a> {
     /// Name of the stage.

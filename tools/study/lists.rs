@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 
 use super::config::Method;
+use super::fits::SIGNALS_FOLDER;
 use super::plan::{PLAIN, Plan, Subject, write_changed};
 use super::test::Test;
 use super::{sides, surfaces};
@@ -71,7 +72,7 @@ impl Plan {
 
     /// Returns the folder of the models of mirrored subjects' signals.
     pub(super) fn mirrored_signals(&self) -> PathBuf {
-        self.output.join("signals").join("mirrored")
+        self.output.join(SIGNALS_FOLDER).join("mirrored")
     }
 
     /// Returns the models that a test is of, each with that to subtract.

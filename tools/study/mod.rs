@@ -10,6 +10,7 @@
 //! | `provenance`, `methods` | the record of the study, and the paragraph for a paper |
 //! | `stages` | the commands of the study |
 //! | `check` | checks before any command is run |
+//! | `ending` | what a study prints at its end |
 //! | `stage` | one command, and the decision whether it must run |
 //! | `tidy` | removal of files that no longer belong to the study |
 //! | `warnings` | the warnings at the head of the page |
@@ -17,6 +18,7 @@
 mod args;
 mod check;
 mod config;
+mod ending;
 mod exclusion;
 mod fits;
 mod init;
@@ -40,7 +42,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 use spharm_cli::console::Console;
-use spharm_cli::output::{counted, first_of, print, print_line, table};
+use spharm_cli::output::{Muted, counted, print, print_json, print_line};
 use spharm_cli::paths::utf8;
 use spharm_cohort::Manifest;
 use spharm_cohort::run::concerns_all;
@@ -57,8 +59,6 @@ use self::warnings::Flagged;
 
 /// Smallest number of subjects in a group.
 const LEAST: usize = 3;
-/// Largest number of warnings shown at the end.
-const SHOWN: usize = 20;
 
 /// Previews the fits of the subjects of a manifest.
 type Preview = dyn Fn(&[String], Manifest) -> Result<crate::rows::Previewed>;
@@ -114,6 +114,8 @@ pub(crate) fn run(
         console: cli.common.console(),
         rows: Vec::new(),
         flagged: Vec::new(),
+        failed: Vec::new(),
+        warnings: Vec::new(),
     };
     let (count, table) = (plan.manifest.rows.len(), plan.table.display());
     let subjects = match plan.excluded.len() {
@@ -135,26 +137,13 @@ pub(crate) fn run(
     let lock = lock(&plan, cli.shard.is_some())?;
     tidy::leftovers(&plan);
     plan.write_manifests()?;
+    let muted = cli.json.then(Muted::begin);
     let done = call.run();
-    drop(lock);
-    done
-}
-
-/// Prints whether the results are those of an earlier run; an error names those that differ.
-fn compare(recorded: &Provenance, made: &Provenance) -> Result<()> {
-    const NAMED: usize = 5;
-    let (count, differ) = recorded.compare(made);
-    if differ.is_empty() {
-        return print_line(&format!("{}: the same bytes as recorded", counted(count, "result")));
+    drop((muted, lock));
+    if cli.json {
+        print_json(&call.report()?)?;
     }
-    let names: Vec<String> = differ.iter().map(|path| path.display().to_string()).collect();
-    bail!(
-        "{} of {} differ from the recorded ones: {}; the version, the number of threads, the memory or the processor may \
-         differ",
-        differ.len(),
-        counted(count, "result"),
-        first_of(names.iter().map(String::as_str), NAMED)
-    )
+    done
 }
 
 /// Locks the study for this process; jobs that fit shards share the lock. If the file system doesn't support locks, the
@@ -186,10 +175,14 @@ struct Call<'a> {
     recorded: Option<&'a Provenance>,
     spharm: &'a dyn Fn(&[String]) -> Result<()>,
     console: Console,
-    /// Name, outcome and time of each stage.
-    rows: Vec<[String; 3]>,
+    /// The stages that ended.
+    rows: Vec<ending::Done>,
     /// The subjects that the quality control flags, the worst first.
     flagged: Vec<Flagged>,
+    /// The subjects that couldn't be fitted, with the reasons.
+    failed: Vec<(String, String)>,
+    /// Warnings about the whole group.
+    warnings: Vec<String>,
 }
 
 impl Call<'_> {
@@ -219,9 +212,9 @@ impl Call<'_> {
             self.fit(&fits)?;
         }
         let outcomes = Outcomes::read(&self.plan.fits())?;
-        let failed = outcomes.failed(&self.plan.manifest);
+        self.failed = outcomes.failed(&self.plan.manifest);
         if self.cli.shard.is_some() {
-            return self.finish(&failed, &[]);
+            return self.finish();
         }
         let subjects = self.plan.subjects(&outcomes);
         if subjects.len() < LEAST {
@@ -232,7 +225,7 @@ impl Call<'_> {
                 self.plan.status().display()
             );
         }
-        let removed: usize = self.plan.fits().iter().map(tidy::models).sum::<Result<_>>()?;
+        let removed = self.plan.fits().iter().map(tidy::models).sum::<Result<usize>>()? + tidy::signals(self.plan)?;
         if removed > 0 {
             let removed = counted(removed, "model");
             self.console.note(format!("removed {removed} of subjects no longer in the study, or now failing"));
@@ -241,24 +234,23 @@ impl Call<'_> {
         self.plan.write_status(&outcomes)?;
         let stages = self.plan.stages(&subjects);
         tidy::stages(self.plan, &stages)?;
-        let Some((page, stages)) = stages.split_last() else { return self.finish(&failed, &[]) };
-        let mut warnings = Vec::new();
+        let Some((page, stages)) = stages.split_last() else { return self.finish() };
         for (index, stage) in stages.iter().enumerate() {
             self.stage(stage)?;
             if stage.name == stages::CHECK {
-                (self.flagged, warnings) = warnings::of_check(self.plan)?;
+                (self.flagged, self.warnings) = warnings::of_check(self.plan)?;
                 if self.cli.strict && !self.flagged.is_empty() {
-                    return self.stop(&failed, stages[index + 1..].iter().chain([page]));
+                    return self.stop(stages[index + 1..].iter().chain([page]));
                 }
             }
         }
-        warnings.extend(warnings::of_group(self.plan, &subjects)?);
-        self.plan.write_warnings(&warnings)?;
+        self.warnings.extend(warnings::of_group(self.plan, &subjects)?);
+        self.plan.write_warnings(&self.warnings)?;
         let made = self.record(subjects.len(), &stages.iter().chain([page]).collect::<Vec<_>>())?;
         self.stage(page)?;
-        self.finish(&failed, &warnings)?;
+        self.finish()?;
         print_line(&format!("page: {}", self.plan.page().display()))?;
-        self.recorded.map_or(Ok(()), |recorded| compare(recorded, &made))
+        self.recorded.map_or(Ok(()), |recorded| ending::compare(recorded, &made))
     }
 
     /// Writes the paragraph on methods and the record of the study.
@@ -274,9 +266,10 @@ impl Call<'_> {
 
     /// Ends a strict study at a flag, before the tests. Removes the outputs of the later stages, which are of an
     /// earlier run.
-    fn stop<'s>(&self, failed: &[(String, String)], later: impl IntoIterator<Item = &'s Stage>) -> Result<()> {
+    fn stop<'s>(&mut self, later: impl IntoIterator<Item = &'s Stage>) -> Result<()> {
         later.into_iter().try_for_each(|stage| stage.clear(&self.plan.records()))?;
-        let ended = self.finish(failed, &[]);
+        self.warnings.clear();
+        let ended = self.finish();
         let (flagged, table) = (counted(self.flagged.len(), "subject"), self.plan.checked());
         let text = format!(
             "{}: {flagged} flagged, so there are no tests and no page; mend their surfaces, list them in `exclude` or \
@@ -287,16 +280,6 @@ impl Call<'_> {
         match ended {
             Ok(()) => bail!(text),
             Err(error) => Err(error.context(text)),
-        }
-    }
-
-    /// Lists the flagged subjects on the terminal.
-    fn list_flagged(&self) {
-        for Flagged { id, flags } in self.flagged.iter().take(SHOWN) {
-            self.console.warn(format!("{id}: {}", flags.join("; ")));
-        }
-        if let Some(more) = self.flagged.len().checked_sub(SHOWN + 1) {
-            self.console.warn(format!("and {} more flagged", counted(more + 1, "subject")));
         }
     }
 
@@ -352,38 +335,6 @@ impl Call<'_> {
 
     fn row(&mut self, stage: &str, state: &str, started: Instant) {
         let seconds = started.elapsed().as_secs_f64();
-        self.rows.push([stage.to_owned(), state.to_owned(), format!("{seconds:.1} s")]);
-    }
-
-    /// Prints the stages, the warnings and the failures; returns an error if subjects failed.
-    fn finish(&self, failed: &[(String, String)], warnings: &[String]) -> Result<()> {
-        let mut rows = vec![["stage", "", "time"].map(str::to_owned).to_vec()];
-        rows.extend(self.rows.iter().map(|row| row.to_vec()));
-        print(&format!("\n{}", table(&rows)))?;
-        if !self.flagged.is_empty() {
-            let (flagged, table) = (counted(self.flagged.len(), "subject"), self.plan.checked());
-            let excluded = match self.plan.excluded.len() {
-                0 => String::new(),
-                count => format!(", {count} excluded"),
-            };
-            print_line(&format!("quality control: {flagged} flagged{excluded}, see {}", table.display()))?;
-            self.list_flagged();
-        }
-        warnings.iter().take(SHOWN).for_each(|warning| self.console.warn(warning));
-        if let Some(more) = warnings.len().checked_sub(SHOWN + 1) {
-            self.console.warn(format!("and {} more, at the head of the page", counted(more + 1, "warning")));
-        }
-        for (id, error) in failed.iter().take(10) {
-            self.console.warn(format!("{id}: {error}"));
-        }
-        match failed.len() {
-            0 => Ok(()),
-            count => bail!(
-                "{} of {} failed: the page shows the others; `spharm status {}` lists them",
-                counted(count, "subject"),
-                self.plan.manifest.rows.len(),
-                self.plan.status().display()
-            ),
-        }
+        self.rows.push(ending::Done { stage: stage.to_owned(), state: state.to_owned(), seconds });
     }
 }

@@ -7,7 +7,7 @@ use spharm_cohort::{Manifest, Row, State};
 use spharm_surface::io::write_new;
 
 use super::config::{Method, Study};
-use super::fits::{Fits, Outcomes, SIGNALS, SURFACES};
+use super::fits::{Fits, Outcomes, SIGNALS, SIGNALS_FOLDER, SURFACES};
 use super::test::Test;
 use super::{exclusion, sides, subjects};
 
@@ -211,7 +211,7 @@ impl Plan {
     /// Returns the fits, those of the surfaces first.
     pub(super) fn fits(&self) -> Vec<Fits<'_>> {
         let surfaces = Fits { name: SURFACES, manifest: &self.manifest, models: self.models(), status: self.status() };
-        let folder = self.output.join("signals");
+        let folder = self.output.join(SIGNALS_FOLDER);
         let of_signals = |manifest| Fits { name: SIGNALS, manifest, status: folder.join("status"), models: folder };
         std::iter::once(surfaces).chain(self.signals.as_ref().map(|(manifest, _)| of_signals(manifest))).collect()
     }

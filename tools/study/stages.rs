@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use spharm::parametrize::volume::is_volume;
-use spharm_cohort::Shard;
+use spharm_cohort::{Row, Shard};
 
 use super::config::Method;
 use super::fits::{Fits, SURFACES};
@@ -29,12 +29,26 @@ impl Plan {
         arguments.extend(words(&[if force { "--force" } else { "--update" }]));
         arguments.extend(shard.iter().flat_map(|shard| words(&["--shard", &shard.to_string()])));
         match fits.name {
-            SURFACES => arguments.extend(self.study.fit.arguments.iter().cloned()),
+            SURFACES => {
+                arguments.extend(self.study.fit.arguments.iter().cloned());
+                arguments
+                    .extend(self.maps_by_angles().then_some(["--area", "0"]).into_iter().flatten().map(str::to_owned));
+            }
             // The other arguments are about surfaces.
             _ => arguments.extend(self.study.fit.sphere().iter().flat_map(|sphere| words(&["--sphere", sphere]))),
         }
         let (folder, name) = (self.folder.clone(), fits.name.to_owned());
         Stage { folder, name, arguments, inputs: Vec::new(), outputs: Vec::new() }
+    }
+
+    /// Returns whether the fits map surfaces to the sphere by angles alone: aligned by `joint`, meshes that were mapped
+    /// one by one correspond better by such maps (docs/shape.md).
+    fn maps_by_angles(&self) -> bool {
+        let is_mesh = |row: &Row| row.sphere.is_none() && !is_volume(&row.surface);
+        self.method == Method::Joint
+            && !self.has_one_sphere()
+            && self.study.fit.value("--area").is_none()
+            && self.manifest.rows.iter().all(is_mesh)
     }
 
     /// Returns the stages after the fits, for the subjects that have models.

@@ -11,7 +11,7 @@ use spharm_cohort::files::ModelFiles;
 use spharm_cohort::{Merged, Row, check_id};
 use spharm_surface::io::{remove_leftovers, write_new};
 
-use super::fits::Fits;
+use super::fits::{Fits, SIGNALS, SIGNALS_FOLDER};
 use super::plan::{PLAIN, Plan};
 use super::stage::{Stage, retire};
 
@@ -67,6 +67,27 @@ pub(super) fn models(fits: &Fits<'_>) -> Result<usize> {
             forget(&path, &gone).with_context(|| path.display().to_string())?;
         }
     }
+    Ok(count)
+}
+
+/// Removes the models of signals, and their outcomes, from a study that no longer has signals. Returns the number of
+/// models removed.
+pub(super) fn signals(plan: &Plan) -> Result<usize> {
+    let folder = plan.output.join(SIGNALS_FOLDER);
+    let status = folder.join("status");
+    if plan.signal_fits().is_some() || !status.is_dir() {
+        return Ok(0);
+    }
+    let fits = Fits { name: SIGNALS, manifest: &plan.manifest, models: folder.clone(), status };
+    let mut count = 0;
+    for entry in fits.merged()?.entries() {
+        count += usize::from(model(&folder, &entry.id)?);
+    }
+    for path in fits.status_files()? {
+        std::fs::remove_file(&path).with_context(|| path.display().to_string())?;
+    }
+    // Folders with other files in them stay.
+    [&fits.status, &folder].into_iter().for_each(|folder| drop(std::fs::remove_dir(folder)));
     Ok(count)
 }
 

@@ -5,7 +5,9 @@ import { paint, short } from './colours.js';
 import { drawn } from './drawn.js';
 import { point } from './model.js';
 
-const FIRST = ['effect', 'statistic', 'p-fwe'];
+const FIRST = ['effect', 'statistic'];
+// The p values of threshold-free clusters if there are any, otherwise family-wise ones, otherwise others.
+const PROBABLE = ['p-tfce', 'p-fwe', 'q', 'p'];
 
 export class MapsView {
   static async open(item, { stage, panels, colours }) {
@@ -13,12 +15,12 @@ export class MapsView {
     Object.assign(view, { item, stage, panels, colours, level: 1 });
     view.drawn = await drawn(item.mesh);
     view.values = await Promise.all(item.maps.map(({ values }) => numbers(values)));
-    const first = FIRST.map((name) => item.maps.findIndex((map) => map.name === name)).filter((index) => index >= 0);
+    const place = (name) => item.maps.findIndex((map) => map.name === name);
+    const probable = PROBABLE.map(place).find((index) => index >= 0) ?? null;
+    const first = [...FIRST.map(place), probable ?? -1].filter((index) => index >= 0);
     const rest = item.maps.map((_, index) => index).filter((index) => !first.includes(index));
     view.chosen = [...first, ...rest].slice(0, 3);
-    // Family-wise p values if present, otherwise any p values.
-    const probable = ['p-fwe', 'q', 'p'].map((name) => item.maps.findIndex((map) => map.name === name));
-    view.threshold = probable.find((index) => index >= 0) ?? null;
+    view.threshold = probable;
     view.surfaces = [0, 1, 2].map((panel) => (panel < view.chosen.length ? view.drawn.surface(true) : null));
     view.surfaces.forEach((surface, panel) => stage.show(panel, surface));
     stage.frame(view.drawn.positions);

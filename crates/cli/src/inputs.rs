@@ -1,7 +1,7 @@
 //! Reads spheres, surfaces and signals from files, and checks them before any work starts.
 
 use std::ffi::OsString;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use spharm_surface::io::FORMATS;
@@ -59,12 +59,29 @@ pub fn expand_lists(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
         let base = list.parent().unwrap_or(Path::new(""));
         let lines = text.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#'));
         let before = expanded.len();
-        expanded.extend(lines.map(|line| base.join(line)));
+        expanded.extend(lines.map(|line| tidied(&base.join(line))));
         if expanded.len() == before {
             bail!("{}: the list contains no paths", list.display());
         }
     }
     Ok(expanded)
+}
+
+/// Returns a path without `FOLDER/..`, for display and records. If FOLDER is a link, the shorter path would be another
+/// file, and the path is returned unchanged.
+#[must_use]
+pub fn tidied(path: &Path) -> PathBuf {
+    let mut tidy = PathBuf::new();
+    for component in path.components() {
+        match component {
+            Component::ParentDir if matches!(tidy.components().next_back(), Some(Component::Normal(_))) => {
+                tidy.pop();
+            }
+            component => tidy.push(component),
+        }
+    }
+    let real = |path: &Path| std::fs::canonicalize(path).ok();
+    if real(&tidy).is_some_and(|found| Some(found) == real(path)) { tidy } else { path.to_owned() }
 }
 
 /// Maximum size in bytes of a record, a report or a table that the program itself has written.

@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, Result, bail};
 use serde::Serialize;
@@ -27,6 +28,9 @@ impl std::fmt::Display for ToStdout {
 ///
 /// If stdout can't be written to; a closed pipe ends the program without a message.
 pub fn print(text: &str) -> Result<()> {
+    if MUTED.load(Ordering::Relaxed) {
+        return Ok(());
+    }
     let mut out = std::io::stdout().lock();
     let text = printable::lines(text);
     out.write_all(text.as_bytes()).and_then(|()| out.write_all(b"\n")).and_then(|()| out.flush()).context(ToStdout)
@@ -39,6 +43,28 @@ pub fn print(text: &str) -> Result<()> {
 /// If stdout can't be written to, as for [`print()`].
 pub fn print_line(text: &str) -> Result<()> {
     print(&printable::one_line(text))
+}
+
+/// Whether texts for stdout are dropped.
+static MUTED: AtomicBool = AtomicBool::new(false);
+
+/// As long as it lives, nothing is printed to stdout: for a verb that runs others, and prints JSON of its own.
+#[derive(Debug)]
+pub struct Muted(());
+
+impl Muted {
+    /// Begins to drop texts.
+    #[must_use]
+    pub fn begin() -> Self {
+        MUTED.store(true, Ordering::Relaxed);
+        Self(())
+    }
+}
+
+impl Drop for Muted {
+    fn drop(&mut self) {
+        MUTED.store(false, Ordering::Relaxed);
+    }
 }
 
 /// Prints a value as JSON.

@@ -49,10 +49,12 @@ impl MapsItem {
             }
         }
         // The picture uses the same ranges of colours as the script.
+        let has = |name: &str| test.maps.iter().any(|(other, _)| other == name);
+        let shown = ["effect", "statistic", if has("p-tfce") { "p-tfce" } else { "p-fwe" }];
         let painted: Vec<(Vec<f64>, (f64, f64), String)> = test
             .maps
             .iter()
-            .filter(|(name, _)| ["effect", "statistic", "p-fwe"].contains(&name.as_str()))
+            .filter(|(name, _)| shown.contains(&name.as_str()))
             .map(|(name, values)| {
                 let label = scale_label(name, values, range(values));
                 let (values, range) =

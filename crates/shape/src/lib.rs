@@ -63,6 +63,7 @@
 //! ```
 
 pub mod align;
+pub mod clusters;
 pub mod codec;
 pub mod derivatives;
 pub mod descriptors;
@@ -108,6 +109,7 @@ mod templates;
 pub mod transform;
 
 pub use align::{AlignParams, AlignReport, AlignWarning, Alignment, Method, align};
+pub use clusters::{Clusters, PairDistances};
 pub use derivatives::rotational_derivatives;
 pub use descriptors::{Descriptors, descriptors};
 pub use error::ShapeError;

@@ -14,6 +14,7 @@
 
 use rayon::prelude::*;
 
+use crate::clusters::PairDistances;
 use crate::descriptors::Descriptors;
 use crate::error::ShapeError;
 
@@ -147,6 +148,20 @@ impl Library {
         }
         found.truncate(count);
         Ok(found)
+    }
+
+    /// Returns the distances between all pairs of models by `metric`.
+    #[must_use]
+    pub fn distances(&self, metric: Metric) -> PairDistances {
+        let row = |index: usize| &self.rows[index * self.width..(index + 1) * self.width];
+        PairDistances::new(self.len(), |a, b| {
+            let pairs = row(a).iter().zip(row(b)).zip(&self.scales);
+            let square = |((a, b), scale): ((&f64, &f64), &f64)| match metric {
+                Metric::Distance => (a - b) * (a - b),
+                Metric::Standardized => (scale * (a - b)) * (scale * (a - b)),
+            };
+            pairs.map(square).sum::<f64>().sqrt()
+        })
     }
 
     /// Returns every model with its bound and score, in the library's order.

@@ -1,6 +1,6 @@
 //! The surfaces of a group: their files, names and memory.
 
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::sync::OnceLock;
 
@@ -9,7 +9,7 @@ use serde::Deserialize;
 use spharm::correspond::CorrespondParams;
 use spharm::parametrize::volume::{LabelVolume, VolumeReading, is_volume};
 use spharm::{Error, FileRecord, Kind, Mesh, Model, Silent, Sphere};
-use spharm_cli::inputs::{expand_lists, stem};
+use spharm_cli::inputs::{expand_lists, stem, tidied};
 use spharm_cli::memory::Memory;
 use spharm_cli::names::NameTemplate;
 use spharm_cli::paths::model_name;
@@ -198,22 +198,6 @@ fn check(path: &Path) -> Result<()> {
         bail!("{}: no such file", path.display());
     }
     Ok(())
-}
-
-/// Returns a path without `FOLDER/..`, for display and records. If FOLDER is a link, the shorter path would be another
-/// file, and the path is returned unchanged.
-fn tidied(path: &Path) -> PathBuf {
-    let mut tidy = PathBuf::new();
-    for component in path.components() {
-        match component {
-            Component::ParentDir if matches!(tidy.components().next_back(), Some(Component::Normal(_))) => {
-                tidy.pop();
-            }
-            component => tidy.push(component),
-        }
-    }
-    let real = |path: &Path| std::fs::canonicalize(path).ok();
-    if real(&tidy).is_some_and(|found| Some(found) == real(path)) { tidy } else { path.to_owned() }
 }
 
 /// Adds the name of the member to its error.

@@ -6,17 +6,12 @@ use spharm::{Error, FitParams, Method, Smoothness};
 use spharm_cohort::rerun::Refusal;
 
 use crate::names::NameTemplate;
-use crate::size::Size;
 
 /// Returns the advice on an error of a fit.
 pub(super) fn of_fit(error: &Error) -> Option<String> {
     match error {
         Error::HoldOut { fraction, .. } => Some(format!("--hold-out {fraction} is too small")),
-        Error::Memory { budget, needed } => Some(format!(
-            "--memory {} is too small; the smallest that works is {}MiB",
-            Size(*budget),
-            needed.div_ceil(1 << 20)
-        )),
+        Error::Memory { .. } => Some("give it with --memory".to_owned()),
         Error::Degree { .. } => Some("give a lower --max-degree".to_owned()),
         Error::Limit { .. } => Some("give a smaller number of threads with --threads N".to_owned()),
         Error::NotConverged(_) => Some("without --strict this is only a warning".to_owned()),

@@ -58,6 +58,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
         plan.budget >> 20,
     );
     monitor.note(Level::Info, text);
+    note_fine_degree(sizes.vertices, sizes.max_degree, monitor);
     run.readers = plan.readers(job.threads);
     run.seconds.plan += mark.elapsed().as_secs_f64();
     let fit_noise = |noise: &Array2<f64>| fitter.fit_noise(noise, &NestedMonitor(monitor));
@@ -68,6 +69,19 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
         monitor.step(batch.groups.len() as u64);
         Ok(solved)
     })
+}
+
+/// Notes a degree whose models have more coefficients than their surfaces have vertices.
+fn note_fine_degree(vertices: usize, max_degree: usize, monitor: &dyn Monitor) {
+    let functions = (max_degree + 1).pow(2);
+    if functions > vertices {
+        let text = format_args!(
+            "degree {max_degree} has {functions} coefficients for each coordinate of {vertices} vertices: degrees above {} \
+             only follow the edges of the triangles",
+            vertices.isqrt().saturating_sub(1),
+        );
+        monitor.note(Level::Info, text);
+    }
 }
 
 /// Returns the vertices, followed by the centres of triangles at which models are assessed.

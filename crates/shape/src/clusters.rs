@@ -1,0 +1,201 @@
+//! Groups models by their shapes: hierarchical clustering with Ward's linkage.
+//!
+//! Ward's linkage merges, step by step, the two clusters whose merger adds least to the sum of squared distances from
+//! the clusters' means (J. H. Ward, "Hierarchical grouping to optimize an objective function", JASA 58, 1963), by
+//! kodama. The number of clusters may be chosen by the mean silhouette (P. J. Rousseeuw, "Silhouettes", Journal of
+//! Computational and Applied Mathematics 20, 1987). Nothing is random.
+//!
+//! Cost: O(n^2) time and 12 n^2 bytes for n models.
+
+use crate::error::ShapeError;
+
+/// The largest number of clusters that is tried if the number is to be chosen.
+const MOST: usize = 10;
+
+/// A partition of models into clusters.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct Clusters {
+    /// Cluster of each model, counted from 0; clusters are in order of falling size, ties in the order of their first
+    /// models.
+    pub of: Vec<usize>,
+    /// Silhouette of each model, -1 to 1: 1 if its cluster is much nearer than the next one, 0 between the two. 0 in a
+    /// cluster of one model.
+    pub silhouettes: Vec<f64>,
+    /// Most typical model of each cluster: the one with the least sum of squared distances from the others.
+    pub typical: Vec<usize>,
+    /// Mean silhouette.
+    pub mean: f64,
+    /// Numbers of clusters that were tried, with their mean silhouettes; empty if the number was given.
+    pub tried: Vec<(usize, f64)>,
+}
+
+/// Distances between all pairs of n models: those of model 0 to the models 1, 2, ..., then those of model 1 to 2, ...
+#[derive(Debug, Clone, PartialEq)]
+pub struct PairDistances {
+    count: usize,
+    /// Those of model 0 to the models 1, 2, ..., then those of model 1 to 2, ...
+    values: Vec<f64>,
+}
+
+impl PairDistances {
+    /// Computes the distances between `count` models; `distance` returns that of two.
+    pub fn new(count: usize, distance: impl Fn(usize, usize) -> f64) -> Self {
+        let pairs = (0..count).flat_map(|a| (a + 1..count).map(move |b| (a, b)));
+        Self { count, values: pairs.map(|(a, b)| distance(a, b)).collect() }
+    }
+
+    /// Returns the distance between two models.
+    #[must_use]
+    pub fn between(&self, a: usize, b: usize) -> f64 {
+        let (first, second) = (a.min(b), a.max(b));
+        if first == second { 0.0 } else { self.values[first * (2 * self.count - first - 1) / 2 + second - first - 1] }
+    }
+
+    /// Groups the models into `clusters` clusters, or into the number from 2 to 10 whose mean silhouette is largest.
+    ///
+    /// # Errors
+    ///
+    /// [`ShapeError::Setting`] for fewer than three models, for fewer than two clusters or more than models, and for
+    /// distances that aren't finite.
+    pub fn clusters(&self, clusters: Option<usize>) -> Result<Clusters, ShapeError> {
+        let setting = |name, expected, found: String| Err(ShapeError::Setting { name, expected, found });
+        if self.count < 3 {
+            return setting("models to cluster", "three or more", self.count.to_string());
+        }
+        if let Some(wanted) = clusters.filter(|wanted| !(2..=self.count).contains(wanted)) {
+            return setting(
+                "the number of clusters",
+                "two or more, and at most one for each model",
+                wanted.to_string(),
+            );
+        }
+        if self.values.iter().any(|value| !value.is_finite()) {
+            return setting("distances between models", "finite numbers", "others".to_owned());
+        }
+        let tree = kodama::linkage(&mut self.values.clone(), self.count, kodama::Method::Ward);
+        let partition = |clusters: usize| {
+            let of = cut(&tree, self.count, clusters);
+            let silhouettes = self.silhouettes(&of, clusters);
+            let mean = silhouettes.iter().sum::<f64>() / self.count as f64;
+            (of, silhouettes, mean)
+        };
+        let mut tried = Vec::new();
+        let ((of, silhouettes, mean), count) = match clusters {
+            Some(count) => (partition(count), count),
+            None => {
+                let mut best = (partition(2), 2);
+                tried.push((2, best.0.2));
+                for count in 3..=MOST.min(self.count - 1) {
+                    let found = partition(count);
+                    tried.push((count, found.2));
+                    if found.2 > best.0.2 {
+                        best = (found, count);
+                    }
+                }
+                best
+            }
+        };
+        let typical = (0..count).map(|cluster| self.most_typical(&of, cluster)).collect();
+        Ok(Clusters { of, silhouettes, typical, mean, tried })
+    }
+
+    fn silhouettes(&self, of: &[usize], clusters: usize) -> Vec<f64> {
+        let mut sizes = vec![0_usize; clusters];
+        of.iter().for_each(|cluster| sizes[*cluster] += 1);
+        let one = |model: usize| {
+            let own = of[model];
+            if sizes[own] == 1 {
+                return 0.0;
+            }
+            let mut sums = vec![0.0; clusters];
+            (0..self.count).for_each(|other| sums[of[other]] += self.between(model, other));
+            let within = sums[own] / (sizes[own] - 1) as f64;
+            let others =
+                (0..clusters).filter(|cluster| *cluster != own).map(|cluster| sums[cluster] / sizes[cluster] as f64);
+            let nearest = others.fold(f64::INFINITY, f64::min);
+            let larger = within.max(nearest);
+            if larger > 0.0 { (nearest - within) / larger } else { 0.0 }
+        };
+        (0..self.count).map(one).collect()
+    }
+
+    fn most_typical(&self, of: &[usize], cluster: usize) -> usize {
+        let members: Vec<usize> = (0..self.count).filter(|model| of[*model] == cluster).collect();
+        let sum = |model: usize| members.iter().map(|other| self.between(model, *other).powi(2)).sum::<f64>();
+        let sums = members.iter().map(|model| (sum(*model), *model));
+        sums.min_by(|a, b| a.0.total_cmp(&b.0)).map_or(0, |(_, model)| model)
+    }
+}
+
+/// Cuts a tree of mergers into clusters: undoes the last ones.
+fn cut(tree: &kodama::Dendrogram<f64>, count: usize, clusters: usize) -> Vec<usize> {
+    // Nodes from `count` on are the mergers, in their order.
+    let mut parents: Vec<usize> = (0..2 * count).collect();
+    for (step, merger) in tree.steps().iter().enumerate().take(count - clusters) {
+        parents[merger.cluster1] = count + step;
+        parents[merger.cluster2] = count + step;
+    }
+    let root = |mut node: usize| {
+        while parents[node] != node {
+            node = parents[node];
+        }
+        node
+    };
+    let roots: Vec<usize> = (0..count).map(root).collect();
+    let mut firsts: Vec<(usize, usize)> = Vec::new();
+    for (model, root) in roots.iter().enumerate() {
+        if !firsts.iter().any(|(known, _)| known == root) {
+            firsts.push((*root, model));
+        }
+    }
+    let size = |root: usize| roots.iter().filter(|other| **other == root).count();
+    firsts.sort_by_key(|(root, first)| (std::cmp::Reverse(size(*root)), *first));
+    let place = |root: &usize| firsts.iter().position(|(known, _)| known == root).unwrap_or(0);
+    roots.iter().map(place).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Three groups on a line, of 3, 2 and 4 points.
+    const POINTS: [f64; 9] = [0.0, 10.0, 0.2, 30.0, 30.1, 0.1, 10.4, 30.3, 30.2];
+
+    fn distances() -> PairDistances {
+        PairDistances::new(POINTS.len(), |a, b| (POINTS[a] - POINTS[b]).abs())
+    }
+
+    #[test]
+    fn groups_are_found_and_their_number_chosen() {
+        let found = distances().clusters(None).unwrap();
+        assert_eq!(found.of, [1, 2, 1, 0, 0, 1, 2, 0, 0]);
+        assert_eq!(found.tried.len(), 7);
+        assert!(found.tried.iter().all(|(count, mean)| *count == 3 || *mean < found.mean));
+        // The middle ones; of two models the first.
+        assert_eq!(found.typical, [4, 5, 1]);
+        // Point 1 is at 0.4 from its cluster's other point and at a mean of 9.9 from the nearest other cluster.
+        assert!((found.silhouettes[1] - (1.0 - 0.4 / 9.9)).abs() < 1e-12);
+        assert_eq!(distances().clusters(Some(2)).unwrap().of, [0, 0, 0, 1, 1, 0, 0, 1, 1]);
+    }
+
+    #[test]
+    fn clusters_of_single_models_have_no_silhouette() {
+        let found = distances().clusters(Some(9)).unwrap();
+        assert_eq!((found.of, found.mean), ((0..9).collect(), 0.0));
+        let equal = PairDistances::new(4, |_, _| 0.0).clusters(Some(2)).unwrap();
+        assert_eq!(equal.mean, 0.0);
+    }
+
+    #[test]
+    fn what_cannot_be_clustered_is_refused() {
+        for (distances, clusters) in [
+            (PairDistances::new(2, |_, _| 1.0), None),
+            (distances(), Some(1)),
+            (distances(), Some(10)),
+            (PairDistances::new(4, |_, _| f64::NAN), None),
+        ] {
+            assert!(matches!(distances.clusters(clusters), Err(ShapeError::Setting { .. })));
+        }
+    }
+}

@@ -1,0 +1,120 @@
+//! What a study prints at its end: its stages, flagged subjects, warnings and failures, or all of it as JSON.
+
+use anyhow::{Result, bail};
+use serde_json::{Value, json};
+use spharm_cli::output::{counted, first_of, print, print_line, table};
+use spharm_cli::paths::shown;
+
+use super::Call;
+use super::provenance::Provenance;
+use super::test::Test;
+use super::warnings::{Flagged, about};
+
+/// Largest number of warnings shown at the end.
+const SHOWN: usize = 20;
+
+/// A stage that ended.
+pub(super) struct Done {
+    pub(super) stage: String,
+    /// `done`, or `up to date`.
+    pub(super) state: String,
+    pub(super) seconds: f64,
+}
+
+/// Prints whether the results are those of an earlier run; an error names those that differ.
+pub(super) fn compare(recorded: &Provenance, made: &Provenance) -> Result<()> {
+    const NAMED: usize = 5;
+    let (count, differ) = recorded.compare(made);
+    if differ.is_empty() {
+        return print_line(&format!("{}: the same bytes as recorded", counted(count, "result")));
+    }
+    let names: Vec<String> = differ.iter().map(|path| path.display().to_string()).collect();
+    bail!(
+        "{} of {} differ from the recorded ones: {}; the version, the number of threads, the memory or the processor may \
+         differ",
+        differ.len(),
+        counted(count, "result"),
+        first_of(names.iter().map(String::as_str), NAMED)
+    )
+}
+
+impl Call<'_> {
+    /// Returns the report of `--json`.
+    pub(super) fn report(&self) -> Result<Value> {
+        let plan = self.plan;
+        let test = |test: &Test| -> Value {
+            let folder = plan.test_folder(test);
+            // A study that ended early has no results of its tests.
+            let about = about(plan, test).unwrap_or_default();
+            json!({
+                "name": test.name,
+                "folder": shown(&folder),
+                "tested": about["tested"],
+                "summary": about["summary"],
+                "peak": about["peak"],
+            })
+        };
+        Ok(json!({
+            "tool": "study",
+            "versions": spharm::versions(),
+            "study": shown(&plan.file),
+            "output": shown(&plan.output),
+            "page": plan.page().is_file().then(|| shown(plan.page())),
+            "subjects": plan.manifest.rows.len(),
+            "excluded": plan.excluded.iter().map(|(row, reason)| json!({ "id": row.id, "reason": reason })).collect::<Vec<_>>(),
+            "stages": self.rows.iter().map(|Done { stage, state, seconds }| {
+                json!({ "stage": stage, "state": state, "seconds": seconds })
+            }).collect::<Vec<_>>(),
+            "flagged": self.flagged.iter().map(|Flagged { id, flags }| json!({ "id": id, "flags": flags })).collect::<Vec<_>>(),
+            "failed": self.failed.iter().map(|(id, error)| json!({ "id": id, "error": error })).collect::<Vec<_>>(),
+            "warnings": self.warnings,
+            "tests": plan.study.test.iter().map(test).collect::<Vec<_>>(),
+        }))
+    }
+
+    /// Lists the flagged subjects on the terminal.
+    fn list_flagged(&self) {
+        for Flagged { id, flags } in self.flagged.iter().take(SHOWN) {
+            self.console.warn(format!("{id}: {}", flags.join("; ")));
+        }
+        if let Some(more) = self.flagged.len().checked_sub(SHOWN + 1) {
+            self.console.warn(format!("and {} more flagged", counted(more + 1, "subject")));
+        }
+    }
+
+    /// Prints the stages, the warnings and the failures; returns an error if subjects failed.
+    pub(super) fn finish(&self) -> Result<()> {
+        let mut rows = vec![["stage", "", "time"].map(str::to_owned).to_vec()];
+        rows.extend(
+            self.rows
+                .iter()
+                .map(|Done { stage, state, seconds }| vec![stage.clone(), state.clone(), format!("{seconds:.1} s")]),
+        );
+        print(&format!("\n{}", table(&rows)))?;
+        if !self.flagged.is_empty() {
+            let (flagged, table) = (counted(self.flagged.len(), "subject"), self.plan.checked());
+            let excluded = match self.plan.excluded.len() {
+                0 => String::new(),
+                count => format!(", {count} excluded"),
+            };
+            print_line(&format!("quality control: {flagged} flagged{excluded}, see {}", table.display()))?;
+            self.list_flagged();
+        }
+        self.warnings.iter().take(SHOWN).for_each(|warning| self.console.warn(warning));
+        if let Some(more) = self.warnings.len().checked_sub(SHOWN + 1) {
+            self.console.warn(format!("and {} more, at the head of the page", counted(more + 1, "warning")));
+        }
+        for (id, error) in self.failed.iter().take(10) {
+            self.console.warn(format!("{id}: {error}"));
+        }
+        match self.failed.len() {
+            0 => Ok(()),
+            count => bail!(
+                "{} of {} failed: the page shows the others; `spharm status {}` lists them",
+                counted(count, "subject"),
+                self.plan.manifest.rows.len(),
+                self.plan.status().display()
+            ),
+        }
+    }
+}
