@@ -148,6 +148,7 @@ fn a_subject_without_its_signal_is_left_out_of_everything() {
     fs::remove_file(site.join("subjects/s3/surf/lh.thickness")).expect("a file");
     let output = study(site, &[]);
     assert!(!output.status.success() && text(&output).contains("warning: s3: "), "{}", text(&output));
+    assert!(error_line(&output).contains("`spharm status out/signals/status` lists them"), "{}", text(&output));
     let table = fs::read_to_string(site.join("out/tests/thickness/summary.csv")).expect("a table");
     assert!(table.contains("\nvolume,7,"), "{table}");
     let subjects = fs::read_to_string(site.join("out/.study/subjects.tsv")).expect("a table");
@@ -207,6 +208,7 @@ fn studies_of_signals_that_would_mislead_are_refused() {
     let site = site();
     let site = site.path();
     let signal = "signal = \"subjects/{id}/surf/lh.thickness\"\n";
+    fs::write(site.join("short.csv"), "0\n1\n").expect("a mask");
     for (from, to, expected) in [
         (signal, "", "\"value\" needs `signal` in [subjects]"),
         (signal, "mask = \"x\"\n", "there is no `signal`"),
@@ -218,6 +220,11 @@ fn studies_of_signals_that_would_mislead_are_refused() {
         ("{id}/surf/lh.thickness", "s1/surf/lh.thickness", "expected a column of participants.tsv or a pattern"),
         ("[modes]", "[align]\nmethod = \"joint\"\n[modes]", "needs spheres that correspond"),
         ("permutations", "mask = \"nowhere\"\npermutations", "nowhere: no such file"),
+        (
+            "permutations",
+            "sphere = \"subjects/s0/surf/lh.sphere.reg\"\nmask = \"short.csv\"\npermutations",
+            "mask: short.csv: 2 vertices",
+        ),
         ("\"value\"", "\"values\"", "or \"value\", found \"values\""),
     ] {
         edit(site, from, to);

@@ -1,9 +1,11 @@
 //! Checks a study before its subjects are fitted, because fitting takes long.
 
 use anyhow::{Context, Result, bail};
+use spharm::read_sphere;
 use spharm::shape::stats::{self, TestParams};
 use spharm_cli::output::counted;
 use spharm_cohort::{Manifest, Row};
+use spharm_surface::io::{read_annotation, read_mask};
 
 use super::LEAST;
 use super::config::Method;
@@ -114,16 +116,7 @@ fn tested(plan: &Plan, test: &Test) -> Result<()> {
     if test.mask.is_some() && plan.method == Method::Correspond {
         bail!("mask: with method \"correspond\", the places that all subjects share are tested; omit it");
     }
-    for (key, path) in [("mask", &test.mask), ("sphere", &test.sphere), ("annotation", &test.annotation)] {
-        if let Some(path) = path.as_ref().map(|path| plan.folder.join(path)).filter(|path| !path.is_file()) {
-            bail!("{key}: {}: no such file", path.display());
-        }
-    }
-    for (key, path) in [("mask", &test.mask), ("annotation", &test.annotation)] {
-        if path.is_some() && test.sphere.is_none() {
-            bail!("{key}: also give `sphere`, the sphere to whose vertices the {key} belongs");
-        }
-    }
+    sampling(plan, test)?;
     let rows = Rows::of(plan, test);
     if rows.rows.len() < LEAST {
         bail!(
@@ -140,6 +133,29 @@ fn tested(plan: &Plan, test: &Test) -> Result<()> {
     }
     stats::check(components, &question.design, &question.contrast, &params)
         .with_context(|| plan.table.display().to_string())
+}
+
+/// Checks the files of a test's sampling: that they exist, and are of the same vertices.
+fn sampling(plan: &Plan, test: &Test) -> Result<()> {
+    for (key, path) in [("mask", &test.mask), ("sphere", &test.sphere), ("annotation", &test.annotation)] {
+        if let Some(path) = path.as_ref().map(|path| plan.folder.join(path)).filter(|path| !path.is_file()) {
+            bail!("{key}: {}: no such file", path.display());
+        }
+    }
+    for (key, path) in [("mask", &test.mask), ("annotation", &test.annotation)] {
+        if path.is_some() && test.sphere.is_none() {
+            bail!("{key}: also give `sphere`, the sphere to whose vertices the {key} belongs");
+        }
+    }
+    let Some(sphere) = &test.sphere else { return Ok(()) };
+    let vertices = read_sphere(plan.folder.join(sphere)).context("sphere")?.directions.len();
+    if let Some(mask) = &test.mask {
+        read_mask(plan.folder.join(mask), vertices).context("mask")?;
+    }
+    if let Some(annotation) = &test.annotation {
+        read_annotation(plan.folder.join(annotation), vertices).context("annotation")?;
+    }
+    Ok(())
 }
 
 /// The table of a test's subjects.

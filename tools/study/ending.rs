@@ -113,7 +113,7 @@ impl Call<'_> {
                 "{} of {} failed: the page shows the others; `spharm status {}` lists them",
                 counted(count, "subject"),
                 self.plan.manifest.rows.len(),
-                self.plan.status().display()
+                self.plan.status_of_failures().display()
             ),
         }
     }

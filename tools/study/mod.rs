@@ -222,7 +222,7 @@ impl Call<'_> {
                 "{}: expected {LEAST} subjects or more that can be fitted, found {}; `spharm status {}` shows the reasons",
                 self.plan.table.display(),
                 subjects.len(),
-                self.plan.status().display()
+                self.plan.status_of_failures().display()
             );
         }
         let removed = self.plan.fits().iter().map(tidy::models).sum::<Result<usize>>()? + tidy::signals(self.plan)?;

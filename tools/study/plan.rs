@@ -221,6 +221,12 @@ impl Plan {
         self.fits().into_iter().nth(1)
     }
 
+    /// Returns the folder of the outcomes of the fits of which some failed: those of the surfaces, if any of them did.
+    pub(super) fn status_of_failures(&self) -> PathBuf {
+        let fails = |fits: &Fits<'_>| fits.merged().is_ok_and(|merged| !fits.failed(&merged).is_empty());
+        self.fits().into_iter().find(fails).map_or_else(|| self.status(), |fits| fits.status)
+    }
+
     pub(super) fn models(&self) -> PathBuf {
         self.output.join("models")
     }

@@ -8,7 +8,7 @@ import { ModelView } from './model.js';
 import { ModesView } from './modes.js';
 import { Panel } from './panels.js';
 import { gifti, ply, png, say } from './save.js';
-import { Stage, VIEWS } from './stage.js';
+import { AXES, Stage, VIEWS } from './stage.js';
 import { sortable } from './tables.js';
 
 const KINDS = {
@@ -66,6 +66,8 @@ async function start() {
     say(view.describe(vertex, 1));
     stage.draw();
   };
+  // The buttons of the views, by the views' names.
+  const directions = {};
   const open = async (number) => {
     stop();
     const item = items[number];
@@ -76,6 +78,9 @@ async function start() {
     byId('vertex').value = '';
     byId('vertex').max = view.vertices - 1;
     say('Click on a surface for its vertex.');
+    Object.entries(directions).forEach(([name, button]) => {
+      button.textContent = item.kind === 'model' ? name : AXES[name];
+    });
     controls(view, again);
     sections.forEach((section, k) => {
       section.hidden = k !== number;
@@ -107,9 +112,9 @@ async function start() {
     cell.append(button);
   });
   for (const [name, [from, up]] of Object.entries(VIEWS)) {
-    const button = make('button', { type: 'button' }, name);
-    button.onclick = () => stage.view(from, up);
-    byId('views').append(button);
+    directions[name] = make('button', { type: 'button' }, name);
+    directions[name].onclick = () => stage.view(from, up);
+    byId('views').append(directions[name]);
   }
   byId('wireframe').onchange = (event) => {
     stage.wireframe = event.target.checked;

@@ -65,6 +65,9 @@ export const VIEWS = {
   Bottom: [[0, 0, -1], [0, 1, 0]],
 };
 
+/** The same views by the axes of the coordinates, for means, whose frame after an alignment isn't anatomical. */
+export const AXES = { Left: 'From \u2212x', Right: 'From +x', Front: 'From +y', Back: 'From \u2212y', Top: 'From +z', Bottom: 'From \u2212z' };
+
 /** A mesh in a view. Only its tints can't be shared with other meshes; `coloured` if the tints have a legend. */
 export class Surface {
   constructor(positions, normals, index, coloured = false) {
