@@ -352,3 +352,20 @@ fn a_disk_that_is_full_ends_the_call_and_loses_nothing() {
     let found = study.status(&["s.tsv", "--manifest", "all.tsv"]);
     assert_eq!((&found["done"], study.models("out").len()), (&40.into(), 40));
 }
+
+/// Row 40 of the problems of first-time users: after a line for each surface, a warning is out of sight.
+#[test]
+fn warnings_of_long_runs_are_repeated_at_the_end() {
+    for (count, times) in [(11, 2), (5, 1)] {
+        let study = Study::new(count);
+        std::fs::copy(study.path("s1.ply"), study.path("s3.ply")).expect("a copy");
+        let output = finish(&mut study.fit("all.tsv", "out", &[]));
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{stderr}");
+        let warnings: Vec<&str> = stderr.lines().filter(|line| line.starts_with("warning: ")).collect();
+        assert!(
+            warnings.len() == times && warnings.iter().all(|line| line.contains("s1") && line.contains("s3")),
+            "{stderr}"
+        );
+    }
+}

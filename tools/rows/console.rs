@@ -27,6 +27,8 @@ pub(super) const LISTED: usize = 200;
 const NAMED: usize = 100;
 /// Largest number of failures, and of row warnings, that are printed.
 const PRINTED: usize = 20;
+/// Number of rows above which the warnings are repeated at the end.
+const LONG: usize = 10;
 /// Number of worst rows that are shown.
 const WORST: usize = 5;
 
@@ -40,6 +42,8 @@ pub(crate) struct Rows<'a> {
     /// Whether a later step aligns models that don't correspond.
     aligned_later: bool,
     summary: Mutex<Summary>,
+    /// The first [`PRINTED`] warnings, to repeat them at the end.
+    warnings: Mutex<Vec<String>>,
 }
 
 /// Summary of the rows for the report.
@@ -163,7 +167,7 @@ impl Summary {
 impl<'a> Rows<'a> {
     pub(crate) fn new(console: &'a Console, rows: usize, options: &Options) -> Self {
         let (alone, aligned_later) = (!options.run.keep_going, options.aligned_later);
-        Self { console, rows, alone, aligned_later, summary: Mutex::default() }
+        Self { console, rows, alone, aligned_later, summary: Mutex::default(), warnings: Mutex::default() }
     }
 
     fn lock(&self) -> MutexGuard<'_, Summary> {
@@ -191,7 +195,24 @@ impl<'a> Rows<'a> {
         if count == PRINTED {
             self.console.warn("further warnings are suppressed");
         } else {
-            self.console.warn(warning);
+            self.warn(&warning);
+        }
+    }
+
+    fn warn(&self, warning: &str) {
+        let mut warnings = self.warnings.lock().unwrap_or_else(PoisonError::into_inner);
+        if warnings.len() < PRINTED {
+            warnings.push(warning.to_owned());
+        }
+        self.console.warn(warning);
+    }
+
+    /// Repeats the warnings after the table of a long run, where they are read; a study repeats its own.
+    pub(super) fn repeat_warnings(&self) {
+        let warnings = self.warnings.lock().unwrap_or_else(PoisonError::into_inner);
+        if self.rows > LONG && !self.aligned_later && !warnings.is_empty() {
+            self.console.note("\nthe warnings of this run again:");
+            warnings.iter().for_each(|warning| self.console.warn(warning));
         }
     }
 
@@ -283,7 +304,7 @@ impl Observer for Rows<'_> {
             Event::Finished { number, row, entry, outcome, .. } => self.finished(*number, row, entry, outcome),
             Event::Fitted(report) => self.lock().add_group(report, self.rows <= LISTED),
             Event::RowWarning(text) => self.warn_once((*text).to_owned()),
-            Event::Warning(text) | Event::CohortWarning(text) => console.warn(text),
+            Event::Warning(text) | Event::CohortWarning(text) => self.warn(text),
             Event::Note(text) => self.note(text),
             _ => {}
         }

@@ -68,7 +68,9 @@ pub(crate) fn run(cohort: &Cohort, options: &Options, monitor: &ConsoleMonitor, 
         let exist = if skipped == 1 { "exists and was" } else { "exist and were" };
         console.note(format!("{} {exist} skipped", counted(skipped, "output")));
     }
-    finish(result.map_err(anyhow::Error::from), &summary, options, monitor, started)
+    let ended = finish(result.map_err(anyhow::Error::from), &summary, options, monitor, started);
+    rows.repeat_warnings();
+    ended
 }
 
 /// Refuses a report or status file whose path is also that of a row's model or of one of the model's companion files.
