@@ -17,10 +17,10 @@ use spharm_surface::nearest::TriangleTree;
 use crate::common::{error_line, fail, finish, succeed, text, tool, wait};
 
 /// Boxes with a growing bump, about 30 x 20 x 10, in random poses, each with its landmarks.
-struct Site(tempfile::TempDir);
+pub(crate) struct Site(tempfile::TempDir);
 
 impl Site {
-    fn new() -> Self {
+    pub(crate) fn new() -> Self {
         let site = Self(tempfile::tempdir().expect("a folder"));
         let group = ["--group", "growing-bump", "--members", "5", "--subdivisions", "4", "--output-dir", "in", "-q"];
         succeed(tool("generate").args(group).current_dir(site.0.path()));
@@ -28,29 +28,29 @@ impl Site {
     }
 
     /// Creates the site, with all boxes except the third brought into correspondence.
-    fn with_group() -> Self {
+    pub(crate) fn with_group() -> Self {
         let site = Self::new();
         succeed(&mut site.correspond("group", &["--report", "group.json", "--landmarks", "in"]));
         site
     }
 
-    fn path(&self, name: &str) -> PathBuf {
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
         self.0.path().join(name)
     }
 
-    fn shape(&self, arguments: &[&str]) -> Command {
+    pub(crate) fn shape(&self, arguments: &[&str]) -> Command {
         let mut command = tool("shape");
         command.args(arguments).args(["-q"]).current_dir(self.0.path());
         command
     }
 
-    fn correspond(&self, output: &str, more: &[&str]) -> Command {
+    pub(crate) fn correspond(&self, output: &str, more: &[&str]) -> Command {
         let mut command = self.shape(&["correspond", "in/s01.ply", "in/s02.ply", "in/s04.ply", "in/s05.ply"]);
         command.args(["--max-degree", "8", "--subdivisions", "4", "-o", output]).args(more);
         command
     }
 
-    fn json(&self, name: &str) -> Value {
+    pub(crate) fn json(&self, name: &str) -> Value {
         serde_json::from_slice(&fs::read(self.path(name)).expect("a file")).expect("JSON")
     }
 

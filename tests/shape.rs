@@ -341,5 +341,5 @@ fn models_are_grouped_by_their_shapes() {
         assert_eq!(line.split(',').nth(1), Some(if line.contains("x,") { "1" } else { "2" }), "{table}");
     }
     let error = fail(&mut site.shape("cluster", &models[..2], &["-o", "d.csv"]));
-    assert!(error.contains("models to cluster") && error.contains("three or more"), "{error}");
+    assert!(error.contains("expected three models or more, found 2"), "{error}");
 }

@@ -76,16 +76,32 @@ fn right_bodies_are_mirrored_and_compared_with_left_ones() {
     assert!(!left && right);
     let methods = fs::read_to_string(site.join("out/methods.md")).expect("a paragraph");
     assert!(methods.contains("Surfaces of the side rh were mirrored first."), "{methods}");
-    assert!(methods.contains("difference lh minus mirrored rh of each subject"), "{methods}");
+    assert!(
+        methods.contains("the mean of the displacement")
+            && methods.contains("difference lh minus mirrored rh of each subject), of 11 subjects"),
+        "{methods}"
+    );
     for (from, to, expected) in [
         ("side = \"rh\"", "side = \"right\"", "side: expected \"lh\", \"rh\" or \"asymmetry\", found \"right\""),
         ("side = \"rh\"\n", "", "expected `side`, \"lh\", \"rh\" or \"asymmetry\""),
-        ("{side}.ply", "lh.ply", "expected a pattern `surface` with {side}, or a label for each side in `labels`"),
+        (
+            "{side}.ply",
+            "lh.ply",
+            "`surface` in [subjects]: expected a pattern with {side}, or a label for each side in `labels`",
+        ),
         ("[\"lh\", \"rh\"]", "[\"lh\", \"lh\"]", "found \"lh\" twice"),
-        ("\"rh\"]\n", "\"rh\"]\nlabels = [17]\n", "a label for each side"),
-        ("mean = true\nside = \"asymmetry\"", "mean = true\nside = \"lh\"", "is always zero"),
+        ("\"rh\"]\n", "\"rh\"]\nlabels = [17]\n", "expected two labels, one for each side, found 1"),
+        ("mean = true\nside = \"asymmetry\"", "mean = true\nside = \"lh\"", "their mean is always zero"),
         ("[fit]", "[align]\nmethod = \"none\"\n[fit]", "expected another method"),
         ("s12", "s13", "no subject \"s13\""),
+        ("{side}.ply", "{hemi}.ply", "expected {id} or {side}, found {hemi}"),
+        ("[fit]", "[align]\nmirror = true\n[fit]", "the second of the `sides` is mirrored already"),
+        ("[fit]\n", "[fit]\narguments = [\"--sphere\", \"s.ply\"]\n", "each side needs its own"),
+        (
+            "[fit]",
+            "signal = \"in/{id}/lh.csv\"\n[fit]",
+            "`signal` in [subjects]: expected a pattern with {side}, as each side",
+        ),
     ] {
         let changed = format!("{head}{TESTS}").replacen(from, to, 1);
         fs::write(site.join("study.toml"), changed).expect("a study");

@@ -136,7 +136,7 @@ fn models_of_signals_leave_with_the_signal() {
     let (signal, value) = ("signal = \"subjects/{id}/surf/lh.thickness\"\n", "signal = \"value\"\n");
     fs::write(site.join("study.toml"), STUDY.replace(signal, "").replace(value, "")).expect("a study");
     let output = study(site, &[]);
-    assert!(output.status.success() && text(&output).contains("removed 8 models"), "{}", text(&output));
+    assert!(output.status.success() && text(&output).contains("removed 8 models of signals"), "{}", text(&output));
     let left: Vec<_> = fs::read_dir(site.join("out/signals")).expect("a folder").flatten().collect();
     assert_eq!(left.iter().map(|entry| entry.file_name()).collect::<Vec<_>>(), ["notes.txt"]);
 }

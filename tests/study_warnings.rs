@@ -14,6 +14,8 @@ output = "out"
 table = "meshes/study.csv"
 [fit]
 max_degree = 4
+# By angles, the default of joint, the sphericity of one of these bodies is flagged at this degree.
+arguments = ["--area", "0.8"]
 [align]
 method = "METHOD"
 [modes]

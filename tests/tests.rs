@@ -10,6 +10,7 @@ mod compressed;
 mod corpus;
 mod correspond;
 mod correspond_inputs;
+mod correspond_mirrored;
 mod degree;
 mod denoise;
 mod exchange;

@@ -102,6 +102,7 @@ class Group:
         surfaces: Sequence[_Given],
         names: Sequence[str],
         *,
+        mirrored: bool,
         threads: int | None = None,
         progress: _Progress | None = None,
     ) -> list[tuple[Model, str, _Floats, _Flags, str]]: ...

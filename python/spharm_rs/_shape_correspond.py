@@ -339,12 +339,26 @@ class Group:
         return Carried(places, off, reached)
 
     @overload
-    def add(self, surface: Path | Surface | Model, *, threads: int | None = None, progress: Progress = None) -> Member: ...
+    def add(
+        self,
+        surface: Path | Surface | Model,
+        *,
+        mirrored: bool = False,
+        threads: int | None = None,
+        progress: Progress = None,
+    ) -> Member: ...
     @overload
     def add(
-        self, surface: Sequence[Any], *, threads: int | None = None, progress: Progress = None
+        self,
+        surface: Sequence[Any],
+        *,
+        mirrored: bool = False,
+        threads: int | None = None,
+        progress: Progress = None,
     ) -> list[Member] | Member: ...
-    def add(self, surface: Any, *, threads: int | None = None, progress: Progress = None) -> Any:
+    def add(
+        self, surface: Any, *, mirrored: bool = False, threads: int | None = None, progress: Progress = None
+    ) -> Any:
         """Registers surfaces to the group without changing its mean, sphere and members.
 
         Surfaces added together share their preparation; the results are the same as one by one.
@@ -352,6 +366,8 @@ class Group:
         Parameters
         ----------
         surface : str, os.PathLike, Surface, Model or what `spharm_rs.as_surface` takes; or a list of them
+        mirrored : bool
+            Mirror the surfaces first, x to -x. Their transforms include the reflection.
         threads : int, optional
         progress : bool or callable, optional
 
@@ -363,7 +379,11 @@ class Group:
         surfaces = surface if several else [surface]
         names = _names(surfaces, len(self))
         found = self._inner.add(
-            [given(item) for item in surfaces], names, threads=_arrays.threads(threads), progress=callback(progress)
+            [given(item) for item in surfaces],
+            names,
+            mirrored=bool(mirrored),
+            threads=_arrays.threads(threads),
+            progress=callback(progress),
         )
         members = [
             Member(name, Model._of(model), Transform._of(json.loads(transform)), places, reached, json.loads(report))

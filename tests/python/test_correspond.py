@@ -168,6 +168,9 @@ def test_a_mirrored_member_is_named() -> None:
     known = sp.shape.correspond(bodies, 6, subdivisions=3, refine=False, mirrored=[False, False, False, True, False])
     assert not known.warnings
     assert [np.linalg.det(transform.object) < 0 for transform in known.transforms] == [False] * 3 + [True, False]
+    added = known.add(bodies[3], mirrored=True)
+    assert np.linalg.det(added.transform.object) < 0
+    assert np.abs(added.places - known.add(bodies[2]).places).max() < 0.5
     with pytest.raises(ValueError, match="mirrored: expected a bool for each of 5 surfaces, found 1"):
         sp.shape.correspond(bodies, 6, mirrored=[True])
 

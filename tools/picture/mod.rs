@@ -176,7 +176,9 @@ impl ContourMap {
         if self.has_line() {
             format!("line: {name} = {stated}")
         } else {
-            format!("no line: {name} is nowhere {stated}")
+            let (low, high) = self.range;
+            let side = if low > stated { "above" } else { "at most" };
+            format!("no line: {name} is {side} {stated} everywhere ({} to {})", number(low), number(high))
         }
     }
 }
@@ -287,7 +289,7 @@ fn colours_of(numbers: &[f64]) -> (f64, f64) {
 /// maximum.
 fn range_of(values: &[f64]) -> (f64, f64) {
     let (low, high) = values.iter().fold((f64::MAX, f64::MIN), |(low, high), x| (low.min(*x), high.max(*x)));
-    if low < 0.0 && high > 0.0 {
+    if low < 0.0 {
         return symmetric_range(values);
     }
     if low < high { (low, high) } else { (low, low + f64::MIN_POSITIVE.max(low.abs())) }

@@ -44,7 +44,7 @@ use super::plan::Plan;
         "spharm shape align @group.txt --group -o aligned --transforms transforms.json",
         "spharm shape align vertebrae --group --pose surfaces -o aligned",
         "spharm shape align a.ply b.ply c.ply --group -o aligned --transforms transforms.json",
-        "spharm shape align left right --group --mirror --scale -o aligned",
+        "spharm shape align left right --group --mirrored right -o aligned",
         "spharm shape align cortices --group --method fixed -o aligned",
         "spharm shape align @thousand.txt --group --resume align.state -o aligned",
     ],
@@ -74,9 +74,9 @@ pub(super) struct Cli {
     /// Also match mirror images
     #[arg(long, help_heading = METHOD)]
     mirror: bool,
-    /// Models, of those given, to mirror first: x to -x, on the surface and on its sphere
+    /// Models, of those given, to mirror first (x to -x, surface and sphere): such as right hemispheres among left ones
     ///
-    /// Such as right hemispheres in a group of left ones. The transforms include the reflection.
+    /// The transforms include the reflection.
     #[arg(long, value_name = "MODEL", num_args = 1.., help_heading = METHOD)]
     mirrored: Vec<PathBuf>,
     /// Highest degree to compare [default: the lowest of the models']
@@ -201,6 +201,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let mean_out = cli.mean.iter().map(|path| OutputFile::with_ending(path, "--mean", &[".npz"]));
     let json_out = cli.transforms.iter().map(|path| OutputFile::new(path, "--transforms"));
     let json_out = json_out.chain(cli.warnings.iter().map(|path| OutputFile::new(path, "--warnings")));
+    let mirrored = Mirrored::find(&cli.mirrored, &paths)?;
     let again = Again::new(cli.resume.as_deref(), cli.report.force);
     let report_args = ReportArgs { force: again.expected(), ..cli.report.clone() };
     check_beside(&paths, models_out.chain(mean_out).chain(json_out), &report_args)?;
@@ -235,7 +236,6 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
             Ok(model.clone())
         })
     })?;
-    let mirrored = Mirrored::find(&cli.mirrored, &paths)?;
     pool.install(|| mirrored.apply(&mut models, monitor))?;
     let target = cli.target.to.as_deref().map(|path| Model::read(path).map(|model| (path, model))).transpose()?;
     let method = match (cli.method, cli.pose) {

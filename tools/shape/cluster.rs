@@ -1,12 +1,14 @@
 //! `shape cluster`: groups models by their shapes.
 
+use std::collections::HashSet;
 use std::path::PathBuf;
 use std::time::Instant;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use clap::{Args, ValueEnum};
 use serde_json::json;
 use spharm::shape::{Clusters, Descriptors, Library, Metric};
+use spharm_cli::Usage;
 use spharm_cli::help::{self, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::OutputFile;
@@ -74,12 +76,22 @@ const HARDLY: f64 = 0.25;
 pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let started = Instant::now();
     let paths = cli.models.paths()?;
+    if paths.len() < 3 {
+        bail!("expected three models or more, found {}", paths.len());
+    }
+    if let Some(wanted) = cli.clusters.filter(|wanted| !(2..=paths.len()).contains(wanted)) {
+        return Err(Usage::invalid(format!(
+            "--clusters: expected 2 to {}, the number of models; found {wanted}",
+            paths.len()
+        ))
+        .into());
+    }
     check([OutputFile::with_ending(&cli.output, "--output", &TABLES)], &cli.report)?;
     let plan = Plan::new("cluster", &paths, cli.resources.both())?;
     let count = paths.len() as u64;
     let numbers = count * ((1 + plan.group.channels) * (plan.group.max_degree + 1)) as u64;
     // The distances of all pairs twice, beside the descriptors.
-    let needed = plan.one().saturating_mul(plan.threads as u64).saturating_add(40 * numbers + 12 * count * count);
+    let needed = plan.one().saturating_mul(plan.threads as u64).saturating_add(40 * numbers + 8 * count * count);
     plan.check(needed, [])?;
     let pool = cli.resources.threads.pool()?;
     let found = pool.install(|| read_all(&paths, monitor, |model, path| of(model, path, cli.max_degree)))?;
@@ -136,12 +148,15 @@ fn sizes(found: &Clusters) -> Vec<usize> {
     sizes
 }
 
-/// Returns the text of the table, with a row for each model.
+/// Returns the text of the table, with a row for each model: by its name, or by its path if models have equal names.
 fn table(cli: &Cli, paths: &[PathBuf], found: &Clusters) -> String {
+    let names: Vec<String> = paths.iter().map(|path| model_name(path)).collect();
+    let different = names.iter().collect::<HashSet<_>>().len() == names.len();
     let row = |(index, path): (usize, &PathBuf)| {
         let cluster = found.of[index];
         let typical = if found.typical[cluster] == index { "yes" } else { "no" };
-        vec![model_name(path), (cluster + 1).to_string(), short(found.silhouettes[index]), typical.to_owned()]
+        let name = if different { names[index].clone() } else { path.display().to_string() };
+        vec![name, (cluster + 1).to_string(), short(found.silhouettes[index]), typical.to_owned()]
     };
     let rows: Vec<Vec<String>> = paths.iter().enumerate().map(row).collect();
     table_for(Some(&cli.output), &["model", "cluster", "silhouette", "typical"], rows.iter().map(Vec::as_slice))

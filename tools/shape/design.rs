@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeSet, HashSet};
 
-use anyhow::{Result, anyhow};
+use anyhow::{Result, anyhow, bail};
 use spharm::shape::stats::{Column, Question, Term, mean_question, question};
 
 use super::table::{Subjects, column_of, no_number};
@@ -28,6 +28,17 @@ impl Asked<'_> {
     /// Returns the design and the contrast.
     pub(crate) fn question(&self, table: &impl Subjects) -> Result<Question> {
         let covariates = self.covariates.iter().map(|name| self.term(name, table)).collect::<Result<Vec<_>>>()?;
+        let is_constant = |levels: &[String]| levels.windows(2).all(|pair| pair[0] == pair[1]);
+        for term in &covariates {
+            if let Term::Column(name, Column::Levels(levels)) = term
+                && is_constant(levels)
+            {
+                let level = levels.first().map_or("", String::as_str);
+                bail!(
+                    "covariate {name:?} is {level:?} for all subjects, so there is nothing to account for; leave it out"
+                );
+            }
+        }
         let Some(effect) = self.effect else { return Ok(mean_question(table.count(), &covariates)?) };
         let effect = self.term(effect, table)?;
         let question = question(&effect, self.levels, &covariates)?;

@@ -3,16 +3,19 @@
 use anyhow::{Context, Result, bail};
 use spharm::read_sphere;
 use spharm::shape::stats::{self, TestParams};
-use spharm_cli::output::counted;
+use spharm_cli::output::{counted, first_of};
 use spharm_cohort::{Manifest, Row};
 use spharm_surface::io::{read_annotation, read_mask};
 
 use super::LEAST;
 use super::config::Method;
-use super::plan::Plan;
+use super::plan::{Plan, Subject};
 use super::sides;
 use super::test::Test;
 use crate::shape::table::{Subjects, is_missing};
+
+/// Largest number of subjects named in a warning.
+const NAMED: usize = 6;
 
 /// Refuses a study that would fail after its fits, or give misleading results.
 ///
@@ -119,11 +122,7 @@ fn tested(plan: &Plan, test: &Test) -> Result<()> {
     sampling(plan, test)?;
     let rows = Rows::of(plan, test);
     if rows.rows.len() < LEAST {
-        bail!(
-            "side: expected {LEAST} subjects or more with {}, found {}",
-            test.side.as_deref().unwrap_or("rows"),
-            rows.rows.len()
-        );
+        bail!("expected {LEAST} subjects or more with {}, found {}", of_side(test), rows.rows.len());
     }
     let question = test.asked().question(&rows).with_context(|| plan.table.display().to_string())?;
     let components = if test.signal.as_deref() == Some("position") { 3 } else { 1 };
@@ -133,6 +132,42 @@ fn tested(plan: &Plan, test: &Test) -> Result<()> {
     }
     stats::check(components, &question.design, &question.contrast, &params)
         .with_context(|| plan.table.display().to_string())
+}
+
+/// Checks that enough subjects could be fitted for each test of a study with sides. Returns a warning that names those
+/// of whom one side is missing.
+///
+/// # Errors
+///
+/// If there are too few subjects for a test.
+pub(super) fn fitted(plan: &Plan, subjects: &[Subject<'_>]) -> Result<Option<String>> {
+    if !plan.has_sides() {
+        return Ok(None);
+    }
+    for test in &plan.study.test {
+        let found = plan.tested(test, subjects).len();
+        if found < LEAST {
+            bail!(
+                "{}: test {:?}: expected {LEAST} subjects or more with {} that could be fitted, found {found}",
+                plan.file.display(),
+                test.name,
+                of_side(test)
+            );
+        }
+    }
+    let alone = sides::alone(&plan.manifest, subjects.iter().map(|subject| subject.cells));
+    let (count, names) = (counted(alone.len(), "subject"), first_of(alone.iter().map(String::as_str), NAMED));
+    Ok((!alone.is_empty())
+        .then(|| format!("one side of {count} is missing, so that tests of the asymmetry leave them out: {names}")))
+}
+
+/// Returns what a test needs of each subject, for messages.
+fn of_side(test: &Test) -> String {
+    match &test.side {
+        Some(_) if test.is_of_differences() => "both sides".to_owned(),
+        Some(side) => format!("side {side}"),
+        None => "a row".to_owned(),
+    }
 }
 
 /// Checks the files of a test's sampling: that they exist, and are of the same vertices.

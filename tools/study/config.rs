@@ -59,6 +59,8 @@ pub(super) struct Subjects {
     pub(super) mask: Option<String>,
     /// Names of the two sides of each subject, `{side}` in patterns; the second side is mirrored.
     pub(super) sides: Vec<String>,
+    /// Label of all subjects in their volumes, if the surfaces are given by a pattern.
+    pub(super) label: Option<i64>,
     /// Label of each side, if volumes have both.
     pub(super) labels: Vec<i64>,
     /// Subjects to leave out.
@@ -78,6 +80,7 @@ impl Default for Subjects {
             signal: None,
             mask: None,
             sides: Vec::new(),
+            label: None,
             labels: Vec::new(),
             exclude: Vec::new(),
             accept: Vec::new(),

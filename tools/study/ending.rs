@@ -1,9 +1,11 @@
 //! What a study prints at its end: its stages, flagged subjects, warnings and failures, or all of it as JSON.
 
+use std::path::{Path, PathBuf};
+
 use anyhow::{Result, bail};
 use serde_json::{Value, json};
 use spharm_cli::output::{counted, first_of, print, print_line, table};
-use spharm_cli::paths::shown;
+use spharm_cli::paths::{all_shown, shown};
 
 use super::Call;
 use super::provenance::Provenance;
@@ -21,10 +23,24 @@ pub(super) struct Done {
     pub(super) seconds: f64,
 }
 
+/// Comparison of the results with those of an earlier run.
+pub(super) struct Compared {
+    count: usize,
+    /// Results that differ or are missing.
+    differ: Vec<PathBuf>,
+}
+
+impl Compared {
+    pub(super) fn new(recorded: &Provenance, made: &Provenance) -> Self {
+        let (count, differ) = recorded.compare(made);
+        Self { count, differ: differ.into_iter().map(Path::to_owned).collect() }
+    }
+}
+
 /// Prints whether the results are those of an earlier run; an error names those that differ.
-pub(super) fn compare(recorded: &Provenance, made: &Provenance) -> Result<()> {
+pub(super) fn tell(Compared { count, differ }: &Compared) -> Result<()> {
     const NAMED: usize = 5;
-    let (count, differ) = recorded.compare(made);
+    let count = *count;
     if differ.is_empty() {
         return print_line(&format!("{}: the same bytes as recorded", counted(count, "result")));
     }
@@ -39,15 +55,18 @@ pub(super) fn compare(recorded: &Provenance, made: &Provenance) -> Result<()> {
 }
 
 impl Call<'_> {
-    /// Returns the report of `--json`.
-    pub(super) fn report(&self) -> Result<Value> {
+    /// Returns the report of `--json`; `ended` is how the study ended.
+    pub(super) fn report(&self, ended: &Result<()>) -> Result<Value> {
         let plan = self.plan;
+        // A study that ended early may have results of an earlier run.
+        let is_made = |stage: &str| self.rows.iter().any(|done| done.stage == stage);
         let test = |test: &Test| -> Value {
             let folder = plan.test_folder(test);
-            // A study that ended early has no results of its tests.
-            let about = about(plan, test).unwrap_or_default();
+            let made = is_made(&format!("test.{}", test.name));
+            let about = if made { about(plan, test).unwrap_or_default() } else { Value::Null };
             json!({
                 "name": test.name,
+                "side": test.side,
                 "folder": shown(&folder),
                 "tested": about["tested"],
                 "summary": about["summary"],
@@ -59,8 +78,9 @@ impl Call<'_> {
             "versions": spharm::versions(),
             "study": shown(&plan.file),
             "output": shown(&plan.output),
-            "page": plan.page().is_file().then(|| shown(plan.page())),
-            "subjects": plan.manifest.rows.len(),
+            "page": is_made("report").then(|| shown(plan.page())),
+            "subjects": plan.subjects_counted(),
+            "surfaces": plan.manifest.rows.len(),
             "excluded": plan.excluded.iter().map(|(row, reason)| json!({ "id": row.id, "reason": reason })).collect::<Vec<_>>(),
             "stages": self.rows.iter().map(|Done { stage, state, seconds }| {
                 json!({ "stage": stage, "state": state, "seconds": seconds })
@@ -68,6 +88,10 @@ impl Call<'_> {
             "flagged": self.flagged.iter().map(|Flagged { id, flags }| json!({ "id": id, "flags": flags })).collect::<Vec<_>>(),
             "failed": self.failed.iter().map(|(id, error)| json!({ "id": id, "error": error })).collect::<Vec<_>>(),
             "warnings": self.warnings,
+            "error": ended.as_ref().err().map(|error| format!("{error:#}")),
+            "again": self.compared.as_ref().map(|Compared { count, differ }| {
+                json!({ "compared": count, "differ": all_shown(differ) })
+            }),
             "tests": plan.study.test.iter().map(test).collect::<Vec<_>>(),
         }))
     }

@@ -70,6 +70,16 @@ impl Plan {
         !self.study.subjects.sides.is_empty()
     }
 
+    /// Returns the noun for a row of the manifest: a subject, or one side of a subject.
+    pub(super) fn row_noun(&self) -> &'static str {
+        if self.has_sides() { "surface" } else { "subject" }
+    }
+
+    /// Returns the number of subjects, of which each may have two sides.
+    pub(super) fn subjects_counted(&self) -> usize {
+        sides::subjects(&self.manifest).map_or(self.manifest.rows.len(), |subjects| subjects.len())
+    }
+
     /// Returns the folder of the models of mirrored subjects' signals.
     pub(super) fn mirrored_signals(&self) -> PathBuf {
         self.output.join(SIGNALS_FOLDER).join("mirrored")

@@ -53,7 +53,10 @@ const CITED: [(&str, &str); 8] = [
 pub(super) fn text(plan: &Plan, subjects: usize) -> Result<String> {
     let (version, study) = (env!("CARGO_PKG_VERSION"), &plan.study);
     let of_what = match &study.subjects.sides[..] {
-        [first, second] => format!("{subjects} sides ({first}, {second}) of subjects"),
+        [first, second] => {
+            let of = counted(plan.subjects_counted(), "subject");
+            format!("both sides ({first}, {second}) of {of}, {subjects} surfaces in all,")
+        }
         _ => counted(subjects, "subject"),
     };
     let mut text = format!(
@@ -61,11 +64,14 @@ pub(super) fn text(plan: &Plan, subjects: usize) -> Result<String> {
          {version}",
         study.fit.max_degree,
     );
-    if !study.fit.arguments.is_empty() {
-        let _ = write!(text, " (spharm fit {})", study.fit.arguments.join(" "));
+    let arguments = plan.fit_arguments();
+    if !arguments.is_empty() {
+        let _ = write!(text, " (spharm fit {})", arguments.join(" "));
     }
     text += if plan.has_one_sphere() || plan.manifest.rows.iter().all(|row| row.sphere.is_some()) {
         ", over given spherical maps"
+    } else if plan.area() == Some(0.0) {
+        ", over maps to the sphere that preserve angles"
     } else {
         ", over maps to the sphere that preserve areas (Brechbühler et al. 1995)"
     };
@@ -75,11 +81,11 @@ pub(super) fn text(plan: &Plan, subjects: usize) -> Result<String> {
              sphericity, residual, distance from the mean and scores on the modes of variation, beyond 3.5. ";
     if !plan.excluded.is_empty() {
         let reasons = with_reasons(plan.excluded.iter().map(|(row, reason)| (row.id.as_str(), reason.as_str())));
-        let _ = write!(text, "{} excluded ({reasons}). ", counted_were(plan.excluded.len()));
+        let _ = write!(text, "{} excluded ({reasons}). ", counted_were(plan.excluded.len(), plan.row_noun()));
     }
     if !study.subjects.accept.is_empty() {
         let accepted = with_reasons(study.subjects.accept.iter().map(|of| (of.id.as_str(), of.reason.as_str())));
-        let count = counted(study.subjects.accept.len(), "subject");
+        let count = counted(study.subjects.accept.len(), plan.row_noun());
         let _ = write!(text, "{count} that might be flagged as outliers remained in the group ({accepted}). ");
     }
     let (scale, mirror) = (study.align.scale, study.align.mirror);
@@ -136,8 +142,8 @@ fn with_reasons<'a>(listed: impl Iterator<Item = (&'a str, &'a str)>) -> String 
     listed.map(one).collect::<Vec<_>>().join("; ")
 }
 
-fn counted_were(count: usize) -> String {
-    format!("{} {}", counted(count, "subject"), if count == 1 { "was" } else { "were" })
+fn counted_were(count: usize, noun: &str) -> String {
+    format!("{} {}", counted(count, noun), if count == 1 { "was" } else { "were" })
 }
 
 /// Returns the sentences about a test.
@@ -158,16 +164,20 @@ fn of_test(test: &Test, plan: &Plan) -> Result<String> {
     let effect = match test.effect.split_once(':').filter(|_| !plan.manifest.columns.contains(&test.effect)) {
         Some((first, second)) if test.contrast.is_empty() => format!("the interaction of {first} and {second}"),
         Some((first, second)) => format!("a contrast in the model of {first}, {second} and their interaction"),
-        None if test.mean => "the mean".to_owned(),
         None if test.contrast.is_empty() => format!("the effect of {}", test.effect),
         None => format!("a contrast in the model of {}", test.effect),
     };
-    let mut text = format!(
-        "In the test \"{}\", {effect} ({}{}) on {quantity}{side} was tested",
-        test.name,
-        about["tested"].as_str().unwrap_or_default(),
-        subjects_of(&about)
-    );
+    let tested = match test.mean {
+        true => {
+            let of = about["subjects"].as_u64().unwrap_or_default();
+            format!("the mean of {quantity}{side}, of {of} subjects, was compared with zero")
+        }
+        false => {
+            let (meaning, subjects) = (about["tested"].as_str().unwrap_or_default(), subjects_of(&about));
+            format!("{effect} ({meaning}{subjects}) on {quantity}{side} was tested")
+        }
+    };
+    let mut text = format!("In the test \"{}\", {tested}", test.name);
     if !test.covariates.is_empty() {
         let plural = if test.covariates.len() == 1 { "a covariate" } else { "covariates" };
         let _ = write!(text, ", with {} as {plural}", test.covariates.join(", "));

@@ -116,11 +116,12 @@ pub(crate) fn run(
         flagged: Vec::new(),
         failed: Vec::new(),
         warnings: Vec::new(),
+        compared: None,
     };
     let (count, table) = (plan.manifest.rows.len(), plan.table.display());
     let subjects = match plan.excluded.len() {
-        0 => counted(count, "subject"),
-        excluded => format!("{count} of {}, {excluded} excluded,", counted(count + excluded, "subject")),
+        0 => counted(count, plan.row_noun()),
+        excluded => format!("{count} of {}, {excluded} excluded,", counted(count + excluded, plan.row_noun())),
     };
     call.console.note(format!("{}: {subjects} of {table}", plan.study.title));
     for fits in plan.fits() {
@@ -141,7 +142,7 @@ pub(crate) fn run(
     let done = call.run();
     drop((muted, lock));
     if cli.json {
-        print_json(&call.report()?)?;
+        print_json(&call.report(&done)?)?;
     }
     done
 }
@@ -183,6 +184,8 @@ struct Call<'a> {
     failed: Vec<(String, String)>,
     /// Warnings about the whole group.
     warnings: Vec<String>,
+    /// Comparison with the results of an earlier run, if there is one.
+    compared: Option<ending::Compared>,
 }
 
 impl Call<'_> {
@@ -225,11 +228,17 @@ impl Call<'_> {
                 self.plan.status_of_failures().display()
             );
         }
-        let removed = self.plan.fits().iter().map(tidy::models).sum::<Result<usize>>()? + tidy::signals(self.plan)?;
+        let signals = tidy::signals(self.plan)?;
+        if signals > 0 {
+            let removed = counted(signals, "model");
+            self.console.note(format!("removed {removed} of signals, which the study no longer has"));
+        }
+        let removed: usize = self.plan.fits().iter().map(tidy::models).sum::<Result<_>>()?;
         if removed > 0 {
             let removed = counted(removed, "model");
             self.console.note(format!("removed {removed} of subjects no longer in the study, or now failing"));
         }
+        self.warnings.extend(check::fitted(self.plan, &subjects)?);
         self.plan.write_lists(&subjects)?;
         self.plan.write_status(&outcomes)?;
         let stages = self.plan.stages(&subjects);
@@ -238,7 +247,9 @@ impl Call<'_> {
         for (index, stage) in stages.iter().enumerate() {
             self.stage(stage)?;
             if stage.name == stages::CHECK {
-                (self.flagged, self.warnings) = warnings::of_check(self.plan)?;
+                let (flagged, warnings) = warnings::of_check(self.plan)?;
+                self.flagged = flagged;
+                self.warnings.extend(warnings);
                 if self.cli.strict && !self.flagged.is_empty() {
                     return self.stop(stages[index + 1..].iter().chain([page]));
                 }
@@ -250,7 +261,8 @@ impl Call<'_> {
         self.stage(page)?;
         self.finish()?;
         print_line(&format!("page: {}", self.plan.page().display()))?;
-        self.recorded.map_or(Ok(()), |recorded| ending::compare(recorded, &made))
+        self.compared = self.recorded.map(|recorded| ending::Compared::new(recorded, &made));
+        self.compared.as_ref().map_or(Ok(()), ending::tell)
     }
 
     /// Writes the paragraph on methods and the record of the study.

@@ -70,7 +70,7 @@ impl Plan {
 
     /// Reads the table of a study, as if `text` were the contents of the file at `path`.
     pub(super) fn of_text(path: &Path, text: String, output: Option<PathBuf>, common: Vec<String>) -> Result<Self> {
-        let study = Study::parse(&text).with_context(|| path.display().to_string())?;
+        let mut study = Study::parse(&text).with_context(|| path.display().to_string())?;
         sides::check(&study).with_context(|| path.display().to_string())?;
         let folder = path.parent().unwrap_or(Path::new(""));
         let table = folder.join(&study.subjects.table);
@@ -82,7 +82,6 @@ impl Plan {
         };
         let made = output.join(RECORDS).join("manifest.tsv");
         let (mut manifest, mut made_text) = subjects::manifest(&study.subjects, folder, &table, &made)?;
-        let mut study = study;
         let of_rows = |listed: &[exclusion::Named]| sides::rows_of(listed, &study.subjects, &manifest);
         let (accept, exclude) = (of_rows(&study.subjects.accept), of_rows(&study.subjects.exclude));
         (study.subjects.accept, study.subjects.exclude) = (accept, exclude);

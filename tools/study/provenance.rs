@@ -41,7 +41,7 @@ pub(super) struct Provenance {
     outputs: BTreeMap<PathBuf, String>,
 }
 
-/// A subject's file.
+/// A file of a subject, or of a test.
 #[derive(Debug, Serialize, Deserialize)]
 struct Input {
     id: String,
@@ -88,6 +88,11 @@ impl Provenance {
         for subject in plan.subjects_planned() {
             for path in subject.landmarks.iter().chain(subject.guides) {
                 inputs.push(Input { id: subject.id.to_owned(), file: record(path)? });
+            }
+        }
+        for test in &plan.study.test {
+            for path in [&test.mask, &test.sphere, &test.annotation].into_iter().flatten() {
+                inputs.push(Input { id: format!("test {}", test.name), file: record(&plan.folder.join(path))? });
             }
         }
         let fits: Vec<Stage> = plan.fits().iter().map(|fits| plan.fit(fits, None, false)).collect();

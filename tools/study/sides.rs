@@ -10,6 +10,8 @@ use super::config::{Study, Subjects};
 use super::exclusion::Named;
 use super::test::{ASYMMETRY, Test};
 
+/// Value of the key `mask` for no mask.
+pub(super) const NO_MASK: &str = "none";
 /// Placeholder of the side in a pattern.
 pub(super) const SIDE: &str = "{side}";
 /// Columns of a row's subject and side.
@@ -17,21 +19,34 @@ pub(super) const COLUMNS: [&str; 2] = ["subject", "side"];
 
 /// Checks the keys about sides of a study file.
 pub(super) fn check(study: &Study) -> Result<()> {
-    check_names(&study.subjects)?;
+    check_placeholders(study)?;
+    check_names(study)?;
     let of = |test: &Test| check_test(&study.subjects, test).with_context(|| format!("test {:?}", test.name));
     study.test.iter().try_for_each(of)
 }
 
-/// Checks the names of the sides, and that the patterns tell the sides apart.
-fn check_names(subjects: &Subjects) -> Result<()> {
-    let Subjects { sides, labels, surface, sphere, .. } = subjects;
-    let pattern = |pattern: &Option<String>| pattern.as_ref().is_some_and(|pattern| pattern.contains(SIDE));
-    let [first, second] = match &sides[..] {
-        [] if !labels.is_empty() => bail!("`labels` in [subjects] are those of `sides`, but there are no `sides`"),
-        [] if pattern(surface) || pattern(sphere) => {
-            bail!("{SIDE} in [subjects]: give `sides`, such as [\"lh\", \"rh\"]")
+/// Refuses placeholders other than `{id}` and `{side}`.
+fn check_placeholders(study: &Study) -> Result<()> {
+    for (key, pattern) in files(study) {
+        let named = pattern.split('{').skip(1).filter_map(|rest| rest.split_once('}')).map(|(name, _)| name);
+        if let Some(unknown) = named.into_iter().find(|name| !["id", "side"].contains(name)) {
+            bail!("{key}: expected {{id}} or {SIDE}, found {{{unknown}}}");
         }
-        [] => return Ok(()),
+    }
+    Ok(())
+}
+
+/// Checks the names of the sides, and that the patterns tell the sides apart.
+fn check_names(study: &Study) -> Result<()> {
+    let Subjects { sides, labels, surface, .. } = &study.subjects;
+    let [first, second] = match &sides[..] {
+        [] if !labels.is_empty() => {
+            bail!("`labels` in [subjects]: expected `sides` beside it, or `label` for one label; found neither")
+        }
+        [] => match files(study).into_iter().find(|(_, pattern)| pattern.contains(SIDE)) {
+            Some((key, _)) => bail!("{key}: {SIDE} needs `sides` in [subjects], such as [\"lh\", \"rh\"]"),
+            None => return Ok(()),
+        },
         [first, second] => [first, second],
         _ => bail!("`sides` in [subjects]: expected two names, such as [\"lh\", \"rh\"], found {}", sides.len()),
     };
@@ -44,20 +59,53 @@ fn check_names(subjects: &Subjects) -> Result<()> {
     if first == second {
         bail!("`sides` in [subjects]: expected two different names, found {first:?} twice");
     }
-    match &labels[..] {
-        [] if !pattern(surface) => {
-            bail!(
-                "`sides` in [subjects]: expected a pattern `surface` with {SIDE}, or a label for each side in `labels`"
-            )
-        }
-        [] => Ok(()),
+    if surface.is_none() {
+        bail!("`sides` in [subjects] needs a pattern `surface` with {SIDE}, or with `labels`; found none");
+    }
+    match labels[..] {
+        [] => {}
         [left, right] if left == right => bail!("`labels` in [subjects]: expected two labels, found {left} twice"),
-        [_, _] if surface.is_none() => bail!("`labels` in [subjects]: expected a pattern `surface`, found none"),
-        [_, _] => Ok(()),
-        _ => {
-            bail!("`labels` in [subjects]: expected a label for each side, {second:?} included, found {}", labels.len())
+        [_, _] => {}
+        _ => bail!("`labels` in [subjects]: expected two labels, one for each side, found {}", labels.len()),
+    }
+    if study.subjects.label.is_some() {
+        bail!("`label` in [subjects]: expected `labels`, one for each of the `sides`");
+    }
+    // Files on vertices belong to one side.
+    for (key, pattern) in files(study) {
+        let of_both = key == SURFACE && !labels.is_empty();
+        if !pattern.contains(SIDE) && !of_both {
+            let or = if key == SURFACE { ", or a label for each side in `labels`" } else { "" };
+            bail!("{key}: expected a pattern with {SIDE}{or}, as each side has its own file; found {pattern:?}");
         }
     }
+    if study.fit.sphere().is_some() {
+        bail!(
+            "`arguments` in [fit]: --sphere is that of all surfaces, but each side needs its own: give `sphere` with {SIDE}"
+        );
+    }
+    if study.align.mirror {
+        bail!("`mirror` in [align]: the second of the `sides` is mirrored already; omit it");
+    }
+    Ok(())
+}
+
+/// Name of the key of the surfaces in messages.
+const SURFACE: &str = "`surface` in [subjects]";
+
+/// Returns the files of each subject that are given by patterns or columns, with the names of their keys.
+fn files(study: &Study) -> Vec<(&'static str, &str)> {
+    let Subjects { surface, sphere, landmarks, signal, mask, .. } = &study.subjects;
+    let mask = mask.as_ref().filter(|mask| *mask != NO_MASK);
+    let keys = [
+        (SURFACE, surface.as_ref()),
+        ("`sphere` in [subjects]", sphere.as_ref()),
+        ("`landmarks` in [subjects]", landmarks.as_ref()),
+        ("`signal` in [subjects]", signal.as_ref()),
+        ("`mask` in [subjects]", mask),
+    ];
+    let given = keys.into_iter().filter_map(|(key, pattern)| Some((key, pattern?.as_str())));
+    given.chain(study.align.signals.iter().map(|with| ("`signals` in [align]", with.name.as_str()))).collect()
 }
 
 /// Checks the key `side` of a test.
@@ -74,6 +122,12 @@ fn check_test(subjects: &Subjects, test: &Test) -> Result<()> {
             bail!("side: expected {}, found {side:?}", choices())
         }
         Some(_) => {}
+    }
+    if test.mean && !test.is_of_differences() && !test.is_of_values() {
+        bail!(
+            "mean: displacements are measured from the mean of the group, so their mean is always zero; tested can be the \
+             mean of an asymmetry (side = {ASYMMETRY:?}) or of the values of a signal (signal = \"value\")"
+        );
     }
     Ok(())
 }
@@ -95,6 +149,19 @@ fn cells<'a>(manifest: &Manifest, row: &'a Row) -> [Option<&'a str>; 2] {
         let at = manifest.columns.iter().position(|column| column == name)?;
         row.extra.get(at).map(String::as_str)
     })
+}
+
+/// Returns the subjects of a study with sides.
+pub(super) fn subjects(manifest: &Manifest) -> Option<BTreeSet<&str>> {
+    manifest.rows.iter().map(|row| cells(manifest, row)[0]).collect()
+}
+
+/// Returns the subjects of which only one side is among the rows with these cells.
+pub(super) fn alone<'a>(manifest: &Manifest, rows: impl Iterator<Item = &'a [String]>) -> Vec<String> {
+    let Some(at) = manifest.columns.iter().position(|column| column == COLUMNS[0]) else { return Vec::new() };
+    let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
+    rows.for_each(|cells| *counts.entry(cells[at].as_str()).or_default() += 1);
+    counts.into_iter().filter(|(_, count)| *count == 1).map(|(subject, _)| subject.to_owned()).collect()
 }
 
 /// Replaces `{id}` and `{side}` in a pattern.

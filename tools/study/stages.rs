@@ -29,16 +29,23 @@ impl Plan {
         arguments.extend(words(&[if force { "--force" } else { "--update" }]));
         arguments.extend(shard.iter().flat_map(|shard| words(&["--shard", &shard.to_string()])));
         match fits.name {
-            SURFACES => {
-                arguments.extend(self.study.fit.arguments.iter().cloned());
-                arguments
-                    .extend(self.maps_by_angles().then_some(["--area", "0"]).into_iter().flatten().map(str::to_owned));
-            }
+            SURFACES => arguments.extend(self.fit_arguments()),
             // The other arguments are about surfaces.
             _ => arguments.extend(self.study.fit.sphere().iter().flat_map(|sphere| words(&["--sphere", sphere]))),
         }
         let (folder, name) = (self.folder.clone(), fits.name.to_owned());
         Stage { folder, name, arguments, inputs: Vec::new(), outputs: Vec::new() }
+    }
+
+    /// Returns the arguments of the surfaces' fits: those of the file, and those that the study chooses.
+    pub(super) fn fit_arguments(&self) -> Vec<String> {
+        let chosen = self.maps_by_angles().then_some(["--area", "0"]).into_iter().flatten().map(str::to_owned);
+        self.study.fit.arguments.iter().cloned().chain(chosen).collect()
+    }
+
+    /// Returns the value of `--area` of the surfaces' fits, if there is one.
+    pub(super) fn area(&self) -> Option<f64> {
+        if self.maps_by_angles() { Some(0.0) } else { self.study.fit.value("--area")?.parse().ok() }
     }
 
     /// Returns whether the fits map surfaces to the sphere by angles alone: aligned by `joint`, meshes that were mapped
@@ -85,7 +92,7 @@ impl Plan {
             Method::Correspond => self.correspond(subjects),
             Method::Joint | Method::Fixed => {
                 let (transforms, warnings) = (self.output.join("transforms.json"), self.alignment_warnings());
-                let mut arguments = self.align("--method", self.method.name(), &self.aligned_folder());
+                let mut arguments = self.align(subjects, "--method", self.method.name(), &self.aligned_folder());
                 arguments.extend(words(&["--mean", &text(&mean), "--transforms", &text(&transforms)]));
                 arguments.extend(words(&["--warnings", &text(&warnings)]));
                 self.stage("align", arguments, models, [self.aligned_folder(), mean, transforms, warnings])
@@ -131,10 +138,10 @@ impl Plan {
     }
 
     /// Returns the arguments for aligning the fitted models.
-    fn align(&self, how: &str, name: &str, folder: &Path) -> Vec<String> {
+    fn align(&self, subjects: &[Subject<'_>], how: &str, name: &str, folder: &Path) -> Vec<String> {
         let mut arguments =
             words(&["shape", "align", &self.list("models.txt"), "--group", how, name, "-o", &text(folder)]);
-        if self.has_sides() {
+        if subjects.iter().any(|subject| subject.mirrored) {
             arguments.extend(words(&["--mirrored", &self.list(MIRRORED)]));
         }
         arguments.extend(self.moved());
@@ -194,7 +201,7 @@ impl Plan {
         if self.study.quality.plain {
             let folder = self.output.join(PLAIN);
             let transforms = folder.join("transforms.json");
-            let mut arguments = self.align("--pose", "joint", &folder);
+            let mut arguments = self.align(subjects, "--pose", "joint", &folder);
             arguments.extend(words(&["--transforms", &text(&transforms), "--for-comparison"]));
             stages.push(self.stage("plain", arguments, models, [folder.clone()]));
             let plain: Vec<PathBuf> = models.iter().filter_map(|model| Some(folder.join(model.file_name()?))).collect();

@@ -7,7 +7,7 @@ use anyhow::{Context, Result, bail};
 use spharm_cohort::Manifest;
 
 use super::config::Subjects;
-use super::sides::{COLUMNS, SIDE, filled, id_of};
+use super::sides::{COLUMNS, NO_MASK, SIDE, filled, id_of};
 use crate::freesurfer::cortex_label;
 use crate::shape::correspond::surfaces::With;
 use crate::shape::table::{LANDMARKS, files_of};
@@ -32,6 +32,9 @@ pub(super) fn manifest(
     let Some(surface) = &subjects.surface else {
         if subjects.sphere.is_some() {
             bail!("`sphere` in [subjects] is a pattern, and needs a pattern `surface`");
+        }
+        if subjects.label.is_some() {
+            bail!("`label` in [subjects] needs a pattern `surface`; a table of surfaces has a column `label`");
         }
         return Ok((Manifest::read(table)?, None));
     };
@@ -100,9 +103,6 @@ fn of_name(
         format!("{key}: expected a column of {} or a pattern with {ID}, found {name:?}", table.display())
     })
 }
-
-/// Value of the key `mask` for no mask.
-const NO_MASK: &str = "none";
 
 /// Returns the manifest of the subjects' signals, which is to be written to the path `made`, and its text. Returns
 /// `None` if the study has no signal. The default mask is FreeSurfer's label of the cortex.
@@ -201,7 +201,7 @@ fn text(subjects: &Subjects, folder: &Path, table: &Path, surface: &str) -> Resu
             };
             let row = side.map_or_else(|| name.to_owned(), |side| id_of(name, side));
             let sphere = subjects.sphere.as_deref().map_or(Ok(String::new()), file)?;
-            let label = subjects.labels.get(index).map(i64::to_string).unwrap_or_default();
+            let label = subjects.labels.get(index).or(subjects.label.as_ref()).map(i64::to_string).unwrap_or_default();
             let of_side = side.map(|side| [name.to_owned(), side.clone()]);
             let cells = [row, file(surface)?, sphere, label].into_iter().chain(others(&record));
             writer.write_record(cells.chain(of_side.into_iter().flatten()))?;

@@ -79,10 +79,6 @@ impl Test {
         match (self.effect.is_empty(), self.mean) {
             (true, false) => bail!("expected `effect`, the column to test, or mean = true; found neither"),
             (false, true) => bail!("expected `effect` or mean = true, found both"),
-            (true, true) if !self.is_of_differences() && !self.is_of_values() => bail!(
-                "mean: relative to the mean of the group, the mean displacement is always zero; the mean of side = \
-                 \"asymmetry\" or of signal = \"value\" can be tested"
-            ),
             _ => {}
         }
         if self.mean && !(self.levels.is_empty() && self.contrast.is_empty()) {

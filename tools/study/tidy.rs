@@ -20,6 +20,7 @@ pub(super) fn leftovers(plan: &Plan) {
     let mut folders = vec![plan.output.clone(), plan.records()];
     folders.extend(["warnings", "reports"].map(|name| plan.records().join(name)));
     folders.extend(plan.fits().into_iter().flat_map(|fits| [fits.models, fits.status]));
+    folders.push(plan.mirrored_signals());
     folders.extend(["aligned", "figures", "quality", PLAIN].map(|name| plan.output.join(name)));
     folders.extend(["", "places", "members"].map(|name| plan.output.join("group").join(name)));
     folders.extend(plan.study.test.iter().map(|test| plan.test_folder(test)));

@@ -112,6 +112,7 @@ impl Group {
         let of = |(member, name): (usize, &String)| MemberOrigin {
             name: name.clone(),
             input: None,
+            mirrored: self.inner.similarities.get(member).is_some_and(Similarity::mirrors),
             warnings: self.warnings.iter().filter(|(of, _)| *of == member).map(|(_, text)| text.clone()).collect(),
         };
         let origins: Vec<MemberOrigin> = names.iter().enumerate().map(of).collect();
@@ -176,12 +177,13 @@ impl Group {
 
     /// Adds surfaces to the group as new members, without changing the existing members. The preparation is shared by
     /// all surfaces.
-    #[pyo3(signature = (surfaces, names, *, threads = None, progress = None))]
+    #[pyo3(signature = (surfaces, names, *, mirrored, threads = None, progress = None))]
     fn add<'py>(
         &self,
         py: Python<'py>,
         surfaces: Vec<Given<'py>>,
         names: Vec<String>,
+        mirrored: bool,
         threads: Option<usize>,
         progress: Option<Bound<'py, PyAny>>,
     ) -> PyResult<Vec<Member<'py>>> {
@@ -192,7 +194,9 @@ impl Group {
             let joining = Joining::new(group.template.clone(), &members, pose, RegisterParams::default(), monitor)?;
             monitor.begin(Stage::counted("new members", "surfaces"), surfaces.len() as u64);
             let one = |(index, source): (usize, &Source)| {
-                let found = source.read().and_then(|surface| joining.add(&surface, monitor));
+                let motion = if mirrored { Similarity::reflection() } else { Similarity::default() };
+                let found = source.read().and_then(|surface| joining.add(&motion.apply_mesh(&surface), monitor));
+                let found = found.map(|member| member.moved_before(&motion));
                 monitor.step(1);
                 found.map_err(|error| Error::Member { index, source: Box::new(error) })
             };

@@ -113,7 +113,7 @@ pub(crate) fn rows(test: &Maps) -> Vec<(String, String)> {
 fn range(values: &[f64]) -> (f64, f64) {
     let finite = || values.iter().copied().filter(|value| value.is_finite());
     let (low, high) = finite().fold((f64::MAX, f64::MIN), |(low, high), x| (low.min(x), high.max(x)));
-    if low < 0.0 && high > 0.0 {
+    if low < 0.0 && high > f64::MIN {
         let finite: Vec<f64> = finite().collect();
         return symmetric_range(&finite);
     }
@@ -127,6 +127,7 @@ mod tests {
     #[test]
     fn ranges_are_symmetric_where_signs_differ() {
         assert_eq!(range(&[-1.0, 3.0, f64::NAN]).0, -range(&[-1.0, 3.0]).1);
+        assert_eq!(range(&[-3.0, -1.0]).0, -range(&[-3.0, -1.0]).1);
         assert_eq!(range(&[0.25, 0.5]), (0.25, 0.5));
         assert_eq!(range(&[f64::NAN]), (0.0, 1.0));
         assert_eq!(range(&[]), (0.0, 1.0));

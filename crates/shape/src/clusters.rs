@@ -5,7 +5,7 @@
 //! kodama. The number of clusters may be chosen by the mean silhouette (P. J. Rousseeuw, "Silhouettes", Journal of
 //! Computational and Applied Mathematics 20, 1987). Nothing is random.
 //!
-//! Cost: O(n^2) time and 12 n^2 bytes for n models.
+//! Cost: O(n^2) time and 8 n^2 bytes for n models, the distances of all pairs twice.
 
 use crate::error::ShapeError;
 

@@ -97,13 +97,18 @@ fn added(
         if !origin.input.is_some_and(|found| found.same_contents(&input)) {
             bail!("the existing {name} was made from another file; choose another folder or give --force");
         }
+        if origin.mirrored != surface.mirrored {
+            let with = if origin.mirrored { "with" } else { "without" };
+            bail!("the existing {name} was made {with} --mirrored; choose another folder or give --force");
+        }
         return Ok(None);
     }
     let motion = if surface.mirrored { Similarity::reflection() } else { Similarity::default() };
     let found = joining.add(&motion.apply_mesh(&surface.read()?), monitor)?.moved_before(&motion);
     let of_member = warnings_of(&found.report, directions);
     let warnings = of_member.iter().map(|text| format!("{name}: {text}")).collect();
-    let origin = MemberOrigin { name: name.clone(), input: Some(input), warnings: of_member };
+    let origin =
+        MemberOrigin { name: name.clone(), input: Some(input), mirrored: surface.mirrored, warnings: of_member };
     found.write(&cli.output_dir, &origin, cli.report.force || left_over(&cli.output_dir, &name))?;
     let json = member_json(surface, &found.report, &found.similarity);
     Ok(Some(Added { name, report: found.report, json, warnings }))

@@ -126,7 +126,7 @@ pub(super) struct Cli {
     /// Also match mirror images
     #[arg(long, help_heading = METHOD)]
     mirror: bool,
-    /// Surfaces, of those given, to mirror first, x to -x: such as right hemispheres in a group of left ones
+    /// Surfaces, of those given, to mirror first (x to -x): such as right hemispheres among left ones
     ///
     /// Their models are those of the mirrored surfaces; transforms to the group's frame include the reflection.
     #[arg(long, value_name = "SURFACE", num_args = 1.., help_heading = METHOD)]
@@ -213,7 +213,12 @@ fn together(cli: &Cli, surfaces: &Arc<Vec<Surface>>, landmarks: &[PathBuf], moni
     }
     let pool = cli.resources.threads.pool()?;
     let origins = surfaces.iter().map(|surface| -> Result<_> {
-        Ok(MemberOrigin { name: surface.name.clone(), input: Some(surface.record()?), warnings: Vec::new() })
+        Ok(MemberOrigin {
+            name: surface.name.clone(),
+            input: Some(surface.record()?),
+            mirrored: surface.mirrored,
+            warnings: Vec::new(),
+        })
     });
     let mut origins = origins.collect::<Result<Vec<_>>>()?;
     if let Some(folder) = &cli.resume {

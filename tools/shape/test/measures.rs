@@ -24,15 +24,63 @@ pub(super) struct Measures {
 }
 
 impl Measures {
-    /// Reads the measures of the subjects whose models have these paths. A table's first column has the models' names
-    /// or paths. Columns that are text, and columns whose numbers are all equal, are left out unless they are named;
-    /// columns in which some numbers are missing, too, with a call of `warn`.
+    /// Reads the measures of a test's subjects: of pairs, the differences, first minus second. Columns that are text,
+    /// and columns whose numbers are all equal, are left out unless they are named; columns in which some numbers are
+    /// missing, too, with a call of `warn`.
     ///
     /// # Errors
     ///
     /// If a subject has no row, or a named column isn't one of numbers.
-    fn read(sources: &[Source], models: &[PathBuf], warn: &dyn Fn(String)) -> Result<Self> {
-        let (mut names, mut columns) = (Vec::new(), Vec::new());
+    pub(super) fn of(study: &Study, sources: &[Source], warn: &dyn Fn(String)) -> Result<Self> {
+        let count = study.paths.len() / if study.pairs { 2 } else { 1 };
+        let (first, second) = study.paths.split_at(count);
+        let mut found = Read::of(sources, first, warn)?;
+        if study.pairs {
+            let second = Read::of(sources, second, warn)?;
+            found.columns.retain(|column| second.columns.iter().any(|other| other.name == column.name));
+            for column in &mut found.columns {
+                let other = second.columns.iter().find(|other| other.name == column.name);
+                let pairs = column.values.iter_mut().zip(other.into_iter().flat_map(|other| &other.values));
+                pairs.for_each(|(value, other)| *value -= other);
+            }
+        }
+        found.columns.retain(|column| column.named || column.values.iter().any(|value| *value != column.values[0]));
+        if found.columns.is_empty() {
+            bail!("--measures: expected columns of numbers that vary, found none");
+        }
+        let (rows, columns) = (count, found.columns.len());
+        let values = Array2::from_shape_fn((rows, columns), |(row, column)| found.columns[column].values[row]);
+        Ok(Self { names: found.columns.into_iter().map(|column| column.name).collect(), values })
+    }
+
+    /// Tests the measures.
+    pub(super) fn test(self, study: &Study, params: &TestParams, monitor: &dyn Monitor) -> Result<Tested> {
+        let params = TestParams { spatial: None, ..params.clone() };
+        let (design, contrast) = (&study.question.design, &study.question.contrast);
+        let found = test(self.values.view(), 1, design, contrast, &params, monitor)?;
+        let levels = study.question.levels.iter().map(|(level, _)| level.clone()).collect();
+        Ok(Tested { measures: self, found, levels, groups: study.question.level_of.clone() })
+    }
+}
+
+/// Measures as read from tables.
+struct Read {
+    columns: Vec<Numbers>,
+}
+
+/// A column of numbers.
+struct Numbers {
+    name: String,
+    /// Whether the column was asked for by its name.
+    named: bool,
+    values: Vec<f64>,
+}
+
+impl Read {
+    /// Reads the numbers of the subjects whose models have these paths. A table's first column has the models' names or
+    /// paths.
+    fn of(sources: &[Source], models: &[PathBuf], warn: &dyn Fn(String)) -> Result<Self> {
+        let mut columns: Vec<Numbers> = Vec::new();
         for (path, wanted) in sources {
             let table = Table::read(path)?;
             let key = table.names().next().unwrap_or_default().to_owned();
@@ -59,53 +107,13 @@ impl Measures {
                         }
                     }
                 }
-                if wanted.is_empty() && values.iter().all(|value| *value == values[0]) {
-                    continue;
-                }
-                if names.contains(name) {
+                if columns.iter().any(|other| other.name == *name) {
                     bail!("{}: the measure {name:?} is also in another table", path.display());
                 }
-                names.push(name.clone());
-                columns.push(values);
+                columns.push(Numbers { name: name.clone(), named: !wanted.is_empty(), values });
             }
         }
-        if names.is_empty() {
-            bail!("--measures: expected columns of numbers, found none");
-        }
-        let values = Array2::from_shape_fn((models.len(), names.len()), |(row, column)| columns[column][row]);
-        Ok(Self { names, values })
-    }
-
-    /// Reads the measures of a test's subjects: of pairs, the differences, first minus second.
-    ///
-    /// # Errors
-    ///
-    /// Those of [`read`](Self::read); also if a measure is known of the first models only, or of the second ones.
-    pub(super) fn of(study: &Study, sources: &[Source], warn: &dyn Fn(String)) -> Result<Self> {
-        if !study.pairs {
-            return Self::read(sources, &study.paths, warn);
-        }
-        let (first, second) = study.paths.split_at(study.paths.len() / 2);
-        let (mut first, second) = (Self::read(sources, first, warn)?, Self::read(sources, second, warn)?);
-        if let Some(alone) = first.names.iter().chain(&second.names).find(|name| {
-            let has = |of: &Self| of.names.contains(name);
-            !(has(&first) && has(&second))
-        }) {
-            bail!(
-                "--measures: {alone:?} varies only among the first models, or only among those subtracted; name columns"
-            );
-        }
-        first.values -= &second.values;
-        Ok(first)
-    }
-
-    /// Tests the measures.
-    pub(super) fn test(self, study: &Study, params: &TestParams, monitor: &dyn Monitor) -> Result<Tested> {
-        let params = TestParams { spatial: None, ..params.clone() };
-        let (design, contrast) = (&study.question.design, &study.question.contrast);
-        let found = test(self.values.view(), 1, design, contrast, &params, monitor)?;
-        let levels = study.question.levels.iter().map(|(level, _)| level.clone()).collect();
-        Ok(Tested { measures: self, found, levels, groups: study.question.level_of.clone() })
+        Ok(Self { columns })
     }
 }
 

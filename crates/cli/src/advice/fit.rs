@@ -11,7 +11,7 @@ use crate::names::NameTemplate;
 pub(super) fn of_fit(error: &Error) -> Option<String> {
     match error {
         Error::HoldOut { fraction, .. } => Some(format!("--hold-out {fraction} is too small")),
-        Error::Memory { .. } => Some("give it with --memory".to_owned()),
+        Error::Memory { .. } => Some("give a budget with --memory".to_owned()),
         Error::Degree { .. } => Some("give a lower --max-degree".to_owned()),
         Error::Limit { .. } => Some("give a smaller number of threads with --threads N".to_owned()),
         Error::NotConverged(_) => Some("without --strict this is only a warning".to_owned()),

@@ -58,6 +58,9 @@ struct Member {
     version: u32,
     name: String,
     input: Option<FileRecord>,
+    /// Whether the surface was mirrored first; `to_group` includes that.
+    #[serde(default)]
+    mirrored: bool,
     to_group: Similarity,
     #[serde(with = "Registered")]
     registration: MemberReport,
@@ -85,6 +88,8 @@ pub struct MemberOrigin {
     pub name: String,
     /// File of the member's surface.
     pub input: Option<FileRecord>,
+    /// Whether the surface was mirrored first, x to -x.
+    pub mirrored: bool,
     /// Warnings about the member to check.
     pub warnings: Vec<String>,
 }

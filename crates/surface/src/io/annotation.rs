@@ -12,8 +12,9 @@ use super::flaw::{Flaw, bounded};
 use super::{gifti, load};
 use crate::error::SurfaceError;
 
-/// Names, in lower case, of regions that aren't part of the cortex.
-const OUTSIDE: [&str; 6] = ["", "???", "unknown", "medial_wall", "medialwall", "corpuscallosum"];
+/// Parts of names, in lower case and with _ for other separators, of regions that aren't part of the cortex: those of
+/// aparc, of a2009s, and of atlases such as Yeo's and Schaefer's (`Background+FreeSurfer_Defined_Medial_Wall`).
+const OUTSIDE: [&str; 5] = ["unknown", "medial_wall", "medialwall", "corpuscallosum", "background"];
 
 /// The region of each vertex of a surface.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -34,10 +35,15 @@ impl Annotation {
     /// Returns whether each vertex is in a region, other than one that is called unknown or medial wall.
     #[must_use]
     pub fn is_cortex(&self) -> Vec<bool> {
-        let inside = |name: &String| !OUTSIDE.contains(&name.to_lowercase().as_str());
-        let inside: Vec<bool> = self.names.iter().map(inside).collect();
+        let inside: Vec<bool> = self.names.iter().map(|name| is_region(name)).collect();
         self.regions.iter().map(|region| region.is_some_and(|region| inside[region])).collect()
     }
+}
+
+/// Returns whether a name is that of a region of the cortex.
+pub(super) fn is_region(name: &str) -> bool {
+    let name = name.trim().to_lowercase().replace([' ', '-', '.'], "_");
+    !name.is_empty() && name != "???" && !OUTSIDE.iter().any(|part| name.contains(part))
 }
 
 /// Returns whether a file is an annotation of FreeSurfer by its name, which ends in .annot.
@@ -200,6 +206,16 @@ mod tests {
         std::fs::write(&path, [1_i32, 7, 0].map(i32::to_be_bytes).as_flattened()).unwrap();
         let error = read_annotation(&path, 1).unwrap_err().to_string();
         assert!(error.contains("vertices below 1, found 7"), "{error}");
+    }
+
+    #[test]
+    fn regions_outside_of_the_cortex_have_many_names() {
+        for name in
+            ["", "???", "Unknown", "Medial_wall", "Background+FreeSurfer_Defined_Medial_Wall", "ctx-lh-corpuscallosum"]
+        {
+            assert!(!is_region(name), "{name}");
+        }
+        assert!(is_region("medialorbitofrontal") && is_region("L_V1_ROI"));
     }
 
     #[test]

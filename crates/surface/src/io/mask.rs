@@ -6,7 +6,7 @@
 
 use std::path::Path;
 
-use super::annotation::{is_annotation, read_annotation};
+use super::annotation::{is_annotation, is_region, read_annotation};
 use super::flaw::{Flaw, bounded, shown};
 use super::text::{lines, next_number, number, words};
 use super::{load, read_signal};
@@ -38,9 +38,21 @@ pub fn read_mask(path: impl AsRef<Path>, vertices: usize) -> Result<Vec<bool>, S
             let flaw = Flaw::new("a value for each vertex", format!("{} for each", signal.channels));
             return Err(flaw.at(path, "a mask"));
         }
-        signal.values.iter().map(|keep| *keep != 0.0).collect()
+        // Labels of GIfTI may call a region unknown, or the medial wall.
+        let labels = if is_gifti_label(path) { read_annotation(path, vertices).ok() } else { None };
+        let is_outside = |vertex: usize| {
+            let name = labels.as_ref().and_then(|labels| labels.name_at(vertex));
+            name.is_some_and(|name| !is_region(name))
+        };
+        signal.values.iter().enumerate().map(|(vertex, keep)| *keep != 0.0 && !is_outside(vertex)).collect()
     };
     if mask.contains(&true) { Ok(mask) } else { Err(SurfaceError::NothingKept { path: path.to_owned() }) }
+}
+
+/// Returns whether a file has labels of GIfTI by its name.
+fn is_gifti_label(path: &Path) -> bool {
+    let name = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
+    [".label.gii", ".label.gii.gz"].iter().any(|ending| name.ends_with(ending))
 }
 
 fn label(bytes: &[u8], vertices: usize) -> Result<Vec<bool>, Flaw> {

@@ -71,8 +71,8 @@ impl GroupFiles {
         if Self::of_member(folder, name).iter().any(|path| !path.exists()) {
             return Ok(None);
         }
-        let Member { name, input, warnings, .. } = read_json(&member_path(folder, name))?;
-        Ok(Some(MemberOrigin { name, input, warnings }))
+        let Member { name, input, mirrored, warnings, .. } = read_json(&member_path(folder, name))?;
+        Ok(Some(MemberOrigin { name, input, mirrored, warnings }))
     }
 
     /// Reads the data of the group that are needed to add new members.

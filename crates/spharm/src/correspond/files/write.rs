@@ -186,6 +186,7 @@ impl Writer<'_> {
             version: VERSION,
             name: name.clone(),
             input: origin.input.clone(),
+            mirrored: origin.mirrored,
             to_group: *similarity,
             registration: *report,
             warnings: origin.warnings.clone(),

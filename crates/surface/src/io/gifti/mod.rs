@@ -9,7 +9,7 @@ mod names;
 mod write;
 mod xml;
 
-use super::flaw::Flaw;
+use super::flaw::{Flaw, shown};
 use crate::mesh::{Input, Mesh, Meta, Signal};
 use data::Array;
 use names::{POINTSET, STRUCTURE, TRIANGLE};
@@ -22,6 +22,9 @@ pub(super) fn read(bytes: &[u8]) -> Result<Input, Flaw> {
     interpret(xml::parse(&String::from_utf8_lossy(bytes))?)
 }
 
+/// Intent of arrays of labels.
+const LABEL: &str = "NIFTI_INTENT_LABEL";
+
 /// Keys and names of labels.
 pub(super) type LabelTable = Vec<(i64, String)>;
 
@@ -30,6 +33,9 @@ pub(super) fn read_labels(bytes: &[u8]) -> Result<(LabelTable, Vec<f64>), Flaw> 
     let document = xml::parse(&String::from_utf8_lossy(bytes))?;
     if document.labels.is_empty() {
         return Err(Flaw::new("a LabelTable with names", "none"));
+    }
+    if let Some(other) = document.arrays.iter().find(|array| array.intent != LABEL) {
+        return Err(Flaw::new(format!("an array of {LABEL}"), shown(other.intent.as_bytes())));
     }
     let signal = to_signal(document.arrays)?;
     if signal.channels != 1 {

@@ -231,10 +231,8 @@ fn key(tag: &BytesStart<'_>) -> Result<Option<i64>, Flaw> {
         let attribute = attribute.map_err(|e| Flaw::new("XML attributes", e.to_string()))?;
         let name: &[u8] = attribute.key.as_ref().as_ref();
         if [b"Key".as_slice(), b"Index"].contains(&name) {
-            return match number(attribute.value.trim().as_bytes()) {
-                Some(key) => Ok(Some(key)),
-                None => Err(Flaw::new("a whole number as the key of a Label", shown(attribute.value.as_bytes()))),
-            };
+            // A label whose key isn't a whole number is left out, as most readers don't need it.
+            return Ok(number(attribute.value.trim().as_bytes()));
         }
     }
     Ok(None)

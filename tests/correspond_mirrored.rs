@@ -1,0 +1,98 @@
+//! Members of groups that are mirrored first, through the program.
+
+use std::fs;
+
+use spharm_model::Model;
+use spharm_surface::Similarity;
+use spharm_surface::io::{WriteOptions, read_mesh, write_mesh};
+
+use crate::common::{fail, succeed};
+use crate::correspond::Site;
+
+/// Members named by `--mirrored`, or in a table, end where the surfaces of which they are mirror images would.
+#[test]
+fn mirrored_members_end_where_their_originals_would() {
+    let site = Site::new();
+    let member = |folder: &str, name: &str| site.json(&format!("{folder}/members/{name}.json"));
+    let reflect = |name: &str, to: &str| {
+        let mesh = Similarity::reflection().apply_mesh(&read_mesh(site.path(name)).expect("a mesh"));
+        write_mesh(site.path(to), &mesh, &WriteOptions { overwrite: true, double: true }).expect("a mesh");
+    };
+    succeed(&mut site.correspond("plain", &["--rounds", "1", "--no-refinement"]));
+    reflect("in/s02.ply", "in/s02.ply");
+    succeed(&mut site.correspond("group", &["--rounds", "1", "--no-refinement", "--mirrored", "in/s02.ply"]));
+    let model =
+        |folder: &str| Model::read(site.path(&format!("{folder}/s02.spharm.npz"))).expect("a model").coefficients;
+    let apart = model("plain").values() - model("group").values();
+    assert!(apart.iter().all(|apart| apart.abs() < 1e-6), "{apart}");
+    let to_group: Similarity =
+        serde_json::from_value(member("group", "s02")["to_group"].clone()).expect("a similarity");
+    assert!(to_group.mirrors() && member("group", "s02")["mirrored"] == true);
+    // The same by a table.
+    let rows = ["s01", "s02", "s04", "s05"]
+        .map(|id| format!("{id}\tin/{id}.ply\t{}\n", if id == "s02" { "yes" } else { "no" }));
+    fs::write(site.path("t.tsv"), format!("id\tsurface\tmirrored\n{}", rows.concat())).expect("a table");
+    let table = [
+        "correspond",
+        "--table",
+        "t.tsv",
+        "--max-degree",
+        "8",
+        "--subdivisions",
+        "4",
+        "--rounds",
+        "1",
+        "--no-refinement",
+    ];
+    succeed(site.shape(&table).args(["-o", "by-table"]));
+    assert_eq!(model("by-table"), model("group"));
+    fs::write(site.path("t.tsv"), format!("id\tsurface\tmirrored\n{}", rows.concat().replace("yes", "left")))
+        .expect("a table");
+    assert!(
+        fail(site.shape(&table).args(["-o", "none"]))
+            .contains("column \"mirrored\": expected yes or no, found \"left\"")
+    );
+    // New members, too; one that was added as it is isn't taken for its mirror image.
+    reflect("in/s03.ply", "in/s03.ply");
+    let add = |more: &[&str]| {
+        let mut command = site.shape(&["correspond", "in/s03.ply", "--to", "group", "-o", "added"]);
+        command.args(more);
+        command
+    };
+    succeed(&mut add(&["--mirrored", "in/s03.ply"]));
+    assert!(member("added", "s03")["registration"]["cover_rms"].as_f64().is_some_and(|rms| rms < 0.5));
+    assert!(fail(&mut add(&[])).contains("was made with --mirrored"));
+    assert!(fail(&mut add(&["--mirrored", "in/s04.ply"])).contains("in/s04.ply: not among the given surfaces"));
+}
+
+/// A mirrored model is the model of the mirrored surface, and alignment brings it back.
+#[test]
+fn mirrored_models_are_aligned() {
+    let site = Site::with_group();
+    succeed(&mut site.shape(&["rotate", "group/s02.spharm.npz", "--mirror", "-o", "m/s02.spharm.npz"]));
+    let [model, mirrored] =
+        ["group", "m"].map(|folder| Model::read(site.path(&format!("{folder}/s02.spharm.npz"))).expect("a model"));
+    let surface = |model: &Model| model.reconstruct(model.own_sphere().expect("a sphere"), 8).expect("a surface");
+    let expected = Similarity::reflection().apply_mesh(&surface(&model));
+    let found = surface(&mirrored);
+    assert_eq!(found.faces, expected.faces);
+    let near = |(a, b): (&[f64; 3], &[f64; 3])| (0..3).all(|k| (a[k] - b[k]).abs() < 1e-9);
+    assert!(found.vertices.iter().zip(&expected.vertices).all(near));
+    let align = ["align", "m/s02.spharm.npz", "group/s01.spharm.npz", "group/s04.spharm.npz", "group/s05.spharm.npz"];
+    let more =
+        ["--group", "--method", "fixed", "-o", "aligned", "--transforms", "t.json", "--mirrored", "m/s02.spharm.npz"];
+    succeed(site.shape(&align).args(more));
+    let first = site.json("t.json")[0].clone();
+    assert_eq!((&first["antipodal"], &first["model"]), (&true.into(), &"m/s02.spharm.npz".into()));
+    // The transform maps the file's own frame to the aligned model's.
+    let to_aligned = Similarity {
+        orthogonal: serde_json::from_value(first["object"].clone()).expect("a matrix"),
+        scale: first["scale"].as_f64().expect("a number"),
+        translation: serde_json::from_value(first["translation"].clone()).expect("a vector"),
+    };
+    let aligned = Model::read(site.path("aligned/s02.spharm.npz")).expect("a model");
+    let centre = |model: &Model| -> [f64; 3] {
+        std::array::from_fn(|k| model.coefficients.values()[[0, k]] / (4.0 * std::f64::consts::PI).sqrt())
+    };
+    assert!(near((&to_aligned.apply(centre(&mirrored)), &centre(&aligned))));
+}
