@@ -12,6 +12,7 @@ use crate::common::{error_line, finish, succeed, text, tool};
 use crate::first_users::OPTIONS;
 use crate::freesurfer::write_label;
 use crate::shape_inference::map;
+use crate::volumes::write_volume;
 
 const TESTS: &str = r#"
 [[test]]
@@ -162,4 +163,58 @@ fn signals_of_both_hemispheres_are_compared() {
             assert!(effect[v].abs() < 0.1, "{u:?}: {}", effect[v]);
         }
     }
+}
+
+/// Volumes with a label on each side: `labels`, one side of a subject left out, sides that are swapped, and `label`.
+#[test]
+fn labels_of_both_sides_are_in_one_volume() {
+    let site = tempfile::tempdir().expect("a folder");
+    let site = site.path();
+    let mut table = "id\tgroup\n".to_owned();
+    for subject in 0..6_u8 {
+        let longer = f64::from(subject % 3);
+        // 17 is to the left, at negative x, with a third axis that grows; 53 is its mirror image, but one size smaller.
+        write_volume(&site.join(format!("s{subject}.nii")), |[x, y, z]| {
+            let inside =
+                |x: f64, size: f64| (x / 2.6).powi(2) + (y / (4.2 + 0.4 * longer)).powi(2) + (z / size).powi(2) < 1.0;
+            let bump = |x: f64| (x + 2.0).powi(2) + (y - 2.0).powi(2) + (z - 1.0).powi(2) < 3.0;
+            if inside(x + 4.0, 3.3) || bump(x + 4.0) {
+                17
+            } else if inside(4.0 - x, 2.6) || bump(4.0 - x) {
+                53
+            } else {
+                0
+            }
+        });
+        table += &format!("s{subject}\t{}\n", if subject < 3 { "a" } else { "b" });
+    }
+    fs::write(site.join("table.tsv"), table).expect("a table");
+    let head = "output = \"out\"\n[subjects]\ntable = \"table.tsv\"\nsurface = \"{id}.nii\"\nsides = [\"lh\", \"rh\"]\nlabels = [17, 53]\n\
+                exclude = [\"s0_rh\"]\n[fit]\nmax_degree = 4\n[align]\nmethod = \"joint\"\n[modes]\ncount = 2\n";
+    let test = "[[test]]\nname = \"any\"\nmean = true\nside = \"asymmetry\"\npermutations = 20\n";
+    fs::write(site.join("study.toml"), format!("{head}{test}")).expect("a study");
+    let output = study(site);
+    let said = text(&output);
+    assert!(
+        output.status.success() && said.contains("one side of 1 subject is missing") && said.contains("s0"),
+        "{said}"
+    );
+    assert!(!said.contains("than its name says"), "{said}");
+    let table = fs::read_to_string(site.join("out/tests/any/summary.csv")).expect("a table");
+    let volume = table.lines().find(|line| line.starts_with("volume,")).expect("a row");
+    let mean: f64 = volume.split(',').nth(2).and_then(|cell| cell.parse().ok()).expect("a number");
+    assert!(volume.starts_with("volume,5,") && mean > 5.0, "{volume}");
+    let quality = fs::read_to_string(site.join("out/quality.tsv")).expect("a table");
+    assert!(quality.contains("s0_rh\texcluded") && quality.contains("\ns0_lh\t"), "{quality}");
+    fs::write(site.join("study.toml"), format!("{head}{test}").replace("[17, 53]", "[53, 17]")).expect("a study");
+    let said = text(&study(site));
+    assert!(said.contains("lh is on the other side of rh than its name says, in all of 5 subjects"), "{said}");
+    // One label, of which there are two in each volume.
+    let one = head.replace("sides = [\"lh\", \"rh\"]\nlabels = [17, 53]\nexclude = [\"s0_rh\"]", "label = 53");
+    let test = test.replace("mean = true\nside = \"asymmetry\"", "effect = \"group\"");
+    fs::write(site.join("study.toml"), format!("{one}{test}").replace("\"out\"", "\"one\"")).expect("a study");
+    let output = study(site);
+    assert!(output.status.success(), "{}", text(&output));
+    let made = Model::read(site.join("one/models/s3.spharm.npz")).expect("a model").provenance;
+    assert_eq!(made.input.and_then(|input| input.label), Some(53));
 }

@@ -1,8 +1,9 @@
 //! Checks a study before its subjects are fitted, because fitting takes long.
 
 use anyhow::{Context, Result, bail};
-use spharm::read_sphere;
+use spharm::parametrize::volume::is_volume;
 use spharm::shape::stats::{self, TestParams};
+use spharm::{Model, read_sphere};
 use spharm_cli::output::{counted, first_of};
 use spharm_cohort::{Manifest, Row};
 use spharm_surface::io::{read_annotation, read_mask};
@@ -134,15 +135,15 @@ fn tested(plan: &Plan, test: &Test) -> Result<()> {
         .with_context(|| plan.table.display().to_string())
 }
 
-/// Checks that enough subjects could be fitted for each test of a study with sides. Returns a warning that names those
-/// of whom one side is missing.
+/// Checks that enough subjects could be fitted for each test of a study with sides. Returns warnings about subjects of
+/// whom one side is missing, and about sides that are the other way around.
 ///
 /// # Errors
 ///
 /// If there are too few subjects for a test.
-pub(super) fn fitted(plan: &Plan, subjects: &[Subject<'_>]) -> Result<Option<String>> {
+pub(super) fn fitted(plan: &Plan, subjects: &[Subject<'_>]) -> Result<Vec<String>> {
     if !plan.has_sides() {
-        return Ok(None);
+        return Ok(Vec::new());
     }
     for test in &plan.study.test {
         let found = plan.tested(test, subjects).len();
@@ -157,8 +158,35 @@ pub(super) fn fitted(plan: &Plan, subjects: &[Subject<'_>]) -> Result<Option<Str
     }
     let alone = sides::alone(&plan.manifest, subjects.iter().map(|subject| subject.cells));
     let (count, names) = (counted(alone.len(), "subject"), first_of(alone.iter().map(String::as_str), NAMED));
-    Ok((!alone.is_empty())
-        .then(|| format!("one side of {count} is missing, so that tests of the asymmetry leave them out: {names}")))
+    let missing = (!alone.is_empty())
+        .then(|| format!("one side of {count} is missing, so that tests of the asymmetry leave them out: {names}"));
+    Ok(missing.into_iter().chain(swapped(plan, subjects)?).collect())
+}
+
+/// Returns a warning if the left side of volumes is to the right of the right side, in all subjects.
+fn swapped(plan: &Plan, subjects: &[Subject<'_>]) -> Result<Option<String>> {
+    let [first, second] = &plan.study.subjects.sides[..] else { return Ok(None) };
+    let is = |name: &str, letter: char| name.to_lowercase().starts_with(letter);
+    let left_first = is(first, 'l') && is(second, 'r');
+    // The axes of meshes aren't known: x may be to the right or to the left.
+    if !(left_first || is(first, 'r') && is(second, 'l')) || !subjects.iter().all(|subject| is_volume(&subject.surface))
+    {
+        return Ok(None);
+    }
+    let centre =
+        |subject: &Subject<'_>| -> Result<f64> { Ok(Model::read(&subject.model)?.coefficients.values()[[0, 0]]) };
+    let mut pairs = 0;
+    for (first, second) in
+        sides::pairs(&plan.study.subjects, subjects.iter().map(|of| of.cells), &plan.manifest.columns)
+    {
+        let is_left_first = centre(&subjects[first])? < centre(&subjects[second])?;
+        if is_left_first == left_first {
+            return Ok(None);
+        }
+        pairs += 1;
+    }
+    let all = counted(pairs, "subject");
+    Ok((pairs > 0).then(|| format!("the side {first} is on the other side of {second} than its name says, in all of {all}: check `sides` and `labels`")))
 }
 
 /// Returns what a test needs of each subject, for messages.

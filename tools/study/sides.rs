@@ -204,16 +204,31 @@ pub(super) fn tested<'a>(
         let of_side = rows.iter().enumerate().filter(|(_, [_, found])| found == side);
         return of_side.map(|(row, _)| (row, None)).collect();
     }
+    pairs_of(subjects, &rows).into_iter().map(|(first, second)| (first, Some(second))).collect()
+}
+
+/// Returns the indices of the two rows of each subject who has both sides.
+pub(super) fn pairs<'a>(
+    subjects: &Subjects,
+    rows: impl Iterator<Item = &'a [String]>,
+    columns: &[String],
+) -> Vec<(usize, usize)> {
+    let [Some(subject_at), Some(side_at)] = COLUMNS.map(|name| columns.iter().position(|column| column == name)) else {
+        return Vec::new();
+    };
+    let rows: Vec<[&str; 2]> = rows.map(|cells| [cells[subject_at].as_str(), cells[side_at].as_str()]).collect();
+    pairs_of(subjects, &rows)
+}
+
+/// Returns the pairs of rows, each a subject and a side.
+fn pairs_of(subjects: &Subjects, rows: &[[&str; 2]]) -> Vec<(usize, usize)> {
     let of = |side: &str| -> BTreeMap<&str, usize> {
-        rows.iter()
-            .enumerate()
-            .filter(|(_, [_, found])| *found == side)
-            .map(|(row, [subject, _])| (*subject, row))
-            .collect()
+        let of_side = rows.iter().enumerate().filter(|(_, [_, found])| *found == side);
+        of_side.map(|(row, [subject, _])| (*subject, row)).collect()
     };
     let (first, second) = (of(&subjects.sides[0]), of(&subjects.sides[1]));
     let firsts: BTreeSet<usize> = first.values().copied().collect();
-    firsts.into_iter().filter_map(|row| Some((row, Some(*second.get(rows[row][0])?)))).collect()
+    firsts.into_iter().filter_map(|row| Some((row, *second.get(rows[row][0])?))).collect()
 }
 
 #[cfg(test)]
