@@ -77,7 +77,8 @@ impl Plan {
 
     /// Returns the number of subjects, of which each may have two sides.
     pub(super) fn subjects_counted(&self) -> usize {
-        sides::subjects(&self.manifest).map_or(self.manifest.rows.len(), |subjects| subjects.len())
+        let of_sides = if self.has_sides() { sides::subjects(&self.manifest) } else { None };
+        of_sides.map_or(self.manifest.rows.len(), |subjects| subjects.len())
     }
 
     /// Returns the folder of the models of mirrored subjects' signals.
