@@ -4,7 +4,8 @@
 Prints the share of 1,000 studies without an effect in which anything is significant at 0.05, for unequal variances, heavy
 tails, a covariate correlated with the group, unequal sizes, paired rows, repeated rows and families (bar 0.03 to 0.07); the
 share of 200 studies with an effect in which it is found by single vertices, TFCE and clusters; and the seconds of 10,000
-relabellings with TFCE of 50 against 50 subjects at 10,242 vertices (bar 60).
+relabellings with TFCE of 50 against 50 subjects at 10,242 vertices (bar 60). `--kind TEXT --studies 6000` only prints the
+shares of the kinds of studies whose names contain TEXT, of more studies: a share of 1,000 has a standard error of 0.007.
 """
 
 import argparse
@@ -64,6 +65,7 @@ def significant(found):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--studies", type=int, default=1000)
+    parser.add_argument("--kind", default="")
     given = parser.parse_args()
     missed = False
     # Some of the studies have unequal variances by chance.
@@ -76,6 +78,8 @@ def main():
     for seed in range(given.studies):
         rng = np.random.default_rng(seed)
         for kind, values, arguments in studies(rng, lambda n: smooth(rng.normal(size=(n, 162)), mean)):
+            if given.kind not in kind:
+                continue
             found = sp.shape.test(
                 values, **arguments, surface=sphere, tfce=True, cluster=0.01, permutations=499, seed=seed
             )
@@ -85,6 +89,9 @@ def main():
         met = (rates >= 0.03).all() and (rates <= 0.07).all()
         missed |= not met
         print(f"{kind:<36} {rates[0]:9.3f} {rates[1]:9.3f} {rates[2]:9.3f}{'' if met else '  NOT MET'}", flush=True)
+
+    if given.kind:
+        sys.exit(missed)
 
     sphere = sp.icosphere(3)
     mean = neighbours(sphere)
