@@ -3,8 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use clap::Args;
+use clap::{Args, ValueEnum};
 use rayon::prelude::*;
+use spharm::shape::Metric;
 use spharm::{Coefficients, Monitor, Stage};
 use spharm_cli::console::Console;
 use spharm_cli::help::{INPUT, METHOD, OUTPUT, RESOURCES};
@@ -45,6 +46,29 @@ pub(super) fn files(models: &[PathBuf]) -> Result<Vec<PathBuf>> {
     match files.iter().find(|file| !file.exists()) {
         Some(missing) => bail!("{}: no such file or folder", missing.display()),
         None => Ok(files),
+    }
+}
+
+/// Quantity by which models are compared, as an argument.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum By {
+    Distance,
+    Standardized,
+}
+
+impl By {
+    pub(super) fn metric(self) -> Metric {
+        match self {
+            Self::Distance => Metric::Distance,
+            Self::Standardized => Metric::Standardized,
+        }
+    }
+
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Distance => "distance",
+            Self::Standardized => "standardized",
+        }
     }
 }
 

@@ -5,9 +5,9 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::{Result, bail};
-use clap::{Args, ValueEnum};
+use clap::Args;
 use serde_json::json;
-use spharm::shape::{Clusters, Descriptors, Library, Metric};
+use spharm::shape::{Clusters, Descriptors, Library};
 use spharm_cli::Usage;
 use spharm_cli::help::{self, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
@@ -15,7 +15,7 @@ use spharm_cli::output::OutputFile;
 use spharm_cli::paths::{model_name, shown};
 use spharm_monitor::number;
 
-use super::args::{Models, ReportArgs, Resources, read_all};
+use super::args::{By, Models, ReportArgs, Resources, read_all};
 use super::describe::of;
 use super::outputs::{TABLES, check, finish, short, table_for, write_text};
 use super::plan::Plan;
@@ -63,12 +63,6 @@ pub(super) struct Cli {
     resources: Resources,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum By {
-    Distance,
-    Standardized,
-}
-
 /// Mean silhouette below which there is hardly any structure.
 const HARDLY: f64 = 0.25;
 
@@ -96,9 +90,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let pool = cli.resources.threads.pool()?;
     let found = pool.install(|| read_all(&paths, monitor, |model, path| of(model, path, cli.max_degree)))?;
     let degree = found.iter().map(Descriptors::max_degree).min().unwrap_or(0);
-    let metric = if cli.metric == By::Distance { Metric::Distance } else { Metric::Standardized };
     let library = Library::new(&found, cli.unit_size)?;
-    let found = pool.install(|| library.distances(metric)).clusters(cli.clusters)?;
+    let found = pool.install(|| library.distances(cli.metric.metric())).clusters(cli.clusters)?;
     let mut warnings = Vec::new();
     if found.mean < HARDLY {
         warnings.push(format!(
@@ -126,7 +119,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         "models": paths.len(),
         "degree": degree,
         "unit_size": cli.unit_size,
-        "metric": if cli.metric == By::Distance { "distance" } else { "standardized" },
+        "metric": cli.metric.name(),
         "clusters": clusters.collect::<Vec<_>>(),
         "silhouette": found.mean,
         "tried": found.tried.iter().map(|(count, mean)| json!({ "clusters": count, "silhouette": mean })).collect::<Vec<_>>(),

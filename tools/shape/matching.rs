@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
-use clap::{Args, ValueEnum};
+use clap::Args;
 use serde_json::json;
 use spharm::shape::memory::align_bytes;
 use spharm::shape::{AlignParams, Descriptors, Library, Match, Metric, align, descriptors};
@@ -15,7 +15,7 @@ use spharm_cli::output::OutputFile;
 use spharm_cli::paths::shown;
 use spharm_monitor::number;
 
-use super::args::{Models, ReportArgs, Resources, files, read_all};
+use super::args::{By, Models, ReportArgs, Resources, files, read_all};
 use super::describe::of;
 use super::outputs::{TABLES, check, exact, finish, table_for, write_text};
 use super::plan::Plan;
@@ -70,12 +70,6 @@ pub(super) struct Cli {
     resources: Resources,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum By {
-    Distance,
-    Standardized,
-}
-
 const COLUMNS: [&str; 6] = ["query", "rank", "model", "distance", "bound", "score"];
 
 /// Runs the subcommand.
@@ -110,7 +104,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let mut rows = vec![COLUMNS.map(str::to_owned).to_vec()];
     let mut cells = Vec::new();
     let mut reports = Vec::new();
-    let metric = if cli.metric == By::Distance { Metric::Distance } else { Metric::Standardized };
+    let metric = cli.metric.metric();
     for (path, query) in queries.iter().zip(&of_queries) {
         let surfaces = query.channels == 3 && cli.align > 0 && metric == Metric::Distance;
         let search = || -> Result<Vec<Match>> {
@@ -158,7 +152,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let report = json!({
         "degree": degree,
         "unit_size": cli.unit_size,
-        "metric": if cli.metric == By::Distance { "distance" } else { "standardized" },
+        "metric": cli.metric.name(),
         "models": among.len(),
         "queries": reports,
         "warnings": warnings,

@@ -235,6 +235,7 @@ mod tests {
     use anyhow::Context;
 
     use super::*;
+    use crate::exit::line_with_advice;
 
     #[test]
     fn advice_is_found_beneath_the_context() {
@@ -245,8 +246,10 @@ mod tests {
         let memory = || RunError::from(Error::Memory { budget: 1 << 20, needed: 2 << 20 });
         for error in [memory(), memory().of("a row").of("its file")] {
             assert!(advice(&error).is_some_and(|advice| advice.contains("--memory")));
+            assert!(line_with_advice(&error).contains("2MiB"), "{error}");
         }
         let member = Error::Member { index: 1, source: Box::new(Error::Memory { budget: 1, needed: 3 << 20 }) };
         assert!(advice(&member).is_some_and(|advice| advice.contains("--memory")));
+        assert!(line_with_advice(&member).contains("3MiB"), "{member}");
     }
 }

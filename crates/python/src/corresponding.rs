@@ -194,9 +194,8 @@ impl Group {
             let joining = Joining::new(group.template.clone(), &members, pose, RegisterParams::default(), monitor)?;
             monitor.begin(Stage::counted("new members", "surfaces"), surfaces.len() as u64);
             let one = |(index, source): (usize, &Source)| {
-                let motion = if mirrored { Similarity::reflection() } else { Similarity::default() };
-                let found = source.read().and_then(|surface| joining.add(&motion.apply_mesh(&surface), monitor));
-                let found = found.map(|member| member.moved_before(&motion));
+                let add = if mirrored { Joining::add_mirrored } else { Joining::add };
+                let found = source.read().and_then(|surface| add(&joining, &surface, monitor));
                 monitor.step(1);
                 found.map_err(|error| Error::Member { index, source: Box::new(error) })
             };

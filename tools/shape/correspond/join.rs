@@ -12,7 +12,6 @@ use spharm_cli::Usage;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{counted, same_place};
 use spharm_cli::paths::shown;
-use spharm_surface::Similarity;
 
 use super::super::outputs::finish;
 use super::surfaces::{Surface, plan};
@@ -103,8 +102,8 @@ fn added(
         }
         return Ok(None);
     }
-    let motion = if surface.mirrored { Similarity::reflection() } else { Similarity::default() };
-    let found = joining.add(&motion.apply_mesh(&surface.read()?), monitor)?.moved_before(&motion);
+    let add = if surface.mirrored { Joining::add_mirrored } else { Joining::add };
+    let found = add(joining, &surface.read()?, monitor)?;
     let of_member = warnings_of(&found.report, directions);
     let warnings = of_member.iter().map(|text| format!("{name}: {text}")).collect();
     let origin =

@@ -32,17 +32,6 @@ pub struct NewMember {
     pub report: MemberReport,
 }
 
-impl NewMember {
-    /// Returns the member of a surface that was moved by `motion` before it was added, such as
-    /// [`Similarity::reflection`]: its similarity maps from the frame before the motion.
-    #[must_use]
-    pub fn moved_before(mut self, motion: &Similarity) -> Self {
-        self.similarity = motion.then(&self.similarity);
-        record_motion(&mut self.model, &self.similarity);
-        self
-    }
-}
-
 /// Data of a group that is prepared once for all new members.
 pub struct Joining {
     group: GroupTemplate,
@@ -83,6 +72,20 @@ impl Joining {
             None
         };
         Ok(Self { group, template, pose: surface, params, finished })
+    }
+
+    /// Adds the mirror image of a surface, x to -x, as [`add`](Self::add) adds the surface; the similarity includes the
+    /// reflection.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`add`](Self::add).
+    pub fn add_mirrored(&self, surface: &Mesh, monitor: &dyn Monitor) -> Result<NewMember, Error> {
+        let reflection = Similarity::reflection();
+        let mut member = self.add(&reflection.apply_mesh(surface), monitor)?;
+        member.similarity = reflection.then(&member.similarity);
+        record_motion(&mut member.model, &member.similarity);
+        Ok(member)
     }
 
     /// Adds a surface, without changing the group.

@@ -85,9 +85,9 @@ impl CorrespondParams {
         })
     }
 
-    /// Returns the reflection that is applied first to a surface, or the identity.
-    pub(super) fn reflection(&self, index: usize) -> Similarity {
-        if self.mirrored.get(index) == Some(&true) { Similarity::reflection() } else { Similarity::default() }
+    /// Returns the reflection that is applied first to a surface, if there is one.
+    pub(super) fn reflection(&self, index: usize) -> Option<Similarity> {
+        (self.mirrored.get(index) == Some(&true)).then(Similarity::reflection)
     }
 
     pub(super) fn check(&self, count: usize) -> Result<(), Error> {

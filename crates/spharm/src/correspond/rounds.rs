@@ -41,7 +41,9 @@ pub(super) fn run(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &
     };
     let Posed { mut similarities, distances, template, mut warnings } = poses(subjects, params, monitor)?;
     for (index, similarity) in similarities.iter_mut().enumerate() {
-        *similarity = params.reflection(index).then(similarity);
+        if let Some(reflection) = params.reflection(index) {
+            *similarity = reflection.then(similarity);
+        }
     }
     lap("poses");
     let first = match (&params.template, template) {
@@ -111,7 +113,8 @@ pub(super) fn run(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &
 fn poses(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monitor) -> Result<Posed, Error> {
     let surface = |index: usize, mesh: Mesh| {
         monitor.check()?;
-        PoseSurface::new(&params.reflection(index).apply_mesh(&mesh)).ok_or(Error::NoArea)
+        let mirrored = params.reflection(index).map(|reflection| reflection.apply_mesh(&mesh));
+        PoseSurface::new(mirrored.as_ref().unwrap_or(&mesh)).ok_or(Error::NoArea)
     };
     let surfaces = subjects.each(surface)?;
     let landmarks = params.guide.as_ref().map(|guide| reflected(guide, params));
@@ -152,11 +155,13 @@ fn poses(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monit
 
 /// Returns landmarks after the reflections of their surfaces.
 fn reflected(landmarks: &GuideLandmarks, params: &CorrespondParams) -> GuideLandmarks {
-    let members = landmarks.members.iter().enumerate().map(|(index, points)| {
-        let reflection = params.reflection(index);
-        points.iter().map(|point| reflection.apply(*point)).collect()
-    });
-    GuideLandmarks { members: members.collect(), template: landmarks.template.clone() }
+    let mut landmarks = landmarks.clone();
+    for (index, points) in landmarks.members.iter_mut().enumerate() {
+        if let Some(reflection) = params.reflection(index) {
+            points.iter_mut().for_each(|point| *point = reflection.apply(*point));
+        }
+    }
+    landmarks
 }
 
 /// Replaces the poses of members whose landmarks give a different rotation than their surfaces; returns their indices.
