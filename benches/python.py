@@ -69,6 +69,41 @@ def speed(rows, rounds):
         rows.bar("fit of arrays, L = 100, n = 40,962, over the library's", statistics.median(fits), 1.1)
 
 
+def reported(rows, rounds):
+    """Compares the time of a call with the seconds of its report, for a million and ten million samples."""
+    for n, degree in [(10**6, 100), (10**7, 500)]:
+        directions = fibonacci(n)
+        surface = directions * (1 + 0.1 * directions[:, :1])
+        planning, solving, bare, fitting = [], [], [], []
+        for _ in range(rounds):
+            plan, transform = timed(lambda: sp.Transform(directions, degree))
+            sp.solve(transform, surface[:, 0])  # the plan of its moments, which later calls share
+            ours, (_, report) = timed(lambda: sp.solve(transform, surface[:, 0]))
+            planning.append(plan)
+            solving.append(ours / sum(report["seconds"].values()))
+            bare.append(timed(lambda: sp.solve(directions, surface[:, 0], degree))[0] / (plan + 1.15 * ours))
+            ours, model = timed(lambda: sp.fit(surface, directions, degree))
+            fitting.append(ours / sum(model.report["seconds"].values()))
+            del transform, model
+        what = f"n = {n:,}, L = {degree}"
+        print(f"planning, {what}: {statistics.median(planning):.3f} s")
+        rows.bar(f"solve with a Transform, {what}, over its report", statistics.median(solving), 1.15)
+        rows.bar(f"solve of directions, {what}, over planning and 1.15 solves", statistics.median(bare), 1)
+        rows.bar(f"fit of arrays, {what}, over its report", statistics.median(fitting), 1.15)
+
+
+def timed(work):
+    start = time.perf_counter()
+    result = work()
+    return time.perf_counter() - start, result
+
+
+def fibonacci(n):
+    i = np.arange(n) + 0.5
+    theta, phi = np.arccos(1 - 2 * i / n), np.pi * (1 + 5**0.5) * i
+    return np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], 1)
+
+
 def peer(*arguments):
     done = subprocess.run([PEER, *map(str, arguments)], capture_output=True, text=True, check=True)
     return json.loads(done.stdout)
@@ -92,10 +127,7 @@ def memory(rows):
     library's on the same arrays."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        n = 1_000_000
-        i = np.arange(n) + 0.5
-        theta, phi = np.arccos(1 - 2 * i / n), np.pi * (1 + 5**0.5) * i
-        np.save(folder / "d.npy", np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], 1))
+        np.save(folder / "d.npy", fibonacci(1_000_000))
         child = [sys.executable, "-c", MEMORY, str(folder / "d.npy")]
         ours = int(subprocess.run(child, capture_output=True, text=True, check=True).stdout)
         found = peer("fit", folder / "d.npy", folder / "d.npy", 50, 1)
@@ -183,6 +215,7 @@ def main():
     cpu = next((line.split(":")[1].strip() for line in open("/proc/cpuinfo") if line.startswith("model name")), "")
     print(f"{platform.machine()} {cpu}, {os.cpu_count()} cores, Python {platform.python_version()}, NumPy {np.__version__}")
     rows = Rows()
+    reported(rows, arguments.rounds)
     speed(rows, arguments.rounds)
     memory(rows)
     interpreter(rows)

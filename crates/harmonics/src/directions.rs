@@ -3,11 +3,9 @@
 //! Angles are always derived from the vector, with `atan2(hypot(x, y), z)` and `atan2(y, x)`, never with `acos`, which
 //! loses half of the digits near the poles.
 
-use std::sync::atomic::{AtomicU64, Ordering};
-
 use rayon::prelude::*;
 
-use crate::HarmonicsError;
+use crate::{HarmonicsError, duplicates};
 
 /// An ordered list of unit vectors, (n, 3).
 ///
@@ -155,78 +153,10 @@ impl Directions {
         self.radii
     }
 
-    /// Returns the number of directions that repeat an earlier one, bit for bit. Cost: two passes over the directions
-    /// by all threads of the caller's pool, and `17 n` bits; only those whose hash is another's, one in sixteen, are
-    /// sorted.
+    /// Returns the number of directions that repeat an earlier one, bit for bit. Cost: one pass over the directions by
+    /// all threads of the caller's pool, and 9 bytes a direction.
     pub fn duplicates(&self) -> usize {
-        let key = |v: &[f64; 3]| v.map(|c| (c + 0.0).to_bits());
-        let hash = |v: &[f64; 3]| {
-            // Multiplication by odd numbers spreads the bits of the mantissas upwards.
-            let [x, y, z] = key(v).map(|word| word ^ word >> 32);
-            let mixed = (x.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ y).wrapping_mul(0xbf58_476d_1ce4_e5b9) ^ z;
-            mixed.wrapping_mul(0x94d0_49bb_1331_11eb)
-        };
-        let taken = BitSet::new(16 * self.vectors.len());
-        // All but the first direction of each bit; a few, so that their bits fit the caches.
-        let later = self.map_parts(|part| {
-            let hashes = part.iter().map(hash);
-            hashes.filter(|&hash| !taken.insert(hash)).collect::<Vec<u64>>()
-        });
-        let later = later.concat();
-        let shared = BitSet::new(32 * later.len());
-        for &hash in &later {
-            shared.insert(taken.place(hash));
-        }
-        let is_shared = |v: &&[f64; 3]| shared.contains(taken.place(hash(v)));
-        let keys = self.map_parts(|part| part.iter().filter(is_shared).map(key).collect::<Vec<_>>());
-        let mut keys = keys.concat();
-        keys.sort_unstable();
-        keys.windows(2).filter(|pair| pair[0] == pair[1]).count()
-    }
-
-    /// Maps consecutive parts of the directions, on all threads of the caller's pool if there is one. Outside of a pool
-    /// the global one would be used, which a forked process doesn't have.
-    fn map_parts<T: Send>(&self, map: impl Fn(&[[f64; 3]]) -> T + Send + Sync) -> Vec<T> {
-        if rayon::current_thread_index().is_some() {
-            self.vectors.par_chunks(PART).map(map).collect()
-        } else {
-            self.vectors.chunks(PART).map(map).collect()
-        }
-    }
-}
-
-/// A set of hashes by their leading bits, to which threads add at the same time.
-struct BitSet {
-    words: Vec<AtomicU64>,
-    shift: u32,
-}
-
-impl BitSet {
-    /// Creates an empty set of `bits` bits or up to twice as many, at least 64.
-    fn new(bits: usize) -> Self {
-        let bits = bits.next_power_of_two().max(64);
-        Self { words: (0..bits / 64).map(|_| AtomicU64::new(0)).collect(), shift: 64 - bits.trailing_zeros() }
-    }
-
-    /// Returns the place of a hash's bit, spread over all bits of a word, so that it is a hash for smaller sets.
-    fn place(&self, hash: u64) -> u64 {
-        (hash >> self.shift).wrapping_mul(0x9e37_79b9_7f4a_7c15)
-    }
-
-    fn bit(&self, hash: u64) -> (usize, u64) {
-        let place = (hash >> self.shift) as usize;
-        (place / 64, 1 << (place % 64))
-    }
-
-    /// Adds a hash; returns whether its bit wasn't set before.
-    fn insert(&self, hash: u64) -> bool {
-        let (word, bit) = self.bit(hash);
-        self.words[word].fetch_or(bit, Ordering::Relaxed) & bit == 0
-    }
-
-    fn contains(&self, hash: u64) -> bool {
-        let (word, bit) = self.bit(hash);
-        self.words[word].load(Ordering::Relaxed) & bit != 0
+        duplicates::count(&self.vectors)
     }
 }
 

@@ -72,6 +72,7 @@
 pub mod coefficients;
 pub mod directions;
 pub mod double_double;
+mod duplicates;
 mod error;
 pub mod index;
 pub mod polar;

@@ -7,6 +7,7 @@ use ndarray::ArrayView2;
 use numpy::{IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use rayon::prelude::*;
 use serde_json::{Value, json};
 use spharm::parametrize::Input;
 use spharm::solver::lsq::LsqWarning;
@@ -316,7 +317,7 @@ fn target(
 ) -> Result<Target, Error> {
     let (vertices, channels) = values.dim();
     let triangles = triangles.unwrap_or(&sphere.faces);
-    let flat: Vec<f64> = values.as_slice().map_or_else(|| values.iter().copied().collect(), <[f64]>::to_vec);
+    let flat = copied(values);
     if surface && channels == 3 && !triangles.is_empty() {
         let mesh = Mesh::new(flat.as_chunks().0.to_vec(), triangles.to_vec());
         return Ok(Target::from_mesh_with_gaps(&mesh, sphere)?);
@@ -324,6 +325,17 @@ fn target(
     let target = Target::from_signal_with_gaps(Signal::new(flat, vertices, channels), sphere)?;
     let kind = if surface { Kind::Surface } else { Kind::Signal };
     Ok(Target { kind, ..target })
+}
+
+/// Copies values by all threads of the current pool, because most of the time is the system's, which provides new pages.
+fn copied(values: ArrayView2<'_, f64>) -> Vec<f64> {
+    const PART: usize = 1 << 16;
+    let Some(values) = values.as_slice() else {
+        return values.iter().copied().collect();
+    };
+    let mut copy = vec![0.0; values.len()];
+    copy.par_chunks_mut(PART).zip(values.par_chunks(PART)).for_each(|(copy, values)| copy.copy_from_slice(values));
+    copy
 }
 
 /// Returns the report of a fit as JSON, including the distances at the vertices.
