@@ -12,7 +12,7 @@ from typing import Any, Iterable, Iterator, Literal, Mapping
 from . import _arrays, _core, errors
 from ._fit import _settings
 from ._model import Model
-from ._parametrize import _volume_settings
+from ._parametrize import _image, _volume_settings
 from ._progress import Progress, callback
 from ._store import Store
 from ._surface import Path
@@ -118,6 +118,8 @@ def fit_cohort(
     fix: bool = False,
     cut_handles: bool = False,
     voxel_size: Iterable[float] | None = None,
+    channel: int | None = None,
+    time: int | None = None,
     threshold: float | None = None,
     probability: bool = False,
     label_surface: str = "smooth",
@@ -180,8 +182,8 @@ def fit_cohort(
         Repair meshes and labels of volumes; cut handles.
     voxel_size : three floats, optional
         Size of volumes' voxels along x, y and z, in mm, overriding that in their files.
-    threshold, probability, label_surface, smooth_radius
-        Values of volumes and surfaces of labels, as for `parametrize_volume`.
+    channel, time, threshold, probability, label_surface, smooth_radius
+        Images and values of volumes and surfaces of labels, as for `parametrize_volume`.
     objective, weights, smoothness, denoise, stderr, hold_out, surface_distance, method, store, passes, granularity
         As for `fit`; weights are given by name, or by files in the table's column.
     start_degree, accelerate, tolerance, max_iterations, preconditioner, strict, dtype, memory, threads
@@ -248,6 +250,7 @@ def fit_cohort(
         fix=bool(fix),
         cut_handles=bool(cut_handles),
         voxel_size=sizes,
+        image=_image(channel, time),
         **_volume_settings(threshold, probability, label_surface, smooth_radius),
         settings=settings,
     )

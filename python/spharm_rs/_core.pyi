@@ -197,6 +197,7 @@ class CohortRun:
         fix: bool,
         cut_handles: bool,
         voxel_size: Sequence[float] | None,
+        image: tuple[int | None, int | None],
         threshold: float | None,
         probability: bool,
         label_surface: str,
@@ -316,6 +317,7 @@ def parametrize_volume(
     volume: str | tuple[NDArray[np.int32] | _Floats, _Floats],
     *,
     label: int | None,
+    image: tuple[int | None, int | None],
     threshold: float | None,
     probability: bool,
     label_surface: str,
@@ -330,7 +332,9 @@ def parametrize_volume(
     threads: int | None = None,
     progress: _Progress | None = None,
 ) -> _Mapped: ...
-def labels(volume: str | tuple[NDArray[np.int32] | _Floats, _Floats]) -> dict[int, int]: ...
+def labels(
+    volume: str | tuple[NDArray[np.int32] | _Floats, _Floats], *, image: tuple[int | None, int | None]
+) -> dict[int, int]: ...
 def resample(
     vertices: _Floats,
     faces: _Triangles,

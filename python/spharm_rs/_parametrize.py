@@ -135,6 +135,8 @@ def parametrize_volume(
     volume: Path | ArrayLike,
     *,
     label: int | None = None,
+    channel: int | None = None,
+    time: int | None = None,
     threshold: float | None = None,
     probability: bool = False,
     label_surface: str = "smooth",
@@ -158,6 +160,8 @@ def parametrize_volume(
         A file (NIfTI, MGH/MGZ, NRRD, TIFF with its voxel size), or an array of labels, grey values or probabilities.
     label : int, optional
         Required if the volume has several labels.
+    channel, time : int, optional
+        Image to read from a file of several channels or times, counted from 1.
     threshold : float, optional
         Read grey values: the body is the voxels of this value or more, and its surface is where linear interpolation
         reaches the value.
@@ -198,6 +202,7 @@ def parametrize_volume(
     found = _core.parametrize_volume(
         _volume(volume, affine, threshold is not None or probability),
         label=chosen,
+        image=_image(channel, time, volume),
         **_volume_settings(threshold, probability, label_surface, smooth_radius),
         fix=bool(fix),
         cut_handles=bool(cut_handles),
@@ -207,14 +212,26 @@ def parametrize_volume(
     return _made(found)
 
 
-def labels(volume: Path | ArrayLike) -> dict[int, int]:
+def labels(volume: Path | ArrayLike, *, channel: int | None = None, time: int | None = None) -> dict[int, int]:
     """Returns the labels of a volume, each with its number of voxels; 0 is the background.
 
     Parameters
     ----------
     volume : str, os.PathLike or array_like of int, (i, j, k)
+    channel, time : int, optional
+        As for `parametrize_volume`.
     """
-    return _core.labels(_volume(volume, None, False))
+    return _core.labels(_volume(volume, None, False), image=_image(channel, time, volume))
+
+
+def _image(channel: int | None, time: int | None, volume: Any = None) -> tuple[int | None, int | None]:
+    """Returns the numbers of a channel and a time, which only files have."""
+    found = []
+    for what, number in (("channel", channel), ("time", time)):
+        if number is not None and volume is not None and not isinstance(volume, (str, os.PathLike)):
+            raise ValueError(f"{what}: expected None for an array, found {number!r}; index the array")
+        found.append(None if number is None else _arrays.whole(what, number, 1))
+    return found[0], found[1]
 
 
 def _volume_settings(

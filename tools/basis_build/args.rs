@@ -17,9 +17,9 @@ use spharm_store::basis::DEFAULT_CHUNK_ROWS;
 /// interrupted build, and a higher --max-degree extends a finished one. Several builds may run at once.
 ///
 /// With --factor, the Cholesky factor of the normal equations to degree L is computed as well and kept beside the
-/// basis. With the factor, a full least-squares fit over the scheme takes two triangular solves. It takes 4 (L + 1)^4
-/// bytes of disk in f64, whatever the number of vertices. An interrupted computation of the factor starts again from
-/// the beginning.
+/// basis. With the factor, a full least-squares fit over the scheme takes two triangular solves. The factor takes
+/// 4 (L + 1)^4 bytes of disk in f64, whatever the number of vertices. An interrupted computation of the factor starts
+/// again from the beginning.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[

@@ -57,13 +57,13 @@ use self::provenance::Provenance;
 use self::stage::Stage;
 use self::warnings::Flagged;
 
-/// Smallest number of subjects in a group.
+/// Minimum number of subjects in a group.
 const LEAST: usize = 3;
 
-/// Previews the fits of the subjects of a manifest.
+/// Function that previews the fits of the subjects of a manifest.
 type Preview = dyn Fn(&[String], Manifest) -> Result<crate::rows::Previewed>;
 
-/// Writes a study file, filled in as far as its table and the files below its folder tell.
+/// Writes a study file. Keys are filled in from the table and from the files below the study file's folder.
 fn init(file: &Path, table: Option<&str>, force: bool, console: &Console) -> Result<()> {
     let folder = file.parent().unwrap_or(Path::new(""));
     let text = match table {
@@ -98,7 +98,7 @@ pub(crate) fn run(
             (recorded.plan(path, cli.output.as_deref(), common)?, Some(recorded))
         }
         (None, Some(study)) => {
-            // The other verbs get their arguments as text, so the path must be UTF-8.
+            // The path must be UTF-8, because the other verbs get their arguments as text.
             utf8(study)?;
             (Plan::read(study, cli.output.clone(), common(cli))?, None)
         }
@@ -168,19 +168,19 @@ fn common(cli: &Cli) -> Vec<String> {
     threads.chain(cli.resources.memory.arguments()).collect()
 }
 
-/// A call of `study`.
+/// State of a call of the verb `study`.
 struct Call<'a> {
     cli: &'a Cli,
     plan: &'a Plan,
-    /// The record of an earlier run, with which the results are compared.
+    /// Record of an earlier run, with which the results are compared.
     recorded: Option<&'a Provenance>,
     spharm: &'a dyn Fn(&[String]) -> Result<()>,
     console: Console,
-    /// The stages that ended.
+    /// Stages that have ended.
     rows: Vec<ending::Done>,
-    /// The subjects that the quality control flags, the worst first.
+    /// Subjects flagged by the quality control, the worst first.
     flagged: Vec<Flagged>,
-    /// The subjects that couldn't be fitted, with the reasons.
+    /// Subjects that couldn't be fitted, with the reasons.
     failed: Vec<(String, String)>,
     /// Warnings about the whole group.
     warnings: Vec<String>,
@@ -276,8 +276,8 @@ impl Call<'_> {
         Ok(made)
     }
 
-    /// Ends a strict study at a flag, before the tests. Removes the outputs of the later stages, which are of an
-    /// earlier run.
+    /// Ends a strict study at a flag, before the tests. Removes the outputs that an earlier run wrote in the later
+    /// stages.
     fn stop<'s>(&mut self, later: impl IntoIterator<Item = &'s Stage>) -> Result<()> {
         later.into_iter().try_for_each(|stage| stage.clear(&self.plan.records()))?;
         self.warnings.clear();
@@ -295,7 +295,7 @@ impl Call<'_> {
         }
     }
 
-    /// Fits the subjects. Those that fail are listed at the end; any other error ends the study.
+    /// Fits the subjects. Subjects that fail are listed at the end; any other error ends the study.
     fn fit(&mut self, fits: &Fits<'_>) -> Result<()> {
         let stage = self.plan.fit(fits, self.cli.shard, self.cli.force);
         let started = Instant::now();
@@ -304,12 +304,14 @@ impl Call<'_> {
             self.console.warn(format!("{id}: the model was damaged; fitting it again"));
         }
         self.console.note(format!("\n{}", stage.command()));
+        let muted = (!self.prints(&stage)).then(Muted::begin);
         let ran = (self.spharm)(&self.arguments(&stage));
+        drop(muted);
         if ran.as_ref().is_err_and(spharm_cli::exit::is_interrupted) {
             let again = format!("interrupted; resume with: spharm study {}", self.plan.file.display());
             return Err(anyhow::Error::from(spharm_monitor::Interrupted).context(again));
         }
-        // An error that concerns all fits, such as a full disk, ends the study with its own reason.
+        // If an error concerns all fits, such as a full disk, the study ends with this error.
         if ran.as_ref().is_err_and(|error| concerns_all(error.as_ref())) || fits.failed(&fits.merged()?).is_empty() {
             ran?;
         }
@@ -326,10 +328,19 @@ impl Call<'_> {
             return Ok(());
         }
         stage.clear(&records)?;
+        let muted = (!self.prints(stage)).then(Muted::begin);
         (self.spharm)(&self.arguments(stage)).with_context(|| format!("{} ({})", stage.name, stage.command()))?;
+        drop(muted);
         stage.finish(&records)?;
         self.row(&stage.name, "done", started);
         Ok(())
+    }
+
+    /// Returns whether a stage prints its tables: the quality control and the tests, the fits of a shard, and with
+    /// `--verbose` all stages. The other tables are in the study's files.
+    fn prints(&self, stage: &Stage) -> bool {
+        let is_result = stage.name == stages::CHECK || stage.name.starts_with("test.");
+        is_result || self.cli.shard.is_some() || self.cli.common.verbose
     }
 
     /// Returns the complete command, including the arguments that the study passes on.

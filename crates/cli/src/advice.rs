@@ -17,7 +17,7 @@ use spharm_surface::SurfaceError;
 
 pub use fit::of_oscillation;
 
-/// Returns the advice on the first error in the chain that has any.
+/// Returns the advice on the first error in the chain for which there is advice.
 pub fn advice(error: &(dyn std::error::Error + 'static)) -> Option<String> {
     std::iter::successors(Some(error), |&error| error.source()).find_map(|cause| {
         let surface = cause.downcast_ref().and_then(of_surface);
@@ -75,7 +75,7 @@ fn of_surface(error: &SurfaceError) -> Option<String> {
         SurfaceError::VolumeInput { .. } => {
             Some("spharm fit and spharm parametrize accept volumes, with --label N and without --sphere".to_owned())
         }
-        // Errors of comparing two surfaces vertex by vertex.
+        // These errors occur when two surfaces are compared vertex by vertex.
         SurfaceError::TopologyDiffers { .. }
         | SurfaceError::LengthMismatch { what: "triangles of the reconstruction", .. } => {
             Some("--surface-distance compares surfaces with different triangles".to_owned())
@@ -184,6 +184,11 @@ fn of_parametrize(error: &ParametrizeError) -> Option<String> {
         ParametrizeError::NotLabels { .. } => {
             Some("--threshold LEVEL reads grey values, --probability probabilities".to_owned())
         }
+        ParametrizeError::SeveralImages { channels, times, .. } => Some(match (channels, times) {
+            (1, _) => "--time N reads one time".to_owned(),
+            (_, 1) => "--channel N reads one channel".to_owned(),
+            _ => "--channel N and --time N read one image".to_owned(),
+        }),
         ParametrizeError::NoVoxelSize { .. } => Some("give the voxel size with --voxel-size X,Y,Z".to_owned()),
         ParametrizeError::NotProbability { .. } => Some("--threshold LEVEL reads values of any range".to_owned()),
         ParametrizeError::NoLabel { .. } => Some("--label N chooses one of them".to_owned()),

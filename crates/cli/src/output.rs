@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use anyhow::{Context, Result, bail};
 use serde::Serialize;
@@ -28,7 +28,7 @@ impl std::fmt::Display for ToStdout {
 ///
 /// If stdout can't be written to; a closed pipe ends the program without a message.
 pub fn print(text: &str) -> Result<()> {
-    if MUTED.load(Ordering::Relaxed) {
+    if MUTED.load(Ordering::Relaxed) > 0 {
         return Ok(());
     }
     let mut out = std::io::stdout().lock();
@@ -45,25 +45,25 @@ pub fn print_line(text: &str) -> Result<()> {
     print(&printable::one_line(text))
 }
 
-/// Whether texts for stdout are dropped.
-static MUTED: AtomicBool = AtomicBool::new(false);
+/// Number of existing [`Muted`] values. If it isn't 0, output to stdout is suppressed.
+static MUTED: AtomicUsize = AtomicUsize::new(0);
 
-/// As long as it lives, nothing is printed to stdout: for a verb that runs others, and prints JSON of its own.
+/// Suppresses output to stdout until dropped. A verb that runs other verbs uses it to hide their tables.
 #[derive(Debug)]
 pub struct Muted(());
 
 impl Muted {
-    /// Begins to drop texts.
+    /// Begins to suppress output to stdout.
     #[must_use]
     pub fn begin() -> Self {
-        MUTED.store(true, Ordering::Relaxed);
+        MUTED.fetch_add(1, Ordering::Relaxed);
         Self(())
     }
 }
 
 impl Drop for Muted {
     fn drop(&mut self) {
-        MUTED.store(false, Ordering::Relaxed);
+        MUTED.fetch_sub(1, Ordering::Relaxed);
     }
 }
 
@@ -199,7 +199,7 @@ pub(crate) fn place(path: &Path) -> PathBuf {
 ///
 /// # Errors
 ///
-/// Those of [`check_outputs`] and of [`check_not_inputs`].
+/// The errors of [`check_outputs`] and of [`check_not_inputs`].
 pub fn check_files<'i, 'a>(
     inputs: impl IntoIterator<Item = &'i Path>,
     outputs: impl IntoIterator<Item = OutputFile<'a>>,

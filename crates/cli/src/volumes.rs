@@ -1,15 +1,15 @@
 //! Arguments that describe volumes: their voxels, and the surface of a label.
 
 use clap::Args;
-use spharm::parametrize::volume::{LabelSurface, VolumeReading, VoxelValues};
+use spharm::parametrize::volume::{ImageChoice, LabelSurface, VolumeReading, VoxelValues};
 
 use crate::Usage;
 use crate::surfaces::VoxelSize;
 
-/// How to read volumes.
+/// Arguments for reading volumes.
 #[derive(Debug, Clone, Copy, Args)]
 pub struct VolumeArgs {
-    /// Size of a volume's voxels, in place of that in its file
+    /// Size of a volume's voxels, in place of the size in its file
     ///
     /// Needed for arrays, and for TIFF stacks without OME-XML or ImageJ's spacing.
     #[arg(long, value_name = "X,Y,Z", hide_short_help = true)]
@@ -26,6 +26,12 @@ pub struct VolumeArgs {
     /// the voxels farther inside.
     #[arg(long, conflicts_with = "threshold", hide_short_help = true)]
     pub probability: bool,
+    /// Channel to read, counted from 1, if the file has several
+    #[arg(long, value_name = "N", value_parser = number, hide_short_help = true)]
+    pub channel: Option<usize>,
+    /// Time to read, counted from 1, if the file has several
+    #[arg(long, value_name = "N", value_parser = number, hide_short_help = true)]
+    pub time: Option<usize>,
     /// Distance in voxels that a smooth surface may be from the voxels' faces, 0.25 to 4 [default: 0.5]
     ///
     /// Larger radii remove ridges between slices that were outlined one by one, and other detail of this size. The
@@ -35,15 +41,16 @@ pub struct VolumeArgs {
 }
 
 impl VolumeArgs {
-    /// Returns the library's settings.
+    /// Returns the library's settings for reading volumes.
     #[must_use]
     pub fn reading(&self) -> VolumeReading {
         let values = VoxelValues::of(self.threshold, self.probability);
-        VolumeReading { voxel_size: self.voxel_size.map(|size| size.0), values }
+        let image = ImageChoice { channel: self.channel, time: self.time };
+        VolumeReading { voxel_size: self.voxel_size.map(|size| size.0), values, image }
     }
 }
 
-/// The surface that stands for a label.
+/// Arguments for the surface of a label.
 #[derive(Debug, Clone, Args)]
 pub struct LabelSurfaceArgs {
     /// Surface of a label: without the voxels' steps, or the voxels' faces
@@ -62,21 +69,26 @@ pub struct LabelSurfaceArgs {
 }
 
 impl LabelSurfaceArgs {
-    /// Returns the library's setting.
+    /// Returns the library's setting for the surface of a label.
     ///
     /// # Errors
     ///
-    /// [`Usage`] for a radius of a surface that isn't smooth.
+    /// [`Usage`] for a smoothing radius with a surface that isn't smooth.
     pub fn surface(&self, volume: &VolumeArgs) -> Result<LabelSurface, Usage> {
         LabelSurface::named(&self.label_surface, volume.smooth_radius)
             .map_err(|_| Usage::conflict("--smooth-radius is for --label-surface smooth"))
     }
 }
 
-/// Parses a radius of smooth surfaces.
+/// Parses a radius of smoothing, in voxels.
 fn radius(text: &str) -> Result<f64, String> {
     let radius = finite(text)?;
     LabelSurface::named("smooth", Some(radius)).map(|_| radius).map_err(|_| "expected 0.25 to 4 voxels".to_owned())
+}
+
+/// Parses a whole number of at least 1.
+fn number(text: &str) -> Result<usize, String> {
+    text.parse().ok().filter(|number| *number > 0).ok_or_else(|| "expected a number from 1".to_owned())
 }
 
 fn finite(text: &str) -> Result<f64, String> {

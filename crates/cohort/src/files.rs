@@ -45,7 +45,7 @@ impl ModelFiles {
         self.file_name().to_string_lossy().into_owned()
     }
 
-    /// Returns `NAME`, the common beginning of the file names, exactly, even if it isn't UTF-8.
+    /// Returns `NAME`, the common beginning of the file names, exactly as stored, even if it isn't valid UTF-8.
     #[must_use]
     pub fn file_name(&self) -> OsString {
         let mut name = PathBuf::from(self.model.file_name().unwrap_or_default());
@@ -108,7 +108,7 @@ impl ModelFiles {
         [model, csv, errors, sphere, self.surface(), self.cut_surface(), self.fixed_surface()]
     }
 
-    /// Returns whether a sphere exists beside the model and was made from this input, with any settings.
+    /// Returns whether the sphere beside the model exists and was made from the given input, with any settings.
     #[must_use]
     pub fn has_sphere_of(&self, input: &FileRecord) -> bool {
         let origin = read_mesh(self.sphere()).ok().and_then(|sphere| Origin::of(&sphere.meta));
@@ -217,6 +217,7 @@ impl ModelFiles {
         provenance.region = made_of.region.cloned();
         let Preparation { reading, fix, cut_handles, .. } = made_of.preparation;
         (provenance.voxel_size, provenance.fix, provenance.cut_handles) = (reading.voxel_size, fix, cut_handles);
+        (provenance.channel, provenance.time) = (reading.image.channel, reading.image.time);
         match reading.values {
             VoxelValues::Labels => {}
             VoxelValues::Level(level) => provenance.threshold = Some(level),
@@ -228,7 +229,7 @@ impl ModelFiles {
         Ok(model.write_with(&self.model, replace.model)?)
     }
 
-    /// Writes standard errors, (K, c), beside the model.
+    /// Writes standard errors, of shape (K, c), beside the model.
     ///
     /// # Errors
     ///
@@ -245,8 +246,8 @@ pub struct MadeOf<'a> {
     pub id: Option<&'a str>,
     /// Record of the surface's file.
     pub input: Option<&'a FileRecord>,
-    /// Record of the file of the region to which reading was limited, if any. Values outside the region were
-    /// extrapolated from its edge.
+    /// Record of the region's file, if reading was limited to a region. Values outside the region were extrapolated
+    /// from its edge.
     pub region: Option<&'a FileRecord>,
     /// Changes to the surface that were requested before the fit.
     pub preparation: Preparation,
@@ -259,8 +260,8 @@ pub struct MadeOf<'a> {
 pub struct Mapped {
     /// The surface with its sphere and the report on the mapping.
     pub surface: MappedSurface,
-    /// Paths of the files that were written: the sphere, and the surface if it differs from the input's. Empty if an
-    /// existing sphere was reused.
+    /// Paths of the files that were written: the sphere, and the surface if it differs from that of the input. Empty
+    /// if an existing sphere was reused.
     pub written: Vec<PathBuf>,
 }
 
@@ -268,8 +269,8 @@ impl Mapped {
     /// Removes the files that were written. Without a model, these files would cause the next run to be refused.
     pub fn remove(&self) {
         for path in &self.written {
-            // If a file can't be removed, that error is ignored: the caller reports the error for which the files are
-            // removed.
+            // If a file can't be removed, the error is ignored, because the caller reports the error that caused the
+            // removal.
             let _ = std::fs::remove_file(path);
         }
     }

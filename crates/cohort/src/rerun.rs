@@ -4,7 +4,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 use spharm::model::{Provenance, Settings};
-use spharm::parametrize::volume::VoxelValues;
+use spharm::parametrize::volume::{ImageChoice, VoxelValues};
 use spharm::store::{Scalar, SchemeKey};
 use spharm::{FileRecord, FitParams, Method, Model, Objective, Preparation, Smoothness, Sphere};
 
@@ -40,14 +40,14 @@ pub struct Request<'a> {
     pub id: Option<&'a str>,
     /// Record of the target's file.
     pub input: &'a FileRecord,
-    /// Sphere of the fit; `None` if the surface is to be mapped to a sphere of its own.
+    /// Sphere of the fit, or `None` if the surface is to be mapped to a sphere.
     pub sphere: Option<&'a Sphere>,
     /// Settings of the fit.
     pub params: &'a FitParams,
-    /// Record of the file of the region to which reading is limited, if any. Values outside the region are extrapolated
-    /// from its edge.
+    /// Record of the region's file, if reading is limited to a region. Values outside the region are extrapolated from
+    /// its edge.
     pub region: Option<&'a FileRecord>,
-    /// Changes to make to the surface before the fit; none for a surface over a given sphere.
+    /// Changes to be made to the surface before the fit. There are none for a surface over a given sphere.
     pub preparation: Preparation,
     /// Path of the model.
     pub output: &'a Path,
@@ -66,7 +66,7 @@ pub enum Decision {
     Fit {
         /// Existing outputs that the fit may replace.
         replace: Replace,
-        /// Input of the existing model, if that model is replaced although its input is another one.
+        /// Input of the existing model, if the model is replaced although it was made from another input.
         replaces: Option<FileRecord>,
     },
 }
@@ -169,8 +169,8 @@ impl Request<'_> {
     }
 
     /// Decides as [`decide`](Self::decide) does. `is_sound` returns whether repairing and cutting would leave the
-    /// surface unchanged. Because it has to read the surface, it is only called if the request has repairs or cuts that
-    /// the model was made without.
+    /// surface unchanged. Because it has to read the surface, it is only called if the request has repairs or cuts
+    /// that the existing model was made without.
     ///
     /// # Errors
     ///
@@ -250,8 +250,7 @@ impl Request<'_> {
     /// had no effect isn't a difference.
     fn unprepared(&self, recorded: &Provenance, is_sound: &dyn Fn() -> bool) -> Vec<Difference> {
         let wanted = self.preparation;
-        let mut differences = Vec::new();
-        let size = wanted.reading.voxel_size;
+        let (mut differences, size) = (Vec::new(), wanted.reading.voxel_size);
         let same = match (recorded.voxel_size, size) {
             // Compare with a tolerance, because writing and reading a number may change its last bit.
             (Some(found), Some(wanted)) => found.iter().zip(wanted).all(|(a, b)| (a - b).abs() <= 1e-14 * b),
@@ -270,16 +269,17 @@ impl Request<'_> {
             };
             let found = named(recorded.label_surface.as_deref().unwrap_or("voxels"), recorded.smooth_radius);
             let (surface, values) = (wanted.label_surface, VoxelValues::of(recorded.threshold, recorded.probability));
+            let image = ImageChoice { channel: recorded.channel, time: recorded.time };
             let compared = [
                 ("label_surface", found, named(surface.name(), surface.radius())),
                 ("values", values.to_string(), wanted.reading.values.to_string()),
+                ("image", image.to_string(), wanted.reading.image.to_string()),
             ];
             let differ = compared.into_iter().filter(|(_, found, wanted)| found != wanted);
             differences.extend(differ.map(|(setting, found, wanted)| Difference { setting, found, wanted }));
         }
         let (repaired, cut) = (recorded.repair.is_some(), recorded.handles.is_some());
-        // If a label was fitted without a recorded repair or cut, it needs neither. For a mesh, this can't be
-        // concluded.
+        // A label fitted without a recorded repair or cut needs neither. For a mesh, this can't be concluded.
         let as_it_is = self.input.label.is_some() && !repaired && !cut;
         // A repaired label has no handles left to cut.
         let without_handles = self.input.label.is_some() && repaired;

@@ -18,7 +18,7 @@ use crate::npz::{Archive, write_all};
 pub enum Entry<'a> {
     /// A matrix of f64.
     Matrix(ArrayView2<'a, f64>),
-    /// An array of f64 with three axes, such as the coefficients of models, (models, K, c).
+    /// An array of f64 with three axes, such as the coefficients of several models, of shape (models, K, c).
     Cube(ArrayView3<'a, f64>),
     /// A text.
     Text(&'a str),
@@ -72,7 +72,7 @@ impl Arrays {
         Ok(Self { path: path.to_owned(), zip })
     }
 
-    /// Reads a matrix; a vector is returned as a single column.
+    /// Reads a matrix. A vector is returned as a matrix of one column.
     ///
     /// # Errors
     ///

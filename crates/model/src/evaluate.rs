@@ -10,7 +10,7 @@ use crate::geometry::Geometry;
 use crate::model::Model;
 
 impl Model {
-    /// Returns the values of the model at directions, (n, c), using the degrees up to `degree`.
+    /// Returns the values of the model at n directions, as a matrix of shape (n, c), using the degrees up to `degree`.
     ///
     /// # Errors
     ///
@@ -26,9 +26,9 @@ impl Model {
     /// Returns the memory in bytes needed to evaluate a model over a sphere and to write the result to a file. The
     /// sphere and the result are included.
     ///
-    /// The sphere takes 24 bytes per vertex and 12 per triangle. The transform takes [`Transform::bytes`]. The values
-    /// take 8 bytes each, three times: as computed, in the mesh or signal, and while they are written. The result's
-    /// triangles take 12 bytes each.
+    /// The sphere takes 24 bytes per vertex and 12 per triangle. The transform takes [`Transform::bytes`]. Each value
+    /// takes 8 bytes in each of three places: as computed, in the mesh or signal, and while it is written. The
+    /// result's triangles take 12 bytes each.
     #[must_use]
     pub fn bytes_to_evaluate(vertices: u64, faces: u64, channels: usize, degree: usize) -> u64 {
         let params = TransformParams { max_degree: degree, accuracy: FINEST, channels: channels.clamp(1, 3) };

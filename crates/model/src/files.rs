@@ -57,7 +57,7 @@ impl Model {
         npz::read(path, BufReader::new(spharm_files::open(path).map_err(open)?))
     }
 
-    /// Reads a model from the bytes of an archive. See [`read`](Self::read) for what the archive may contain.
+    /// Reads a model from the bytes of an archive. See [`read`](Self::read) for the accepted contents.
     ///
     /// # Errors
     ///

@@ -1,20 +1,20 @@
-//! Preserves the position of a surface in its volume, as stated by the surface's file: a model stores it, and it is
-//! written again with a reconstruction. The file's author and date aren't preserved.
+//! Preserves the position of a surface in its volume, as recorded in the surface's file. A model stores it, and writes
+//! it to the file of a reconstruction. The author and date of the original file aren't preserved.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde::{Deserialize, Serialize};
 use spharm_surface::{CoordinateSystem, Meta};
 
-/// Metadata of a surface's file. The positions of the surface are those in the file: none of the transforms here has
+/// Metadata of a surface's file. The positions of the surface are stored as in the file: none of these transforms has
 /// been applied.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Geometry {
-    /// GIfTI metadata of the entire file, except `Date` and `UserName`: (name, value).
+    /// GIfTI metadata of the entire file, except `Date` and `UserName`, as pairs (name, value).
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub file_metadata: Vec<(String, String)>,
-    /// GIfTI metadata of the point set, such as `VolGeomC_R`, except `Date` and `UserName`: (name, value).
+    /// GIfTI metadata of the point set, such as `VolGeomC_R`, except `Date` and `UserName`, as pairs (name, value).
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub surface_metadata: Vec<(String, String)>,
     /// GIfTI's `CoordinateSystemTransformMatrix`.
@@ -53,7 +53,7 @@ impl Geometry {
         (geometry != Self::default()).then_some(geometry)
     }
 
-    /// Returns the metadata as needed for a mesh. A FreeSurfer footer that isn't valid base64 is omitted.
+    /// Returns the metadata in the form that a mesh stores. A FreeSurfer footer that isn't valid base64 is omitted.
     #[must_use]
     pub fn to_meta(&self) -> Meta {
         Meta {

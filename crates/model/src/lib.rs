@@ -58,6 +58,7 @@ pub mod arrays;
 pub mod csv;
 mod error;
 mod evaluate;
+mod file_record;
 mod files;
 pub mod geometry;
 mod model;
@@ -66,5 +67,6 @@ mod npz;
 pub mod provenance;
 
 pub use error::ModelError;
+pub use file_record::FileRecord;
 pub use model::{CONVENTION, Fitted, Model};
-pub use provenance::{Distances, FileRecord, Provenance, Settings, Versions, VoxelRecord};
+pub use provenance::{Distances, Provenance, Settings, Versions, VoxelRecord};

@@ -11,7 +11,7 @@ pub const CONVENTION: &str = "real orthonormal, no Condon-Shortley phase, row l^
 /// A fitted model, or coefficients of unknown origin.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Model {
-    /// Canonical coefficients, (K, c), finite, in the unit of the input.
+    /// Canonical coefficients of shape (K, c), in the unit of the input. All are finite.
     pub coefficients: Coefficients,
     /// Sphere over which the model was fitted; `None` for a model of coefficients only.
     pub sphere: Option<Sphere>,
@@ -21,10 +21,10 @@ pub struct Model {
     pub provenance: Provenance,
 }
 
-/// The contents of a model except its sphere: the result of a fit, or coefficients of unknown origin.
+/// The contents of a model except its sphere: either the result of a fit or coefficients of unknown origin.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fitted {
-    /// Canonical coefficients, (K, c).
+    /// Canonical coefficients of shape (K, c).
     pub coefficients: Coefficients,
     /// Key of the sampling scheme in a basis store, as 64 hexadecimal digits.
     pub scheme_key: Option<String>,
@@ -49,7 +49,7 @@ impl Model {
         model
     }
 
-    /// Returns a model without a sphere of its own. It can be evaluated on any sphere.
+    /// Returns a model without a sphere. It can be evaluated on any sphere.
     #[must_use]
     pub fn without_sphere(fitted: impl Into<Fitted>, kind: Kind) -> Self {
         let Fitted { coefficients, scheme_key, provenance } = fitted.into();
@@ -57,8 +57,8 @@ impl Model {
         Self { coefficients, sphere: None, scheme_key, provenance }
     }
 
-    /// Returns the meaning of the channels: positions x, y and z if there are three channels, unless the provenance
-    /// says that the model is of a signal.
+    /// Returns the meaning of the channels. Three channels are positions x, y and z, unless the provenance says that
+    /// the model is of a signal.
     #[must_use]
     pub fn kind(&self) -> Kind {
         let surface = self.coefficients.channels() == 3 && self.provenance.surface.unwrap_or(true);

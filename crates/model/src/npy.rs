@@ -26,7 +26,7 @@ pub struct Array {
 }
 
 impl Array {
-    /// Reads the bytes of a file that contains exactly one array.
+    /// Parses the bytes of a file that contains exactly one array.
     ///
     /// # Errors
     ///
@@ -73,8 +73,8 @@ impl Array {
                 "the shape doesn't match the length: {count} bytes of values, at most {most} possible"
             ));
         }
-        // Memory for the bytes of the file, for the parsed numbers, and for the numbers in row order; complex numbers
-        // also need memory for their real and imaginary parts.
+        // Check that memory suffices for the bytes of the file, for the parsed numbers, and for the numbers in row
+        // order. Complex numbers also need memory for their real and imaginary parts.
         let each = if header.kind == 'c' { 48 } else { 16 };
         let numbers = header.count().map_or(u64::MAX, |values| values.saturating_mul(each));
         check_room(count.saturating_add(numbers)).map_err(|room| format!("its values need {room}"))?;
@@ -112,7 +112,7 @@ impl Array {
         })
     }
 
-    /// Returns the array as a matrix; a vector becomes a matrix of one column.
+    /// Returns the array as a matrix. A vector becomes a matrix of one column.
     pub(crate) fn matrix(&self) -> Result<Array2<f64>, String> {
         if self.is_complex() {
             return Err("complex values; expected real ones".to_owned());
@@ -188,7 +188,7 @@ pub(crate) fn write_header(out: &mut dyn Write, descr: &str, shape: &str) -> io:
     out.write_all(header.as_bytes())
 }
 
-/// Writes a text as NumPy stores `numpy.array("text")`: shape (), UCS-4.
+/// Writes a text as NumPy stores `numpy.array("text")`: with shape () and in UCS-4.
 pub(crate) fn write_text(out: &mut dyn Write, text: &str) -> io::Result<()> {
     // NumPy doesn't support text of length 0, so an empty text is stored as one null character.
     write_header(out, &format!("<U{}", text.chars().count().max(1)), "()")?;

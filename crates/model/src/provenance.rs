@@ -2,16 +2,12 @@
 //!
 //! The record is sufficient to decide whether an existing model is up to date.
 
-use std::fmt;
-use std::io;
-use std::path::Path;
-
-use serde::{Deserialize, Deserializer, Serialize};
+use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use spharm_surface::Meta;
 use spharm_surface::range::times_within;
 
-use crate::error::ModelError;
+use crate::file_record::{self, FileRecord};
 use crate::geometry::Geometry;
 
 /// Origin of a model. In JSON it is one object with the fields of this struct and of [`Settings`].
@@ -28,10 +24,10 @@ pub struct Provenance {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub id: Option<String>,
     /// File of the fitted surface or signal; `None` in models of version 0.1.
-    #[serde(deserialize_with = "record")]
+    #[serde(deserialize_with = "file_record::of_any_version")]
     pub input: Option<FileRecord>,
-    /// File of the mask or label that selects the vertices with known values, if the values of the other vertices were
-    /// extrapolated.
+    /// File of the mask or label that selects the vertices with known values. `None` unless the values of the other
+    /// vertices were extrapolated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub region: Option<FileRecord>,
     /// Path of the sphere's file, as given by the user. The model's scheme key identifies the sphere's directions.
@@ -51,27 +47,33 @@ pub struct Provenance {
     /// input's unit; `None` if the fit didn't measure it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub surface_rms: Option<f64>,
-    /// Voxels of the label, if the input surface is a label's.
+    /// Voxels of the label, if the input surface was extracted from a label.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub voxels: Option<VoxelRecord>,
     /// GIfTI's `AnatomicalStructurePrimary` of the input, such as `CortexLeft`.
     pub anatomical_structure_primary: Option<String>,
-    /// Voxel size along x, y and z in mm, if the user gave it in place of the size in the volume's file.
+    /// Voxel size along x, y and z in mm, if the user gave one that replaces the size in the volume's file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub voxel_size: Option<[f64; 3]>,
-    /// The surface that stands for the label, if the input is a label: `smooth` or `voxels`. `None` in models of
-    /// earlier versions, which follow the voxels.
+    /// The kind of surface extracted from the label, if the input is a label: `smooth` or `voxels`. `None` in models
+    /// of earlier versions, whose surfaces follow the voxels.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub label_surface: Option<String>,
-    /// Radius of a smooth surface in voxels, if it isn't the default.
+    /// Radius for a smooth surface in voxels, if it isn't the default.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub smooth_radius: Option<f64>,
-    /// Value from which voxels are inside, if the input is a volume of grey values.
+    /// Threshold at and above which voxels are inside, if the input is a volume of grey values.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub threshold: Option<f64>,
     /// Whether the input is a volume of probabilities.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub probability: bool,
+    /// Number of the volume's channel, from 1, if the user chose one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub channel: Option<usize>,
+    /// Number of the volume's time, from 1, if the user chose one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub time: Option<usize>,
     /// Whether repairing the label or mesh was requested, even if no repair was needed.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub fix: bool,
@@ -114,52 +116,6 @@ pub struct Versions {
     pub platform: (String, String),
 }
 
-/// Identity of an input file of a model.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct FileRecord {
-    /// Path of the file, as given by the user.
-    pub path: String,
-    /// Size of the file in bytes.
-    pub bytes: u64,
-    /// BLAKE3 hash of the file's contents, as 64 hexadecimal digits.
-    pub blake3: String,
-    /// Label from which the surface was extracted, if the file is a volume.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub label: Option<i64>,
-}
-
-impl fmt::Display for FileRecord {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.path)?;
-        self.label.map_or(Ok(()), |label| write!(f, " label {label}"))
-    }
-}
-
-impl FileRecord {
-    /// Computes the size and hash of a file.
-    ///
-    /// # Errors
-    ///
-    /// [`Input`](ModelError::Input) if the file doesn't exist, isn't a regular file or can't be read.
-    pub fn of(path: &Path) -> Result<Self, ModelError> {
-        let refuse = |source: io::Error| {
-            let is_missing = source.kind() == io::ErrorKind::NotFound;
-            let source = if is_missing { io::Error::new(source.kind(), "no such file") } else { source };
-            ModelError::Input { path: path.to_owned(), source }
-        };
-        let mut hasher = blake3::Hasher::new();
-        hasher.update_reader(spharm_files::open(path).map_err(refuse)?).map_err(refuse)?;
-        let (bytes, blake3) = (hasher.count(), hasher.finalize().to_hex().to_string());
-        Ok(Self { path: path.to_string_lossy().into_owned(), bytes, blake3, label: None })
-    }
-
-    /// Returns whether two files have the same contents and label, regardless of their paths.
-    #[must_use]
-    pub fn same_contents(&self, other: &Self) -> bool {
-        (self.bytes, &self.blake3, self.label) == (other.bytes, &other.blake3, other.label)
-    }
-}
-
 /// Settings on which the coefficients of a model depend, and the outcome of the fit's iterations.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Settings {
@@ -169,7 +125,7 @@ pub struct Settings {
     /// were fitted to the vertices.
     #[serde(default, alias = "target")]
     pub objective: Option<String>,
-    /// Largest area distortion allowed when a mesh without a sphere was mapped, if given.
+    /// Largest area distortion allowed in the mapping of a mesh without a sphere, if it was given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub area: Option<f64>,
     /// Number of passes over the basis.
@@ -178,7 +134,7 @@ pub struct Settings {
     pub granularity: Option<usize>,
     /// Last degree of the first block, s, for methods with blocks.
     pub start_degree: Option<usize>,
-    /// Whether conjugate gradients accelerated pairs of passes.
+    /// Whether pairs of passes were accelerated by conjugate gradients.
     #[serde(default)]
     pub accelerate: bool,
     /// Weights of the vertices: `uniform`, `area`, or the path of a file of weights.
@@ -204,7 +160,7 @@ pub struct Settings {
     /// Whether the iterations converged, for iterative methods.
     #[serde(default)]
     pub converged: Option<bool>,
-    /// How the smoothness penalty lambda was chosen: `default`, `fixed` or `auto`; `None` in models of version 0.1.
+    /// Choice of the smoothness penalty lambda: `default`, `fixed` or `auto`; `None` in models of version 0.1.
     #[serde(default)]
     pub smoothness_choice: Option<String>,
     /// Smoothness penalty used, lambda.
@@ -213,8 +169,8 @@ pub struct Settings {
     pub dtype: String,
 }
 
-/// Mean and maximal squared distance of a model from its target. msd and xsd refer to a bounding box scaled to volume
-/// 1.
+/// Mean and maximal squared distance of a model from its target. The fields msd and xsd refer to a bounding box scaled
+/// to volume 1.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Distances {
     /// Whether the distances were measured after an additional pass, which removes remaining rounding errors.
@@ -227,12 +183,12 @@ pub struct Distances {
     pub msd_raw: f64,
     /// Maximal squared distance, in the square of the input's unit.
     pub xsd_raw: f64,
-    /// Root of the mean squared distance, in the input's unit. It is needed if the squared distance leaves the range of
-    /// f64; `msd_raw` is then clamped to that range.
+    /// Root of the mean squared distance, in the input's unit. It is needed if the squared distance is outside the
+    /// range of f64, in which case `msd_raw` is clamped to that range.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rms_raw: Option<f64>,
-    /// Largest distance, in the input's unit. It is needed if its square leaves the range of f64; `xsd_raw` is then
-    /// clamped to that range.
+    /// Largest distance, in the input's unit. It is needed if the squared distance is outside the range of f64, in
+    /// which case `xsd_raw` is clamped to that range.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max_raw: Option<f64>,
 }
@@ -295,20 +251,6 @@ impl Provenance {
         self.anatomical_structure_primary.clone_from(&meta.anatomical_structure_primary);
         self.geometry = Geometry::of(meta);
     }
-}
-
-/// Deserializes a file record. Models of version 0.1 store only the file's name, which gives `None`.
-fn record<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<FileRecord>, D::Error> {
-    #[derive(Deserialize)]
-    #[serde(untagged)]
-    enum Either {
-        Record(FileRecord),
-        Other(serde::de::IgnoredAny),
-    }
-    Ok(match Option::<Either>::deserialize(deserializer)? {
-        Some(Either::Record(record)) => Some(record),
-        Some(Either::Other(_)) | None => None,
-    })
 }
 
 #[cfg(test)]

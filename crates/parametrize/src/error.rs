@@ -5,6 +5,8 @@ use std::path::PathBuf;
 
 use spharm_surface::SurfaceError;
 
+use crate::volume::ImageChoice;
+
 /// Errors of parameterisation.
 ///
 /// Each message is one line that says what was expected, what was found and, where possible, what to do.
@@ -18,7 +20,7 @@ pub enum ParametrizeError {
         problems: String,
         /// Number of handles (the genus) of a closed surface; 0 if the surface isn't closed.
         handles: usize,
-        /// What the user can do about the problems.
+        /// Advice to the user on the problems.
         remedy: &'static str,
     },
 
@@ -29,7 +31,7 @@ pub enum ParametrizeError {
          area; {remedy}"
     )]
     NotBijective {
-        /// The method that made the map.
+        /// Name of the method that made the map.
         method: &'static str,
         /// Number of flipped triangles.
         flipped: usize,
@@ -37,7 +39,7 @@ pub enum ParametrizeError {
         degenerate: usize,
         /// Number of all triangles.
         triangles: usize,
-        /// What the user can do about the folds.
+        /// Advice to the user on the folds.
         remedy: &'static str,
     },
 
@@ -63,20 +65,20 @@ pub enum ParametrizeError {
     /// The operating system couldn't read a file.
     #[error("{}: cannot read: {cause}", path.display())]
     Io {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// The system's error.
+        /// The error reported by the operating system.
         cause: io::Error,
     },
 
     /// The file isn't a label volume.
     #[error("{}: expected {expected}, found {found}", path.display())]
     NotAVolume {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// What the file should be or contain.
+        /// Expected kind or content of the file.
         expected: &'static str,
-        /// What the file is or contains.
+        /// Actual kind or content of the file.
         found: String,
     },
 
@@ -87,11 +89,11 @@ pub enum ParametrizeError {
         path.display()
     )]
     NotLabels {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// The value.
+        /// Value of the voxel.
         value: f64,
-        /// Number of the voxel in the order of the file.
+        /// Index of the voxel in the order of the file, from 0.
         voxel: usize,
     },
 
@@ -101,18 +103,34 @@ pub enum ParametrizeError {
         path.display(), spharm_monitor::number(*value)
     )]
     NotProbability {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// The value.
+        /// Value of the voxel.
         value: f64,
-        /// Number of the voxel in the order of the file.
+        /// Index of the voxel in the order of the file, from 0.
         voxel: usize,
+    },
+
+    /// The file has several images and none is chosen, or the chosen image doesn't exist.
+    #[error(
+        "{}: expected one channel and one time, found {channels} channels and {times} times ({chosen} chosen)",
+        path.display()
+    )]
+    SeveralImages {
+        /// Path of the file.
+        path: PathBuf,
+        /// Number of channels in the file.
+        channels: usize,
+        /// Number of times in the file.
+        times: usize,
+        /// The caller's choice.
+        chosen: ImageChoice,
     },
 
     /// The volume's file doesn't specify the size of its voxels.
     #[error("{}: {format} doesn't record the voxel size", path.display())]
     NoVoxelSize {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The file's format, with an article.
         format: &'static str,
@@ -121,7 +139,7 @@ pub enum ParametrizeError {
     /// The file has a volume's format but holds values on the vertices of a surface.
     #[error("{}: expected a volume of labels, found values on {vertices} vertices", path.display())]
     VertexMap {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Number of vertices: the only dimension of the file that isn't 1.
         vertices: usize,
@@ -134,7 +152,7 @@ pub enum ParametrizeError {
         label.map_or_else(|| "expected one label".to_owned(), |label| format!("no voxel has label {label}"))
     )]
     NoLabel {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The chosen label, if any.
         label: Option<i64>,
@@ -149,9 +167,9 @@ pub enum ParametrizeError {
         if *repairable { "repair it, or edit the label" } else { "edit the label" }
     )]
     BadVolume {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// The label.
+        /// Label whose voxels don't form a ball.
         label: i64,
         /// The problems with their counts, one phrase each, joined by semicolons.
         problems: String,
@@ -185,7 +203,7 @@ pub enum ParametrizeError {
     /// An argument out of its range.
     #[error("{what}: expected {expected}, found {found}")]
     Argument {
-        /// The argument.
+        /// Name of the argument.
         what: &'static str,
         /// Accepted values.
         expected: &'static str,

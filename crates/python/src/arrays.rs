@@ -32,7 +32,7 @@ pub(crate) fn rows<T: Copy>(what: &str, array: ArrayView2<'_, T>) -> PyResult<Ve
     borrowed_rows(what, array).map(Cow::into_owned)
 }
 
-/// As [`rows`], without a copy of a C-contiguous array.
+/// Returns the rows of an array of shape (n, 3) as [`rows`] does, without a copy if the array is C-contiguous.
 pub(crate) fn borrowed_rows<'a, T: Copy>(what: &str, array: ArrayView2<'a, T>) -> PyResult<Cow<'a, [[T; 3]]>> {
     if array.ncols() != 3 {
         let shape = array.shape();
@@ -61,7 +61,7 @@ pub(crate) fn mesh(what: &str, vertices: &Positions<'_>, faces: &Faces<'_>) -> P
     Ok(mesh)
 }
 
-/// A sphere as passed from Python: directions of any length, and triangles if there are any.
+/// A sphere as passed from Python: directions of any length, and possibly triangles.
 pub(crate) struct SphereArrays<'a> {
     vertices: Cow<'a, [[f64; 3]]>,
     faces: Vec<[u32; 3]>,
@@ -69,7 +69,7 @@ pub(crate) struct SphereArrays<'a> {
     seam: Option<Seam>,
 }
 
-/// The record of cut handles as passed from Python: the surface's original numbers of vertices and triangles, and the
+/// Record of cut handles as passed from Python: the surface's original numbers of vertices and triangles, and the
 /// copied vertices.
 pub(crate) type SeamIn = (usize, usize, Vec<u32>);
 /// The record of cut handles as returned to Python, with the fields of [`SeamIn`].

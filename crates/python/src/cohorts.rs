@@ -16,7 +16,7 @@ use spharm_cohort::{CohortError, Entry, Manifest, Row, Shard, check_id};
 use crate::errors::{Failure, exception};
 use crate::fitting::{Settings, report_of};
 use crate::run::{Started, lock};
-use crate::surfaces::label_surface_of;
+use crate::volumes::{label_surface_of, reading};
 
 /// A finished row as returned to Python: index, id, state, path of the model, error, report as JSON, seconds.
 type Finished = (usize, String, &'static str, PathBuf, Option<String>, Option<String>, Option<f64>);
@@ -28,7 +28,7 @@ enum Message {
     End(Result<(), Failure>),
 }
 
-/// A row of a cohort as passed from Python: id, surface, sphere, weights, output, label.
+/// A row of a cohort as passed from Python: id, surface, sphere, weights, output, label, region.
 type RowGiven = (String, PathBuf, Option<PathBuf>, Option<PathBuf>, Option<PathBuf>, Option<i64>, Option<PathBuf>);
 
 /// A run in progress. Dropping it cancels the run.
@@ -95,7 +95,7 @@ impl CohortRun {
     #[new]
     #[pyo3(signature = (
         table, rows, *, output, sphere, mask, shard, status, exists, keep_going, fix, cut_handles, voxel_size,
-        threshold, probability, label_surface, smooth_radius, settings
+        image, threshold, probability, label_surface, smooth_radius, settings
     ))]
     #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
     fn new(
@@ -112,6 +112,7 @@ impl CohortRun {
         fix: bool,
         cut_handles: bool,
         voxel_size: Option<[f64; 3]>,
+        image: (Option<usize>, Option<usize>),
         threshold: Option<f64>,
         probability: bool,
         label_surface: &str,
@@ -150,7 +151,7 @@ impl CohortRun {
         fit.check().map_err(|error| exception(py, error.into()))?;
         let mut params = RunParams::new(fit);
         let label_surface = label_surface_of(py, label_surface, smooth_radius)?;
-        let reading = VolumeReading { voxel_size, values: VoxelValues::of(threshold, probability) };
+        let reading = VolumeReading { voxel_size, ..reading(image, VoxelValues::of(threshold, probability)) };
         params.preparation = Preparation { reading, label_surface, fix, cut_handles };
         (params.mask, params.status, params.keep_going) = (mask, status, keep_going);
         params.if_exists = match exists {

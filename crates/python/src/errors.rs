@@ -11,7 +11,7 @@ use spharm::store::StoreError;
 use spharm::{Error, ModelError, MomentsError};
 use spharm::{SolverError, SurfaceError};
 
-/// The reason why a function failed.
+/// Reason why a function failed.
 pub(crate) enum Failure {
     /// An error of the library.
     Library(Error),
@@ -24,7 +24,7 @@ pub(crate) enum Failure {
     },
     /// An error of the computation of moments.
     Moments(MomentsError),
-    /// Too little memory for a computation.
+    /// A computation needs more memory than available.
     Memory {
         /// Description of the computation.
         what: String,
@@ -35,7 +35,7 @@ pub(crate) enum Failure {
         /// Whether the caller gave the budget; otherwise it is the free memory.
         given: bool,
     },
-    /// An argument that is found to be invalid before the library is called.
+    /// An argument is invalid, which is found before the library is called.
     Argument(String),
     /// The library panicked, which is a bug.
     Panic,
@@ -95,8 +95,8 @@ fn raised(py: Python<'_>, text: &str, kind: Kind<'_>) -> PyErr {
         Kind::Value => PyValueError::new_err(text.to_owned()),
         Kind::Runtime => PyRuntimeError::new_err(text.to_owned()),
         Kind::Interrupted => PyKeyboardInterrupt::new_err(()),
-        // From an OSError with these three arguments, Python creates an instance of the subclass for the error code,
-        // such as FileNotFoundError.
+        // Called with these three arguments, OSError creates an instance of the subclass for the error code, such as
+        // FileNotFoundError.
         Kind::Os { path, cause } => match cause.raw_os_error() {
             Some(code) => {
                 let text = cause.to_string();

@@ -62,12 +62,12 @@ pub(crate) fn parsed<T: FromStr<Err = String>>(what: &str, text: &str) -> PyResu
 }
 
 impl Settings<'_> {
-    /// Returns the mask of vertices to read, if there is one.
+    /// Returns the mask of the vertices to read; `None` if no mask was given.
     pub(crate) fn mask(&self) -> Option<Vec<bool>> {
         self.mask.as_ref().map(|mask| mask.as_array().to_vec())
     }
 
-    /// Converts them to the library's settings, except for the mask, which needs the sphere.
+    /// Converts the keyword arguments to the library's settings, except for the mask, which needs the sphere.
     ///
     /// # Errors
     ///
@@ -184,7 +184,7 @@ pub(crate) fn fit<'py>(
     Ok(found)
 }
 
-/// Chooses the least degree whose model is as accurate as wanted. Returns the degree, the error, and the wanted error.
+/// Chooses the lowest degree with at most the requested error. Returns the degree, its error, and the requested error.
 #[pyfunction]
 #[pyo3(signature = (vertices, faces, sphere, sphere_faces, *, accuracy, settings, progress = None))]
 #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
@@ -214,13 +214,13 @@ enum Given<'a> {
     Bare(Box<Mesh>),
 }
 
-/// Coefficients, (K, c), report as JSON, and warnings as (kind, text).
+/// A solution as returned to Python: coefficients, (K, c), report as JSON, and warnings as (kind, text).
 type Solution<'py> = (Bound<'py, PyArray2<f64>>, String, Vec<(&'static str, String)>);
 
 /// Directions of samples.
 #[derive(FromPyObject)]
 pub(crate) enum At<'py> {
-    /// Planned.
+    /// Directions of a planned transform.
     Transform(Bound<'py, Transform>),
     Directions(Positions<'py>),
 }
@@ -327,7 +327,7 @@ fn target(
     Ok(Target { kind, ..target })
 }
 
-/// Copies values by all threads of the current pool, because most of the time is the system's, which provides new pages.
+/// Copies values on all threads of the current pool, because the system takes most of the time to provide new pages.
 fn copied(values: ArrayView2<'_, f64>) -> Vec<f64> {
     const PART: usize = 1 << 16;
     let Some(values) = values.as_slice() else {
@@ -348,7 +348,7 @@ pub(crate) fn report_of(report: &FitReport) -> Value {
     report
 }
 
-/// Returns a fit's report with that of the call that made it, and that of the map of a surface without a sphere.
+/// Returns the report of a fit, with the reports of its call and of the map of a surface without a sphere.
 fn report_of_call(fit: &Fit, many: &ManyReport, map: Option<Value>) -> Value {
     let mut report = report_of(&fit.report);
     let (scheme, seconds) = (many.scheme.to_string(), many.seconds);

@@ -12,6 +12,7 @@
 //! | `errors` | the library's errors as exceptions |
 //! | `arrays` | conversion between NumPy arrays and the library's types |
 //! | `surfaces` | reading, writing, mapping, resampling, comparing |
+//! | `volumes` | labels of volumes, and their surfaces |
 //! | `fitting` | fits of one target or of many |
 //! | `models` | models: evaluation and files |
 //! | `shapes` | shape analysis on models |
@@ -50,6 +51,7 @@ mod stores;
 mod studies;
 mod surfaces;
 mod transforms;
+mod volumes;
 
 use std::ffi::OsString;
 
@@ -79,6 +81,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(fitting::choose_degree, module)?)?;
     module.add_function(wrap_pyfunction!(fitting::solve, module)?)?;
     surfaces::register(module)?;
+    volumes::register(module)?;
     shapes::register(module)?;
     qualities::register(module)?;
     corresponding::register(module)?;

@@ -23,7 +23,7 @@ pub(crate) fn check_mapping<'a>(
     check(format!("mapping {vertices} vertices"), method.bytes(vertices), memory)
 }
 
-/// Fails if there is too little memory to resample a surface to a sphere.
+/// Fails if there is too little memory to resample a surface.
 pub(crate) fn check_resampling(shared: &Mesh, memory: Option<usize>) -> Result<(), Failure> {
     let vertices = shared.vertices.len() as u64;
     check(format!("resampling to {vertices} vertices"), Sampling::BYTES_PER_VERTEX.saturating_mul(vertices), memory)

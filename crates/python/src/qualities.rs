@@ -23,7 +23,8 @@ pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
 
 type Named<'py> = (Vec<String>, PositionsOut<'py>, Option<&'static str>);
 
-/// Reads a file of landmarks. Returns their names, their positions, (n, 3), and the name of the positions' frame.
+/// Reads a file of landmarks. Returns the names of the landmarks, their positions, (n, 3), and the name of the frame
+/// of the positions.
 #[pyfunction]
 fn read_landmarks(py: Python<'_>, path: PathBuf) -> PyResult<Named<'_>> {
     let Landmarks { names, points, frame } = run(py, Some(1), None, move |_| Ok(Landmarks::read(path)?))?;
@@ -70,8 +71,8 @@ struct Settings {
 
 type Ends = (Vec<f64>, Vec<f64>, Vec<f64>);
 type Apart = (f64, f64, Option<[f64; 2]>, Vec<f64>, Vec<Vec<f64>>);
-/// Quality of a group: variance; variances; compactness, generalisation and specificity; generalisation and specificity
-/// measured between surfaces; errors of landmarks; warnings.
+/// Quality of a group: total variance; variances of the modes; compactness, generalisation and specificity;
+/// generalisation and specificity measured between surfaces; errors of landmarks; warnings.
 type Found = (f64, Vec<f64>, [Ends; 3], [Option<Ends>; 2], Option<Apart>, Vec<String>);
 
 /// Measures the quality of a group of corresponding surfaces.

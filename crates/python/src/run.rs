@@ -1,7 +1,7 @@
 //! Runs work on a thread pool of this process, while the calling thread checks for signals and reports progress.
 //!
 //! Python handles signals only on its main thread, between instructions of Python code, and callbacks need the
-//! interpreter. Therefore the work runs on a thread of its own. The calling thread waits with the interpreter released,
+//! interpreter. Therefore the work runs on a separate thread. The calling thread waits with the interpreter released,
 //! and wakes up every [`WAKE`] to check for signals and to call back.
 
 use std::collections::VecDeque;
@@ -200,7 +200,7 @@ fn wait<T: Send>(
     }
 }
 
-/// Work on a thread of its own, which sends messages to Python. The work is cancelled when this object is dropped.
+/// Work on a separate thread, which sends messages to Python. The work is cancelled when this object is dropped.
 pub(crate) struct Started(Arc<Watch>);
 
 impl Started {

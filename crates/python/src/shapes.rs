@@ -118,7 +118,7 @@ fn described(model: &spharm::Model) -> Result<Descriptors, Failure> {
     Ok(spharm::shape::descriptors(&model.coefficients)?)
 }
 
-/// Power, (L), and singular values, (L, c), of each degree from 1 on.
+/// Power, (L), and singular values, (L, c), of the coefficients of each degree from 1 on.
 type Described<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>);
 
 /// Returns the power and the singular values of the coefficients, for each degree from 1 on.

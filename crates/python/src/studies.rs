@@ -72,8 +72,8 @@ impl Cells<'_> {
     }
 }
 
-/// The hypothesis to test: an effect of one column, the interaction of two, or a mean (no column), with covariates; or
-/// a design matrix. A contrast is given as weights or as text.
+/// Hypothesis to test: an effect of one column, the interaction of two columns, or a mean (no column), with
+/// covariates; or a design matrix. A contrast is given as weights or as text.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Asked<'py> {
@@ -235,7 +235,7 @@ pub(crate) fn shape_test<'py>(
     }
     result.set_item("meaning", &question.meaning)?;
     result.set_item("levels", question.levels.clone())?;
-    // Omit the tested effect: its numbers aren't codes of levels, because the caller declared them to be amounts.
+    // Omit the tested effect: its numbers aren't codes of levels, because the caller declared them to be quantities.
     let declared = match &asked.effect[..] {
         [(name, _)] => Some(name),
         _ => None,

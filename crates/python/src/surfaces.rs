@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use numpy::ndarray::Array2;
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray2, PyReadonlyArray3};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use serde_json::{Value, json};
@@ -14,17 +14,14 @@ use spharm::metrics::{
     vertex_distances,
 };
 use spharm::parametrize::quality::Quality;
-use spharm::parametrize::volume::{
-    Affine, LabelSurface, LabelVolume, Repair, VolumeParams, VolumeReading, VoxelValues,
-};
 use spharm::parametrize::{
-    CaldParams, ConformalParams, DeformParams, EqualAreaParams, Input, Method, Parametrization, ParametrizeError,
-    StretchParams, resample as resample_mesh,
+    CaldParams, ConformalParams, DeformParams, EqualAreaParams, Input, Method, Parametrization, StretchParams,
+    resample as resample_mesh,
 };
 use spharm::{Mesh, Monitor, Seam, Signal, Sphere};
 
 use crate::arrays::{Faces, FacesOut, Positions, PositionsOut, SeamOut, mesh, mesh_arrays, positions, seam_out};
-use crate::errors::{Failure, exception};
+use crate::errors::Failure;
 use crate::memory::{check_distance, check_mapping, check_resampling};
 use crate::run::{run, run_owned};
 
@@ -36,8 +33,6 @@ pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(icosphere, module)?)?;
     module.add_function(wrap_pyfunction!(example_surface, module)?)?;
     module.add_function(wrap_pyfunction!(parametrize, module)?)?;
-    module.add_function(wrap_pyfunction!(parametrize_volume, module)?)?;
-    module.add_function(wrap_pyfunction!(labels, module)?)?;
     module.add_function(wrap_pyfunction!(resample, module)?)?;
     module.add_function(wrap_pyfunction!(read_mask, module)?)?;
     module.add_function(wrap_pyfunction!(quality, module)?)?;
@@ -98,7 +93,7 @@ fn write_values(
 
 #[pyfunction]
 fn icosphere(py: Python<'_>, level: u32) -> PyResult<(PositionsOut<'_>, FacesOut<'_>)> {
-    /// The finest icosphere has 167,772,162 vertices. The command-line program has the same limit.
+    /// Highest level; its icosphere has 167,772,162 vertices. The command-line program has the same limit.
     const FINEST: u32 = 12;
     if level > FINEST {
         return Err(PyValueError::new_err(format!("level: expected 0 to {FINEST}, found {level}")));
@@ -122,11 +117,12 @@ fn example_surface(
 
 /// A mapped surface as returned to Python: vertices, triangles, vertices of the sphere, report as JSON, warnings, and
 /// the record of cut handles.
-type Mapped<'py> = (PositionsOut<'py>, FacesOut<'py>, PositionsOut<'py>, String, Vec<String>, Option<SeamOut<'py>>);
+pub(crate) type Mapped<'py> =
+    (PositionsOut<'py>, FacesOut<'py>, PositionsOut<'py>, String, Vec<String>, Option<SeamOut<'py>>);
 
 /// Maps a surface to a sphere, and records cut handles in the metadata of the sphere. Also returns the report on the
 /// handles, if any were cut.
-fn map(
+pub(crate) fn map(
     input: &Input,
     method: &Method,
     memory: Option<usize>,
@@ -140,7 +136,7 @@ fn map(
     Ok((found, input.handles().map(|handles| json!(handles))))
 }
 
-fn mapped(py: Python<'_>, found: Parametrization, handles: Option<Value>) -> Mapped<'_> {
+pub(crate) fn mapped(py: Python<'_>, found: Parametrization, handles: Option<Value>) -> Mapped<'_> {
     let mut report = json!(found.report);
     if let (Some(report), Some(handles)) = (report.as_object_mut(), handles) {
         report.insert("handles".to_owned(), handles);
@@ -155,7 +151,7 @@ fn mapped(py: Python<'_>, found: Parametrization, handles: Option<Value>) -> Map
     (vertices, faces, positions(py, found.sphere.vertices), report.to_string(), warnings, seam)
 }
 
-fn method(name: &str, degree: Option<usize>, area: f64, seed: u64) -> PyResult<Method> {
+pub(crate) fn method(name: &str, degree: Option<usize>, area: f64, seed: u64) -> PyResult<Method> {
     let params = CaldParams { area, degree, seed, ..CaldParams::default() };
     Ok(match name {
         "auto" => Method::Auto(params),
@@ -196,99 +192,6 @@ fn parametrize<'py>(
         map(&if cut_handles { mesh.without_handles(monitor)? } else { mesh }, &method, memory, monitor)
     })?;
     Ok(mapped(py, found, handles))
-}
-
-/// A volume: the path of a file, or an array of labels or of other values, (i, j, k), with its affine matrix, (4, 4).
-#[derive(FromPyObject)]
-enum Volume<'py> {
-    File(PathBuf),
-    Labels(PyReadonlyArray3<'py, i32>, PyReadonlyArray2<'py, f64>),
-    Values(PyReadonlyArray3<'py, f64>, PyReadonlyArray2<'py, f64>),
-}
-
-type Reader = Box<dyn FnOnce(&dyn spharm::Monitor) -> Result<LabelVolume, ParametrizeError> + Send>;
-
-impl Volume<'_> {
-    /// Returns a function that reads the volume without the interpreter's data.
-    fn reader(self, meaning: VoxelValues) -> PyResult<Reader> {
-        // In NIfTI, the first index varies fastest.
-        match self {
-            Self::File(path) => Ok(Box::new(move |monitor| {
-                LabelVolume::read_with(path, VolumeReading { voxel_size: None, values: meaning }, monitor)
-            })),
-            Self::Labels(values, matrix) => {
-                let (size, affine) = (values.as_array().dim().into(), affine(&matrix)?);
-                let labels: Vec<i32> = values.as_array().t().iter().copied().collect();
-                Ok(Box::new(move |_| Ok(LabelVolume::new(size, labels, affine))))
-            }
-            Self::Values(values, matrix) => {
-                let (size, affine) = (values.as_array().dim().into(), affine(&matrix)?);
-                let values: Vec<f64> = values.as_array().t().iter().copied().collect();
-                Ok(Box::new(move |_| LabelVolume::of_values(size, &values, meaning, affine)))
-            }
-        }
-    }
-}
-
-fn affine(matrix: &PyReadonlyArray2<'_, f64>) -> PyResult<Affine> {
-    let matrix = matrix.as_array();
-    if matrix.dim() != (4, 4) {
-        return Err(PyValueError::new_err(format!("affine: expected shape (4, 4), found {:?}", matrix.dim())));
-    }
-    Ok(Affine([0, 1, 2].map(|row| [0, 1, 2, 3].map(|column| matrix[[row, column]]))))
-}
-
-#[pyfunction]
-#[pyo3(signature = (
-    volume, *, label, threshold, probability, label_surface, smooth_radius, fix, cut_handles, method, degree, area, seed,
-    memory = None, threads = None, progress = None
-))]
-#[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
-fn parametrize_volume<'py>(
-    py: Python<'py>,
-    volume: Volume<'py>,
-    label: Option<i64>,
-    threshold: Option<f64>,
-    probability: bool,
-    label_surface: &str,
-    smooth_radius: Option<f64>,
-    fix: bool,
-    cut_handles: bool,
-    method: &str,
-    degree: Option<usize>,
-    area: f64,
-    seed: u64,
-    memory: Option<usize>,
-    threads: Option<usize>,
-    progress: Option<Bound<'py, PyAny>>,
-) -> PyResult<Mapped<'py>> {
-    let read = volume.reader(VoxelValues::of(threshold, probability))?;
-    let method = self::method(method, degree, area, seed)?;
-    let surface = label_surface_of(py, label_surface, smooth_radius)?;
-    let params = VolumeParams { label, surface, fix, handles: cut_handles };
-    let (found, handles, repairs) = run_owned(py, threads, progress.as_ref(), move |monitor| {
-        let surface = read(monitor)?.surface(&params, monitor)?;
-        let repair = surface.repair.as_ref();
-        let lost = repair.filter(|_| cut_handles).and_then(Repair::no_handle_left);
-        let repairs: Vec<String> = repair.map(ToString::to_string).into_iter().chain(lost).collect();
-        let (found, handles) = map(&Input::Label(surface).without_handles(monitor)?, &method, memory, monitor)?;
-        Ok((found, handles, repairs))
-    })?;
-    let mut mapped = mapped(py, found, handles);
-    mapped.4.extend(repairs);
-    Ok(mapped)
-}
-
-/// Returns the surface that stands for a label, by its name.
-pub(crate) fn label_surface_of(py: Python<'_>, name: &str, radius: Option<f64>) -> PyResult<LabelSurface> {
-    LabelSurface::named(name, radius).map_err(|error| exception(py, error.into()))
-}
-
-/// Returns the labels in a volume, each with its number of voxels.
-#[pyfunction]
-fn labels(py: Python<'_>, volume: Volume<'_>) -> PyResult<std::collections::BTreeMap<i64, usize>> {
-    let read = volume.reader(VoxelValues::Labels)?;
-    run(py, Some(1), None, move |monitor| Ok(read(monitor)?.labels()))
 }
 
 #[pyfunction]

@@ -65,7 +65,7 @@ impl Transform {
         self.planned.transform().directions()
     }
 
-    /// Whether a fit to a degree uses this plan.
+    /// Returns whether fits up to this degree use this plan.
     fn serves(&self, max_degree: usize) -> bool {
         self.planned.serves(max_degree)
     }

@@ -16,7 +16,7 @@ use spharm_model::Model;
 use spharm_model::arrays::Arrays;
 use spharm_moments::{Moments, Request, accumulate};
 use spharm_monitor::Silent;
-use spharm_parametrize::volume::{LabelVolume, VolumeReading, VoxelValues};
+use spharm_parametrize::volume::{ImageChoice, LabelVolume, VolumeReading, VoxelValues};
 use spharm_shape::codec::{ExpandParams, expand};
 use spharm_shape::pca::file::ShapeModel;
 use spharm_surface::io::landmarks::Landmarks;
@@ -124,7 +124,8 @@ fn volumes(folder: &Path, input: &[u8]) {
     let Some((name, bytes)) = choice(input, NAMES.len()) else { return };
     let path = file(folder, NAMES[name], bytes);
     let values = [VoxelValues::Labels, VoxelValues::Level(0.5), VoxelValues::Probability][bytes.len() % 3];
-    let reading = VolumeReading { voxel_size: (name >= 4).then_some([1.0; 3]), values };
+    let image = ImageChoice { channel: (bytes.len() % 5 == 0).then_some(1), time: (bytes.len() % 7 == 0).then_some(1) };
+    let reading = VolumeReading { voxel_size: (name >= 4).then_some([1.0; 3]), values, image };
     if let Ok(volume) = LabelVolume::read_with(&path, reading, &Silent) {
         for label in volume.labels().into_keys().take(2) {
             let _ = (volume.touches_border(label), volume.mask(label));

@@ -26,7 +26,7 @@ fn read_bytes(bytes: &[u8]) -> Result<Model, ModelError> {
     read(Path::new("a.npz"), Cursor::new(bytes))
 }
 
-/// Creates a `.npz` archive of arrays, each given as name, type, whether in Fortran order, shape and values.
+/// Creates a `.npz` archive of arrays. Each is given as name, type, flag for Fortran order, shape and values.
 fn archive(method: CompressionMethod, arrays: &[(&str, &str, bool, &str, &[u8])]) -> Vec<u8> {
     let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
     for (name, descr, fortran, shape, values) in arrays {
@@ -55,7 +55,8 @@ fn what_is_written_is_read_and_the_bytes_are_the_same_each_time() {
     model().write_with(&path, true).unwrap();
 }
 
-/// A model keeps the flag that its sphere was made for its surface: fits over such a sphere are smoothed by default.
+/// A model stores whether its sphere was made for its surface, because fits over such a sphere are smoothed by
+/// default.
 #[test]
 fn a_sphere_is_known_again_as_one_made_for_its_surface() {
     let Model { sphere, coefficients, .. } = model();
@@ -64,8 +65,8 @@ fn a_sphere_is_known_again_as_one_made_for_its_surface() {
     assert_eq!(read_bytes(&bytes_of(&model)).unwrap().sphere, model.sphere);
 }
 
-/// The record of a surface's cuts is optional, as in models of old versions. It is kept by writing and reading, and
-/// rejected if it contradicts the sphere.
+/// The record of a surface's cuts is optional, since models of old versions have none. Writing and reading preserve
+/// it, and reading rejects it if it contradicts the sphere.
 #[test]
 fn where_a_surface_was_cut_returns_and_must_fit() {
     let mut cut = model();
@@ -130,8 +131,8 @@ fn an_array_that_claims_to_be_huge_is_refused() {
     }
 }
 
-/// A mean model written by `numpy.savez_compressed` in single precision, with the coefficients as its only array:
-/// problem 19 in the list of first-time users' problems.
+/// The file is a mean model written by `numpy.savez_compressed` in single precision, with the coefficients as its only
+/// array (problem 19 in the list of first-time users' problems).
 #[test]
 fn coefficients_alone_are_a_model() {
     let values: Vec<f32> = (0..12).map(|k| 0.5 * k as f32).collect();

@@ -42,7 +42,7 @@ impl Affine {
         dot(a, cross(b, c))
     }
 
-    /// Whether the volume of a voxel is nonzero and all entries are finite.
+    /// Returns whether the volume of a voxel is nonzero and all entries are finite.
     pub(super) fn is_valid(&self) -> bool {
         let volume = self.determinant();
         volume.is_finite() && volume != 0.0 && self.0.as_flattened().iter().all(|x| x.is_finite())

@@ -19,7 +19,7 @@ pub struct QuadMesh {
     pub vertices: Vec<[f64; 3]>,
     /// The four vertices of each quadrangle, counter-clockwise seen from outside.
     pub quads: Vec<[u32; 4]>,
-    /// Positions of the vertices on the smooth surface, which [`triangles`](Self::triangles) has, if there is one.
+    /// Positions of the vertices on the smooth surface, which [`triangles`](Self::triangles) uses, if there is one.
     pub(crate) smooth: Option<Vec<[f64; 3]>>,
     /// The twin of each edge. Edge 4 q + k runs from corner k of quadrangle q to the next corner; its twin 4 q' + k' is
     /// the same edge as part of the neighbouring quadrangle q'.
@@ -74,7 +74,7 @@ impl QuadMesh {
         Self { vertices, quads, smooth, twins }
     }
 
-    /// Returns where a quadrangle lies, of a surface in voxel coordinates.
+    /// Returns the position of a quadrangle. The surface must be in voxel coordinates.
     pub(super) fn face(&self, quad: usize) -> Face {
         let corners = self.quads[quad].map(|v| self.vertices[v as usize]);
         let centre = [0, 1, 2].map(|k| corners.iter().map(|corner| corner[k]).sum::<f64>() / 4.0);

@@ -1,14 +1,14 @@
-//! Represents bodies in volumes of grey values or probabilities: the voxels that reach a level.
+//! Represents bodies in volumes of grey values or probabilities: the voxels whose values reach a level.
 //!
 //! The values around the body's surface locate it within the voxels:
 //!
 //! - Between the centre of a voxel inside and that of a neighbour outside, the surface crosses the level at the
 //!   position that linear interpolation of both values gives.
-//! - The body's volume is the number of its voxels, corrected by these crossings: the sum of the lengths of all lines
-//!   through voxel centres along an axis, as the mean over the three axes (Cavalieri's principle). For probabilities
-//!   it is the sum of the probabilities near the surface and the number of voxels farther inside. If a voxel's value is
-//!   the share of it that the body covers, this sum is exact, while interpolation underestimates small bodies: the
-//!   level set of an image of resolution sigma lies `sigma^2 / r` inside a ball of radius r.
+//! - The body's volume is the number of its voxels, corrected by these crossings: the total length inside the body of
+//!   all lines through voxel centres along an axis, averaged over the three axes (Cavalieri's principle). For
+//!   probabilities it is the sum of the probabilities near the surface plus the number of voxels farther inside. If a
+//!   voxel's value is its share inside the body, this sum is exact, while interpolation underestimates small bodies:
+//!   the level set of an image of resolution sigma lies `sigma^2 / r` inside a ball of radius r.
 
 use std::fmt;
 
@@ -16,22 +16,22 @@ use super::boundary::{Face, QuadMesh};
 use super::mask::{Mask, around};
 use crate::error::ParametrizeError;
 
-/// What the values of voxels are.
+/// Meaning of the voxels' values.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum VoxelValues {
     /// Labels: whole numbers, 0 for the background.
     #[default]
     Labels,
-    /// Grey values. The body has label 1; it is the voxels of this value or more. Values that aren't numbers are
-    /// outside.
+    /// Grey values. The body, label 1, consists of the voxels with this value or more. NaNs are outside.
     Level(f64),
-    /// Probabilities, or the share of each voxel inside the body, from 0 to 1. The body has label 1; it is the voxels
-    /// of 0.5 or more. Values that aren't numbers are outside.
+    /// Probabilities, or the share of each voxel inside the body, from 0 to 1. The body, label 1, consists of the
+    /// voxels with 0.5 or more. NaNs are outside.
     Probability,
 }
 
 impl VoxelValues {
-    /// Returns the meaning that arguments and provenance state: a threshold for grey values, or probabilities.
+    /// Returns the meaning given by arguments or provenance: grey values if there is a threshold, else probabilities
+    /// if `probability` is true, else labels.
     #[must_use]
     pub fn of(threshold: Option<f64>, probability: bool) -> Self {
         match threshold {
@@ -41,7 +41,7 @@ impl VoxelValues {
         }
     }
 
-    /// Returns the value from which a voxel is inside; `None` for labels.
+    /// Returns the smallest value of a voxel inside the body; `None` for labels.
     #[must_use]
     pub fn level(self) -> Option<f64> {
         match self {
@@ -51,7 +51,7 @@ impl VoxelValues {
         }
     }
 
-    /// Checks that a level is a number.
+    /// Checks that the level is finite.
     pub(super) fn check(self) -> Result<(), ParametrizeError> {
         match self.level().filter(|level| !level.is_finite()) {
             None => Ok(()),
@@ -77,13 +77,13 @@ impl fmt::Display for VoxelValues {
 #[derive(Clone, Debug)]
 pub(super) struct Grey {
     values: Vec<f32>,
-    /// First voxel of the box of values, and the box's numbers of voxels.
+    /// First voxel of the box of values; `size` has the box's number of voxels along each axis.
     low: [usize; 3],
     size: [usize; 3],
     meaning: VoxelValues,
 }
 
-/// The surface of a body as its grey values locate it.
+/// The surface of a body, located by its grey values.
 #[derive(Clone, Debug)]
 pub(crate) struct Located {
     /// For each quadrangle, its normal axis and the position along it at which the values cross the level.
@@ -93,8 +93,8 @@ pub(crate) struct Located {
 }
 
 impl Grey {
-    /// Returns the values in the box from voxel `low` to `high`, inclusive, and one voxel around it, of a volume of
-    /// `whole` voxels whose values are given as differences from the level, with x varying fastest; `None` for labels.
+    /// Returns the values in the box from voxel `low` to `high`, inclusive, and one voxel around it; `None` for
+    /// labels. `all` has the differences from the level for a volume of `whole` voxels, with x varying fastest.
     pub(super) fn around(
         all: &[f32],
         whole: [usize; 3],

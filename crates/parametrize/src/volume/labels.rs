@@ -7,6 +7,7 @@ use spharm_monitor::{Monitor, Silent};
 
 use super::affine::Affine;
 use super::grey::{Grey, VoxelValues};
+use super::image::ImageChoice;
 use super::mask::Mask;
 use super::open::read;
 use super::runs::{Extent, Runs};
@@ -23,20 +24,23 @@ pub struct LabelVolume {
     size: [usize; 3],
     found: Runs,
     extents: BTreeMap<i32, Extent>,
-    /// The values around the body, if the file has no labels.
+    /// The values in and around the body, if the file has grey values or probabilities instead of labels.
     pub(super) grey: Option<Grey>,
 }
 
 /// The path of a volume made in memory.
 const IN_MEMORY: &str = "the volume";
 
-/// How to read a volume's file.
+/// Settings for reading a volume from a file.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct VolumeReading {
-    /// Size of the voxels along x, y, z, in place of that in the file.
+    /// Size of the voxels along x, y and z in mm, instead of the size in the file. Default `None`: the size in the
+    /// file.
     pub voxel_size: Option<[f64; 3]>,
-    /// What the values are. Default labels.
+    /// Meaning of the values. Default: labels.
     pub values: VoxelValues,
+    /// Channel and time to read from a file of several images. Default: the only ones.
+    pub image: ImageChoice,
 }
 
 impl LabelVolume {
@@ -46,11 +50,10 @@ impl LabelVolume {
     /// # Errors
     ///
     /// [`Io`](ParametrizeError::Io); [`VertexMap`](ParametrizeError::VertexMap) for a FreeSurfer file of values on
-    /// vertices; [`NoVoxelSize`](ParametrizeError::NoVoxelSize) for a file that doesn't specify the size of its voxels;
-    /// [`NotAVolume`](ParametrizeError::NotAVolume) for a file of another format, a file shorter than its header says,
-    /// or a file with more than three dimensions; [`NotLabels`](ParametrizeError::NotLabels) for values that aren't
-    /// integers;
-    /// [`Interrupted`](ParametrizeError::Interrupted).
+    /// vertices; [`NoVoxelSize`](ParametrizeError::NoVoxelSize) for a file that doesn't specify the size of its
+    /// voxels; [`NotAVolume`](ParametrizeError::NotAVolume) for a file of another format, a file shorter than its
+    /// header says, or a file with more than three dimensions; [`NotLabels`](ParametrizeError::NotLabels) for values
+    /// that aren't integers; [`Interrupted`](ParametrizeError::Interrupted).
     pub fn read(path: impl AsRef<Path>, monitor: &dyn Monitor) -> Result<Self, ParametrizeError> {
         Self::read_with(path, VolumeReading::default(), monitor)
     }
@@ -59,12 +62,12 @@ impl LabelVolume {
     ///
     /// # Errors
     ///
-    /// Those of [`read`](Self::read); [`Argument`](ParametrizeError::Argument) for sizes that aren't positive and a
-    /// level that isn't finite; [`NotProbability`](ParametrizeError::NotProbability) for probabilities beyond 0 to 1;
-    /// [`NotAVolume`](ParametrizeError::NotAVolume) if all voxels are on one side of the level.
+    /// The errors of [`read`](Self::read); [`Argument`](ParametrizeError::Argument) for sizes that aren't positive
+    /// and a level that isn't finite; [`NotProbability`](ParametrizeError::NotProbability) for probabilities beyond 0
+    /// to 1; [`NotAVolume`](ParametrizeError::NotAVolume) if all voxels are on one side of the level.
     pub fn read_with(
         path: impl AsRef<Path>,
-        VolumeReading { voxel_size, values }: VolumeReading,
+        VolumeReading { voxel_size, values, image }: VolumeReading,
         monitor: &dyn Monitor,
     ) -> Result<Self, ParametrizeError> {
         values.check()?;
@@ -73,7 +76,7 @@ impl LabelVolume {
             return Err(ParametrizeError::Argument { what, expected, found: format!("{size:?}") });
         }
         let path = path.as_ref();
-        let found = read(&Source { path, voxel_size, values, monitor })?;
+        let found = read(&Source { path, voxel_size, values, image, monitor })?;
         monitor.check()?;
         Ok(Self::of(path.to_owned(), found, values))
     }
@@ -112,7 +115,8 @@ impl LabelVolume {
         assert_eq!(values.len(), size.iter().product::<usize>(), "values of {size:?} voxels");
         meaning.check()?;
         let path = Path::new(IN_MEMORY);
-        let source = Source { path, voxel_size: None, values: meaning, monitor: &Silent };
+        let source =
+            Source { path, voxel_size: None, values: meaning, image: ImageChoice::default(), monitor: &Silent };
         let mut voxels = Collector::new(&source, size);
         voxels.check_room(values.len() as u64)?;
         values.iter().try_for_each(|&value| voxels.push(value))?;

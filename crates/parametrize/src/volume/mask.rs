@@ -65,7 +65,7 @@ impl Mask {
         [index % nx, index / nx % ny, index / (nx * ny)]
     }
 
-    /// Whether a voxel, given by its index, belongs to the rim.
+    /// Returns whether the voxel with the given index belongs to the rim.
     pub(super) fn is_rim(&self, index: usize) -> bool {
         let at = self.place(index);
         (0..3).any(|k| at[k] == 0 || at[k] + 1 == self.size[k])

@@ -21,7 +21,7 @@ use crate::error::ParametrizeError;
 /// Number of bytes of the header.
 const HEADER: usize = 284;
 
-/// Returns how many of the three sizes are 1.
+/// Returns the number of sizes that are 1.
 fn ones(sizes: [i32; 3]) -> usize {
     sizes.iter().filter(|&&n| n == 1).count()
 }
@@ -46,9 +46,9 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     let [Ok(x), Ok(y), Ok(z)] = dims.map(u16::try_from) else {
         return Err(not_mgh(format!("{dims:?} voxels")));
     };
-    if int(16) != 1 {
-        return Err(wrong("one frame", format!("{} frames; extract one frame", int(16))));
-    }
+    let frames = usize::try_from(int(16)).ok().filter(|frames| *frames > 0);
+    let frames = frames.ok_or_else(|| not_mgh(format!("{} frames", int(16))))?;
+    let [_, frame] = source.image(1, frames)?;
     let scalar = match int(20) {
         0 => Scalar::U8,
         1 => Scalar::I32,
@@ -58,16 +58,19 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     };
     let size = [x, y, z].map(usize::from);
     let layout = Layout { size, scalar, little_endian: false, scaling: None };
-    if layout.bytes() > most {
+    let skipped = layout.bytes().saturating_mul(frame as u64);
+    if layout.bytes().saturating_add(skipped) > most {
         let found = format!("{x} x {y} x {z} voxels of {} bytes, more than the file can hold", scalar.width());
         return Err(not_mgh(found));
     }
+    let skip = std::io::copy(&mut (&mut stream).take(skipped), &mut std::io::sink());
+    skip.map_err(|error| cut_short(path, &error.to_string()))?;
     let voxels = layout.read(source, &mut stream)?;
     // Reads to the end of the compressed data, which ends in a checksum. Tags may follow the values.
     let rest = std::io::copy(&mut (&mut stream).take(1 << 20), &mut std::io::sink());
     rest.map_err(|error| cut_short(path, &error.to_string()))?;
     let placed = i16::from_be_bytes([header[28], header[29]]) > 0;
-    // Without valid fields, the defaults are FreeSurfer's: coronal slices, voxels of 1 mm.
+    // If the fields aren't valid, FreeSurfer's defaults apply: coronal slices, voxels of 1 mm.
     let (sizes, axes, centre) = if placed {
         let axis = |k: usize| [0, 4, 8].map(|i| float(42 + 12 * k + i));
         ([30, 34, 38].map(float), [0, 1, 2].map(axis), [78, 82, 86].map(float))

@@ -19,9 +19,10 @@
 //! | module | |
 //! |---|---|
 //! | `labels` | a label volume: its labels, and the mask of each |
-//! | `open`, `source` | a file: its format, its bytes |
-//! | `nifti`, `nifti2`, `mgh`, `nrrd`, `tiff`, `npy`, `values` | the formats: the values, and the voxels' positions in space |
-//! | `runs` | the labels, during and after reading, as runs of equal ones, so that background takes no memory |
+//! | `open`, `source` | opens a file: determines its format, reads its bytes |
+//! | `nifti`, `nifti2`, `mgh`, `nrrd`, `tiff`, `npy`, `values` | the formats: values and positions of the voxels |
+//! | `image` | the choice of one of several channels and times |
+//! | `runs` | stores labels as runs of equal labels, so that background takes no memory |
 //! | `mask` | the voxels of one label, with a rim of background around them |
 //! | `pieces` | connected pieces, and the cavities inside |
 //! | `boundary` | the quadrangles between inside and outside, as a closed surface |
@@ -46,6 +47,7 @@
 mod affine;
 mod boundary;
 mod grey;
+mod image;
 mod labels;
 mod mask;
 mod mgh;
@@ -68,6 +70,7 @@ mod values;
 pub use affine::Affine;
 pub use boundary::QuadMesh;
 pub use grey::VoxelValues;
+pub use image::ImageChoice;
 pub use labels::{LabelVolume, VolumeReading};
 pub use mask::Mask;
 pub use open::is_volume;

@@ -28,9 +28,8 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     }
     let header = NiftiHeader::from_reader(&header[..]).map_err(|error| not_nifti(&error.to_string()))?;
     let dim = header.dim().map_err(|error| not_nifti(&error.to_string()))?;
-    if dim.len() < 3 || dim[3..].iter().any(|&n| n != 1) {
-        return Err(wrong("three dimensions", format!("dimensions {dim:?}; extract one volume")));
-    }
+    let dimensions: Vec<i64> = dim.iter().map(|&n| n.into()).collect();
+    let image = image(source, &dimensions)?;
     let size = [dim[0], dim[1], dim[2]].map(usize::from);
     let kind = header.data_type().map_err(|error| not_nifti(&error.to_string()))?;
     let Some(scalar) = scalar(kind) else {
@@ -45,7 +44,7 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
         little_endian: header.endianness == Endianness::Little,
         scaling: scaled.then_some((slope, intercept)),
     };
-    let offset = f64::from(header.vox_offset).max(352.0) as u64;
+    let offset = (f64::from(header.vox_offset).max(352.0) as u64).saturating_add(layout.bytes().saturating_mul(image));
     if layout.bytes() > most || offset > most {
         let [x, y, z] = size;
         let width = scalar.width();
@@ -63,6 +62,21 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
         return Err(wrong("voxels with a volume", format!("the matrix {:?}", affine.0)));
     }
     Ok(Volume { size, affine, voxels })
+}
+
+/// Returns the number of images before the one to read, from the numbers of values along all axes: x, y, z, then times,
+/// then channels.
+pub(super) fn image(source: &Source<'_>, dimensions: &[i64]) -> Result<u64, ParametrizeError> {
+    let count =
+        |axis: usize| usize::try_from(dimensions.get(axis).copied().unwrap_or(1)).ok().filter(|count| *count > 0);
+    let (Some(times), Some(channels)) = (count(3), count(4)) else {
+        return Err(source.wrong("dimensions above 0", format!("dimensions {dimensions:?}")));
+    };
+    if dimensions.len() < 3 || dimensions.iter().skip(5).any(|&n| n != 1) {
+        return Err(source.wrong("three to five dimensions", format!("dimensions {dimensions:?}; extract one volume")));
+    }
+    let [channel, time] = source.image(channels, times)?;
+    Ok((channel as u64).saturating_mul(times as u64).saturating_add(time as u64))
 }
 
 /// The fields of a header that describe the positions of voxels.

@@ -15,7 +15,7 @@
 
 use std::io::Read;
 
-use super::nifti::Forms;
+use super::nifti::{Forms, image};
 use super::source::Source;
 use super::values::{Layout, Scalar, Volume, cut_short};
 use crate::error::ParametrizeError;
@@ -65,9 +65,10 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     }
     let dimensions: [i64; 8] = std::array::from_fn(|k| header.long(16 + 8 * k));
     let used = usize::try_from(dimensions[0]).ok().filter(|n| (3..=7).contains(n));
-    if used.is_none_or(|used| dimensions[4..=used].iter().any(|&n| n != 1)) {
-        return Err(wrong("three dimensions", format!("dimensions {dimensions:?}; extract one volume")));
-    }
+    let Some(used) = used else {
+        return Err(wrong("three to seven dimensions", format!("dimensions {dimensions:?}")));
+    };
+    let image = image(source, &dimensions[1..=used])?;
     let kind = i16::from_le_bytes(header.bytes(12));
     let scalar = match kind {
         2 => Scalar::U8,
@@ -91,7 +92,8 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     let [slope, intercept] = header.floats(176);
     let scaled = slope != 0.0 && slope.is_finite() && intercept.is_finite() && (slope, intercept) != (1.0, 0.0);
     let layout = Layout { size, scalar, little_endian: header.little, scaling: scaled.then_some((slope, intercept)) };
-    let offset = header.long(168).max(HEADER as i64 + 4) as u64;
+    let start = header.long(168).max(HEADER as i64 + 4) as u64;
+    let offset = start.saturating_add(layout.bytes().saturating_mul(image));
     if layout.bytes() > most || offset > most {
         let found = format!("{x} x {y} x {z} voxels of {} bytes, more than the file can hold", scalar.width());
         return Err(not_nifti(found));

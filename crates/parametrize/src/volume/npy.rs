@@ -32,6 +32,7 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
         let found = format!("{x} x {y} x {z} values, more than the file can hold");
         return Err(source.wrong("a NumPy array", found));
     }
+    source.image(1, 1)?;
     let affine = source.affine(None, "a NumPy array")?;
     // In C order the last axis, z, varies fastest.
     let stored = if header.fortran { [x, y, z] } else { [z, y, x] };

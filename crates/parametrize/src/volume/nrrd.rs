@@ -57,6 +57,7 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
         let found = format!("sizes {:?}; extract one volume", header.get("sizes").unwrap_or("none"));
         return Err(source.wrong("three dimensions", found));
     };
+    source.image(1, 1)?;
     let size = [*x, *y, *z].map(usize::from);
     for field in ["lineskip", "byteskip"] {
         if header.get(field).is_some_and(|skip| skip != "0") {

@@ -10,16 +10,18 @@
 //! with Nesterov's momentum, 60 flops per vertex and step. Small bodies still lose up to 8 % of their volume. It is
 //! restored: all vertices move along their normals, within the boxes, until the volume equals that of the voxels.
 //!
-//! If grey values locate the surface ([`grey`](super::grey)), the volume is that of the grey values, and the sum gains
+//! If grey values locate the surface ([`grey`](super::grey)), the volume is that of the grey values, and the sum
+//! gains the term
 //!
 //! ```text
 //! w |C x - b|^2   with   (C x)_q = mean of the four vertices of quadrangle q, along its normal axis
 //! ```
 //!
 //! where b_q is the position at which the values cross the level. Linear interpolation is off by up to a tenth of a
-//! voxel where the surface is oblique, so w is small. On balls and ellipsoids of 3 to 10 voxels' radius whose voxels
-//! have their exact shares, the volume reduces the largest error of the area from 3.9 to 3.3 % (radius 3) and from 2.4
-//! to 1.3 % (radius 5), and w = 0.1 reduces it further to 2.4 and 0.7 %; w = 1 gives 3.0 and 1.8 %.
+//! voxel where the surface is oblique, so w is small. On balls and ellipsoids with radii of 3 to 10 voxels, with the
+//! exact share of each voxel as its value, prescribing the volume reduces the largest error of the area from 3.9 to
+//! 3.3 % (radius 3) and from 2.4 to 1.3 % (radius 5), and w = 0.1 reduces it further to 2.4 and 0.7 %; w = 1 gives
+//! 3.0 and 1.8 %.
 
 use spharm_monitor::{Interrupted, Monitor};
 use spharm_surface::Mesh;
@@ -46,12 +48,12 @@ const WEIGHT: f64 = 0.1;
 /// Largest relative difference of a smooth surface's volume from that of the voxels.
 const VOLUME: f64 = 0.01;
 
-/// What a surface of least bending has to keep to.
+/// Constraints on a surface of least bending.
 #[derive(Clone, Debug)]
 pub(crate) struct Bounds {
     /// Half the width of the boxes, in voxels.
     pub(crate) radius: f64,
-    /// The body as grey values locate it; `None` for a label.
+    /// The body's surface as located by grey values; `None` for a label.
     pub(crate) located: Option<Located>,
 }
 
@@ -63,25 +65,25 @@ impl Bounds {
 }
 
 impl QuadMesh {
-    /// Returns this surface with smooth positions: those of [`relaxed`](Self::relaxed). A label of so few voxels that
-    /// the smooth surface can't have their volume keeps the voxels' faces.
+    /// Returns this surface with smooth positions, those of [`relaxed`](Self::relaxed). If the label has too few
+    /// voxels for the smooth surface to have their volume, the voxels' faces are kept.
     ///
     /// # Errors
     ///
-    /// [`Interrupted`], by the monitor.
+    /// [`Interrupted`] when the monitor asks to stop.
     pub(crate) fn smoothed(self, bounds: &Bounds, monitor: &dyn Monitor) -> Result<Self, Interrupted> {
         let relaxed = self.relaxed(bounds, monitor)?;
         let keeps = (self.volume(&relaxed) / self.kept_volume(bounds) - 1.0).abs() < VOLUME;
         Ok(Self { smooth: keeps.then_some(relaxed), ..self })
     }
 
-    /// Returns the positions of the vertices on the surface of least bending that has the volume of this one, or that
-    /// of the grey values, within the boxes around their positions on this one. This surface must be in voxel
-    /// coordinates, as returned by [`around`](Self::around).
+    /// Returns the positions of the vertices on the surface of least bending. Each vertex stays within the box around
+    /// its position on this surface, and the volume is that of this surface, or of the grey values if there are any.
+    /// This surface must be in voxel coordinates, as returned by [`around`](Self::around).
     ///
     /// # Errors
     ///
-    /// [`Interrupted`], by the monitor.
+    /// [`Interrupted`] when the monitor asks to stop.
     pub(crate) fn relaxed(&self, bounds: &Bounds, monitor: &dyn Monitor) -> Result<Vec<Vec3>, Interrupted> {
         let rings = Rings::of(self);
         let crossings = bounds.located.as_ref().map(|located| &located.crossings);
@@ -115,7 +117,7 @@ impl QuadMesh {
         Ok(found)
     }
 
-    /// Returns the volume that the smooth surface has to have, in voxels.
+    /// Returns the required volume of the smooth surface, in voxels.
     fn kept_volume(&self, bounds: &Bounds) -> f64 {
         bounds.located.as_ref().map_or_else(|| self.volume(&self.vertices), |located| located.volume)
     }
@@ -129,7 +131,7 @@ impl QuadMesh {
         }
     }
 
-    /// Moves relaxed positions along the normals until the surface has the volume to keep.
+    /// Moves relaxed positions along the normals until the surface has the required volume.
     fn keep_volume(&self, relaxed: &mut [Vec3], bounds: &Bounds) {
         let whole = self.kept_volume(bounds);
         for _ in 0..MOVES {
@@ -145,9 +147,9 @@ impl QuadMesh {
         }
     }
 
-    /// Returns a mesh of triangles, with vertices at `x`, whose volume is the mean of both ways to cut the quadrangles.
-    /// Cuts that are all convex would add up to 0.7 % to a small body, so vertices move along their normals by less
-    /// than a hundredth of a voxel.
+    /// Returns a mesh of triangles, with vertices at `x`, whose volume is the mean of both ways to cut the
+    /// quadrangles. If all cuts were convex, they would add up to 0.7 % to the volume of a small body, so vertices
+    /// move along their normals by less than a hundredth of a voxel.
     pub(super) fn cut_evenly(&self, x: &[Vec3], from_second: impl Fn(usize) -> bool) -> Mesh {
         let mut mesh = self.cut(x, from_second);
         let (whole, (normals, area)) = (self.volume(x), self.normals(x));
@@ -178,7 +180,7 @@ impl QuadMesh {
     }
 }
 
-/// For each vertex, the vertices connected to it by an edge.
+/// The neighbours of each vertex: the vertices connected to it by an edge.
 struct Rings {
     starts: Vec<usize>,
     near: Vec<u32>,
@@ -203,7 +205,7 @@ impl Rings {
         &self.near[self.starts[v]..self.starts[v + 1]]
     }
 
-    /// Returns `L x`.
+    /// Returns `L x`: each vertex's value minus the mean over its neighbours.
     fn off_mean(&self, x: &[[f64; 3]]) -> Vec<[f64; 3]> {
         let of = |(v, x_v): (usize, &[f64; 3])| {
             let ring = self.row(v);
@@ -213,7 +215,7 @@ impl Rings {
         x.iter().enumerate().map(of).collect()
     }
 
-    /// Returns `L^T x`.
+    /// Returns `L^T x`, with `L x` as computed by `off_mean`.
     fn transposed(&self, x: &[[f64; 3]]) -> Vec<[f64; 3]> {
         let of = |(v, x_v): (usize, &[f64; 3])| {
             let share = |w: u32| 1.0 / self.row(w as usize).len().max(1) as f64;
@@ -229,8 +231,8 @@ mod tests {
     use super::*;
     use crate::volume::mask::Mask;
 
-    /// The surface of a ball of 10.3 voxels has steps of 0.29 voxels (root mean square), and 1.5 times the area of the
-    /// ball.
+    /// The voxel surface of a ball of radius 10.3 voxels has steps of 0.29 voxels (root mean square), and 1.5 times
+    /// the area of the ball.
     #[test]
     fn a_ball_of_voxels_is_round() {
         let radius = 10.3_f64;

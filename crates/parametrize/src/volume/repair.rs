@@ -5,8 +5,8 @@
 //! fewer voxels:
 //!
 //! - *cutting*: a ball grows inside the label from the label's innermost voxel, taking the voxels farthest from the
-//!   background first. It takes a voxel only if the voxel is simple and this leaves no bare contact. Voxels that would
-//!   close a ring are therefore left out, which cuts the handle where it is thinnest.
+//!   background first. It takes a voxel only if the voxel is simple and this leaves no bare contact. Voxels that
+//!   would close a ring are therefore never taken, which cuts the handle where it is thinnest.
 //! - *filling*: the box around the label shrinks onto the label, removing the voxels farthest from the label first, by
 //!   the same rules. Voxels whose removal would open a ring are kept, which covers the hole with a lid.
 //!
@@ -23,7 +23,7 @@ use super::mask::{Mask, around};
 use super::pieces::{Pieces, cavities, pieces};
 use super::simple::{Around, has_bare_contact, is_simple};
 
-/// How handles and bare contacts were removed.
+/// The way in which handles and bare contacts were removed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum HandleRepair {
@@ -48,7 +48,7 @@ pub struct Repair {
     /// Number of handles removed from the largest piece.
     #[serde(rename = "handles")]
     pub handles_removed: usize,
-    /// How handles and bare contacts were removed.
+    /// The way in which handles and bare contacts were removed.
     #[serde(rename = "way")]
     pub handles: HandleRepair,
     /// Number of voxels changed to remove handles and bare contacts.
@@ -222,7 +222,7 @@ fn change_sides(
 /// Returns the distance of each voxel of one side from the other side, in units of about 1/3 voxel (the 3-4-5 chamfer
 /// distance: G. Borgefors, "Distance transformations in digital images", 1986); 0 for voxels of the other side.
 fn distance(label: &Mask, side: bool, monitor: &dyn Monitor) -> Result<Vec<u32>, Interrupted> {
-    // The box's border doesn't count as the other side: the background continues beyond it.
+    // The box's border isn't treated as the other side, since the background continues beyond it.
     let far = u32::MAX / 2;
     let mut depth: Vec<u32> = label.inside.iter().map(|&inside| if inside == side { far } else { 0 }).collect();
     let cost = |d: [isize; 3]| 2 + d.iter().map(|x| x.unsigned_abs() as u32).sum::<u32>();

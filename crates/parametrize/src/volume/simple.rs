@@ -17,7 +17,8 @@ use std::sync::LazyLock;
 /// The sides of a voxel (bit 13) and its 26 neighbours: a bit is set if the voxel is inside; x varies fastest.
 pub(super) type Around = u32;
 
-/// For each of the 27 voxels, the ones among them that share a face with it, and those that share at least a corner.
+/// For each of the 27 voxels, the voxels among the 27 that share a face with it, and those that share at least a
+/// corner.
 struct Neighbours {
     face: [Around; 27],
     any: [Around; 27],
@@ -69,7 +70,7 @@ fn reach(seed: Around, set: Around, neighbours: &[Around; 27]) -> Around {
     reached
 }
 
-/// Whether the centre is simple, whichever side it is on.
+/// Returns whether the centre is simple, whichever side it is on.
 pub(super) fn is_simple(around: Around) -> bool {
     let n = &*NEIGHBOURS;
     let (inside, outside) = (around & EIGHTEEN, !around & ALL);
@@ -82,7 +83,7 @@ pub(super) fn is_simple(around: Around) -> bool {
     touching & !piece == 0 && reach(lowest(outside), outside, &n.any) == outside
 }
 
-/// Whether there is a bare contact at an edge or a corner of the centre.
+/// Returns whether there is a bare contact at an edge or a corner of the centre.
 pub(super) fn has_bare_contact(around: Around) -> bool {
     let inside = |[x, y, z]: [i32; 3]| around >> (x + 3 * y + 9 * z) & 1 == 1;
     // Tests the eight blocks of 2 x 2 x 2 voxels that contain the centre.

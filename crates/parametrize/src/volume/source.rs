@@ -9,6 +9,7 @@ use spharm_surface::io::{NoRoom, check_room};
 
 use super::affine::Affine;
 use super::grey::VoxelValues;
+use super::image::ImageChoice;
 use crate::error::ParametrizeError;
 
 /// A volume's file.
@@ -17,14 +18,16 @@ pub(super) struct Source<'a> {
     pub(super) path: &'a Path,
     /// Size of the voxels, given by the caller if the format lacks it or the file has a wrong one.
     pub(super) voxel_size: Option<[f64; 3]>,
-    /// What the values are.
+    /// Meaning of the values.
     pub(super) values: VoxelValues,
+    /// Channel and time to read.
+    pub(super) image: ImageChoice,
     pub(super) monitor: &'a dyn Monitor,
 }
 
 impl Source<'_> {
-    /// Returns the matrix for a format that has no positions, at most a voxel size `found`. The caller's size takes
-    /// precedence.
+    /// Returns the matrix for a format without positions, from the file's voxel size `found`, if any. The caller's
+    /// size takes precedence.
     pub(super) fn affine(&self, found: Option<[f64; 3]>, format: &'static str) -> Result<Affine, ParametrizeError> {
         let size = self
             .voxel_size
@@ -32,6 +35,11 @@ impl Source<'_> {
             .ok_or_else(|| ParametrizeError::NoVoxelSize { path: self.path.to_owned(), format })?;
         let affine = Affine::of_voxel_size(size);
         if affine.is_valid() { Ok(affine) } else { Err(self.wrong("voxels with a volume", format!("sizes {size:?}"))) }
+    }
+
+    /// Returns the indices from 0 of the channel and the time to read.
+    pub(super) fn image(&self, channels: usize, times: usize) -> Result<[usize; 2], ParametrizeError> {
+        self.image.indices(self.path, channels, times)
     }
 
     pub(super) fn wrong(&self, expected: &'static str, found: String) -> ParametrizeError {

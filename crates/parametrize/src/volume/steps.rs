@@ -1,10 +1,10 @@
 //! Warns if a model of a label's surface has such a high degree that it reproduces the voxels' steps.
 //!
 //! The surface around a label consists of the faces of voxels. On a body of radius r, a model of degree L resolves
-//! lengths of `pi r / L`. Where this is below one and a half voxels, the model follows the steps between voxels, and
-//! its area grows with the degree. The area of a ball of radius 10.3 voxels is 0.8 % too large at degree 8, 1.1 % at 12
-//! and 2.1 % at 20. The area of an ellipsoid with axes 4, 2 and 2 and voxels of 0.2 x 0.2 x 0.6 is 0.3 %, 5.1 % and
-//! 18.1 % too large at these degrees. Sphericity is affected likewise.
+//! lengths of `pi r / L`. If this length is below one and a half voxels, the model follows the steps between voxels,
+//! and its area grows with the degree. The area of a ball of radius 10.3 voxels is 0.8 % too large at degree 8, 1.1 %
+//! at 12 and 2.1 % at 20. The area of an ellipsoid with axes 4, 2 and 2 and voxels of 0.2 x 0.2 x 0.6 is 0.3 %, 5.1 %
+//! and 18.1 % too large at these degrees. Sphericity is affected likewise.
 
 use std::fmt;
 
@@ -28,8 +28,8 @@ pub struct VoxelSteps {
     pub suitable_degree: usize,
 }
 
-/// Returns the highest degree of a model that doesn't follow the voxels' steps, for a label with a number of voxels of
-/// the given edges: that which resolves one and a half voxels.
+/// Returns the highest degree of a model that doesn't follow the voxels' steps: the degree that resolves one and a
+/// half voxels. `voxels` is the label's number of voxels, and `voxel_size` has the lengths of a voxel's edges.
 #[must_use]
 pub fn suitable_degree(voxels: usize, voxel_size: [f64; 3]) -> usize {
     (std::f64::consts::PI * radius(voxels, voxel_size) / (VOXELS * longest(voxel_size))) as usize

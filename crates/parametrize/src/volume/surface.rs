@@ -15,14 +15,14 @@ use crate::error::ParametrizeError;
 /// a small body.
 const RADII: std::ops::RangeInclusive<f64> = 0.25..=4.0;
 
-/// The surface that stands for a label.
+/// The kind of surface that represents a label.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LabelSurface {
     /// The surface of least bending near the voxels' faces, with the voxels' volume, or that of the grey values.
-    /// Labels of so few voxels that this is impossible have the voxels' faces.
+    /// Labels with too few voxels for such a surface have the voxels' faces.
     Smooth {
-        /// Largest distance along each axis between a vertex and its position on the voxels' faces, in voxels. Default
-        /// 0.5, the uncertainty of a label of exact edges; more for labels whose edges aren't exact.
+        /// Largest distance along each axis between a vertex and its position on the voxels' faces, in voxels.
+        /// Default 0.5, the uncertainty of a label with exact edges; larger values suit labels with inexact edges.
         radius: f64,
     },
     /// The faces of the voxels, with their steps.
@@ -36,7 +36,8 @@ impl Default for LabelSurface {
 }
 
 impl LabelSurface {
-    /// Returns the surface of a name, as in arguments and reports, with a radius if it is smooth.
+    /// Returns the kind of surface for a name, as used in arguments and reports, and for a radius, which only smooth
+    /// surfaces have.
     ///
     /// # Errors
     ///
@@ -55,7 +56,7 @@ impl LabelSurface {
         }
     }
 
-    /// Returns the name, as in arguments and reports.
+    /// Returns the name used in arguments and reports.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -64,7 +65,7 @@ impl LabelSurface {
         }
     }
 
-    /// Returns the radius of a smooth surface that isn't the default.
+    /// Returns the radius of a smooth surface in voxels; `None` if it is the default.
     #[must_use]
     pub fn radius(self) -> Option<f64> {
         match self {
@@ -79,7 +80,7 @@ impl LabelSurface {
 pub struct VolumeParams {
     /// The label; `None` (default) for the volume's only label.
     pub label: Option<i64>,
-    /// The surface that stands for the label. Default smooth.
+    /// Kind of surface that represents the label. Default: smooth.
     pub surface: LabelSurface,
     /// Whether to repair a label that isn't a ball, instead of rejecting it. Default false.
     pub fix: bool,
@@ -95,7 +96,7 @@ pub struct VolumeSurface {
     /// Closed surface, wound outwards, with vertices in mm; of genus 0 unless handles were allowed. The quadrangles are
     /// the voxels' faces; as [`triangles`](QuadMesh::triangles), the surface is smooth if requested.
     pub quads: QuadMesh,
-    /// The label.
+    /// Value of the label.
     pub label: i64,
     /// Number of the label's voxels in the file.
     pub voxels: usize,
@@ -103,7 +104,7 @@ pub struct VolumeSurface {
     pub voxel_size: [f64; 3],
     /// Whether the label touches the border of the volume, and so may be cut off.
     pub at_border: bool,
-    /// The requested surface.
+    /// The requested kind of surface.
     pub surface: LabelSurface,
     /// The changes made by the repair; `None` if no repair was needed.
     pub repair: Option<Repair>,
@@ -111,8 +112,9 @@ pub struct VolumeSurface {
 
 impl LabelVolume {
     /// Returns the surface around a label in mm, without voxel steps: the surface of least bending within `radius`
-    /// voxels of the steps, with the label's volume. It can have any topology; it is for uses that need no sphere, such
-    /// as registration. Of grey values and probabilities, only the largest piece is taken, with its cavities filled.
+    /// voxels of the steps, with the label's volume. It can have any topology; it is for uses that need no sphere,
+    /// such as registration. For grey values and probabilities, the surface is that of the largest piece, with its
+    /// cavities filled.
     ///
     /// # Errors
     ///
@@ -131,7 +133,7 @@ impl LabelVolume {
         Ok(QuadMesh { smooth, ..steps }.to_world(&self.affine).triangles(|_| false))
     }
 
-    /// Returns what the smooth surface of a mask, given its quadrangles, has to keep to.
+    /// Returns the constraints on the smooth surface of a mask, given the mask's quadrangles.
     fn bounds(&self, quads: &QuadMesh, mask: &Mask, radius: f64) -> Bounds {
         Bounds { radius, located: self.grey.as_ref().map(|grey| grey.locate(quads, mask)) }
     }
@@ -188,7 +190,7 @@ struct Problems {
     handles: usize,
 }
 
-/// Returns the reasons why the voxels aren't a single ball. With `allowed`, handles don't count as a reason.
+/// Returns the reasons why the voxels aren't a single ball. If `allowed` is true, handles aren't a reason.
 fn problems(mask: &Mask, allowed: bool, monitor: &dyn Monitor) -> Result<Problems, Interrupted> {
     let mut problems = Vec::new();
     let found = pieces(mask, monitor)?;

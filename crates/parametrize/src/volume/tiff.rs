@@ -1,4 +1,4 @@
-//! Reads TIFF stacks (`.tif`, `.tiff`, OME-TIFF): one page per slice, integers, one channel and one time point.
+//! Reads TIFF stacks (`.tif`, `.tiff`, OME-TIFF): one page per slice, channel and time.
 //!
 //! The crate `tiff` decodes the pages, within a memory limit derived from the file's size. The size of the voxels, in
 //! micrometres, is computed from the description of the first page: from OME-XML's `PhysicalSizeX`, `Y`, `Z`, or from
@@ -22,19 +22,42 @@ use crate::error::ParametrizeError;
 /// Largest number of bytes of a page: 32,768 x 32,768 values of 8 bits.
 const LARGEST_PAGE: u64 = 1 << 30;
 
-/// Whether a file begins like a TIFF or BigTIFF file.
+/// Returns whether a file begins like a TIFF or BigTIFF file.
 pub(super) fn is_tiff(bytes: &[u8]) -> bool {
     [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"].iter().any(|magic| bytes.starts_with(*magic))
 }
 
 /// The data about the entire stack in the first page's description.
-#[derive(Debug, Default, PartialEq)]
+#[derive(Debug, PartialEq)]
 struct Description {
     /// Size of the voxels in micrometres.
     voxel_size: Option<[f64; 3]>,
-    /// Number of slices, if the description has it. `others` is the number of channels times the number of time points.
+    /// Number of slices, if the description has it.
     slices: Option<usize>,
-    others: usize,
+    channels: usize,
+    times: usize,
+    /// Order of the pages: the axes Z, C and T, the one that varies fastest first.
+    order: [u8; 3],
+}
+
+impl Description {
+    /// The description of a file of one image.
+    const ONE: Self = Self { voxel_size: None, slices: None, channels: 1, times: 1, order: *b"ZCT" };
+
+    /// Returns the indices of a page's slice, channel and time in a file of `slices` slices.
+    fn place(&self, page: usize, slices: usize) -> [usize; 3] {
+        let (mut rest, mut place) = (page, [0; 3]);
+        for axis in self.order {
+            let (axis, count) = match axis {
+                b'Z' => (0, slices),
+                b'C' => (1, self.channels),
+                _ => (2, self.times),
+            };
+            (place[axis], rest) = (rest % count, rest / count);
+        }
+        // Pages beyond the last image don't belong to any image.
+        if rest > 0 { [usize::MAX; 3] } else { place }
+    }
 }
 
 /// Parses a file.
@@ -48,18 +71,27 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
     limits.ifd_value_size = bytes.len().max(1 << 12);
     let mut decoder = Decoder::new(Cursor::new(bytes)).map_err(broken)?.with_limits(limits);
     let description = description(&mut decoder);
-    if description.others > 1 {
-        let found = format!("{} channels or times; extract one", description.others);
-        return Err(source.wrong("one channel and one time", found));
-    }
+    let image = source.image(description.channels, description.times)?;
+    let several = description.channels.saturating_mul(description.times) > 1;
+    // Files of one image may have any number of pages; in others, a missing number of slices is one.
+    let slices = description.slices.or(several.then_some(1));
     let affine = source.affine(description.voxel_size, "a TIFF file without OME-XML or ImageJ's spacing")?;
     let (width, height) = decoder.dimensions().map_err(broken)?;
     let plane = u64::from(width) * u64::from(height);
     let mut found = Collector::new(source, [width as usize, height as usize, 0]);
-    let mut pages = 0;
-    source.monitor.begin(Stage::counted("reading", "slices"), description.slices.unwrap_or(0) as u64);
+    let (mut pages, mut page) = (0, 0);
+    source.monitor.begin(Stage::counted("reading", "slices"), slices.unwrap_or(0) as u64);
     loop {
         source.monitor.check()?;
+        let of_image = !several || description.place(page, slices.unwrap_or(1).max(1))[1..] == image;
+        page += 1;
+        if !of_image {
+            if !decoder.more_images() {
+                break;
+            }
+            decoder.next_image().map_err(broken)?;
+            continue;
+        }
         if decoder.dimensions().map_err(broken)? != (width, height) {
             return Err(source.wrong("slices of one size", format!("another one at slice {pages}")));
         }
@@ -85,8 +117,8 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
     }
     source.monitor.end();
     let size = [width as usize, height as usize, pages];
-    if description.slices.is_some_and(|slices| slices != pages) || found.len() as u64 != plane * pages as u64 {
-        let told = description.slices.unwrap_or(pages);
+    if slices.is_some_and(|slices| slices != pages) || found.len() as u64 != plane * pages as u64 {
+        let told = slices.unwrap_or(pages);
         return Err(source.wrong("as many pages as slices", format!("{pages} pages, {told} slices in the description")));
     }
     found.slices(pages);
@@ -117,7 +149,7 @@ fn append(source: &Source<'_>, page: DecodingResult, found: &mut Collector<'_>) 
 fn description(decoder: &mut Decoder<Cursor<&[u8]>>) -> Description {
     let text = decoder.get_tag_ascii_string(Tag::ImageDescription).unwrap_or_default();
     if text.contains("<OME") {
-        return of_ome(&text).unwrap_or_default();
+        return of_ome(&text).unwrap_or(Description::ONE);
     }
     if text.starts_with("ImageJ=") {
         let mut pitch = |tag| match decoder.find_tag(tag) {
@@ -129,7 +161,7 @@ fn description(decoder: &mut Decoder<Cursor<&[u8]>>) -> Description {
         let pitches = [pitch(Tag::XResolution), pitch(Tag::YResolution)];
         return of_imagej(&text, pitches);
     }
-    Description::default()
+    Description::ONE
 }
 
 fn is(name: &[u8], wanted: &[u8]) -> bool {
@@ -158,8 +190,15 @@ fn of_ome(text: &str) -> Option<Description> {
         Some(size * unit)
     };
     let voxel_size = (|| Some([length('X')?, length('Y')?, length('Z')?]))();
-    let others = count('C').unwrap_or(1).saturating_mul(count('T').unwrap_or(1));
-    Some(Description { voxel_size, slices: count('Z'), others })
+    let order = get("DimensionOrder".to_owned()).and_then(|order| order.strip_prefix("XY")?.as_bytes().try_into().ok());
+    let is_complete = |order: &[u8; 3]| b"ZCT".iter().all(|axis| order.contains(axis));
+    Some(Description {
+        voxel_size,
+        slices: count('Z'),
+        channels: count('C').unwrap_or(1).max(1),
+        times: count('T').unwrap_or(1).max(1),
+        order: order.filter(is_complete).unwrap_or(*b"ZCT"),
+    })
 }
 
 /// Parses ImageJ's description, lines of `key=value`. `pitches` are the width and height of a pixel in ImageJ's unit.
@@ -169,8 +208,9 @@ fn of_imagej(text: &str, pitches: [Option<f64>; 2]) -> Description {
     let unit = get("unit").and_then(micrometres);
     let spacing = get("spacing").and_then(|x| x.trim().parse::<f64>().ok());
     let voxel_size = (|| Some([pitches[0]? * unit?, pitches[1]? * unit?, spacing?.abs() * unit?]))();
-    let others = count("channels").unwrap_or(1).saturating_mul(count("frames").unwrap_or(1));
-    Description { voxel_size, slices: count("slices").or(count("images").filter(|_| others == 1)), others }
+    let (channels, times) = (count("channels").unwrap_or(1).max(1), count("frames").unwrap_or(1).max(1));
+    let images = count("images").filter(|_| channels == 1 && times == 1);
+    Description { voxel_size, slices: count("slices").or(images), channels, times, order: *b"CZT" }
 }
 
 /// Returns the number of micrometres in a unit; `None` for an unknown unit.
@@ -196,14 +236,21 @@ mod tests {
                    PhysicalSizeX=\"200\" PhysicalSizeXUnit=\"nm\" PhysicalSizeY=\"0.2\" PhysicalSizeZ=\"0.6\" \
                    PhysicalSizeZUnit=\"&#181;m\"/></Image></OME>";
         let found = of_ome(ome).unwrap();
-        assert_eq!((found.slices, found.others), (Some(7), 1));
+        assert_eq!((found.slices, found.channels, found.times), (Some(7), 1, 1));
         assert!(found.voxel_size.unwrap().iter().zip([0.2, 0.2, 0.6]).all(|(a, b)| (a - b).abs() < 1e-12));
         assert_eq!(of_ome("<OME><Image/></OME>"), None);
         assert_eq!(of_ome("<OME <<<"), None);
         let imagej = "ImageJ=1.53t\nimages=9\nslices=9\nunit=\\u00B5m\nspacing=0.5\nloop=false\n";
         let found = of_imagej(imagej, [Some(0.1), Some(0.1)]);
-        assert_eq!(found, Description { voxel_size: Some([0.1, 0.1, 0.5]), slices: Some(9), others: 1 });
-        assert_eq!(of_imagej("ImageJ=1\nimages=6\nchannels=2\nslices=3", [None; 2]).others, 2);
+        assert_eq!(
+            found,
+            Description { voxel_size: Some([0.1, 0.1, 0.5]), slices: Some(9), order: *b"CZT", ..Description::ONE }
+        );
+        let found = of_imagej("ImageJ=1\nimages=6\nchannels=2\nslices=3", [None; 2]);
+        assert_eq!((0..7).map(|page| found.place(page, 3)[1]).collect::<Vec<_>>(), [0, 1, 0, 1, 0, 1, usize::MAX]);
+        let ome = "<OME><Image><Pixels SizeC='2' SizeT='2' SizeZ='3' DimensionOrder='XYTZC'/></Image></OME>";
+        let found = of_ome(ome).unwrap();
+        assert_eq!(found.place(7, 3), [0, 1, 1]);
         assert_eq!(of_imagej("ImageJ=1\nunit=pixel\nspacing=1", [Some(1.0); 2]).voxel_size, None);
     }
 }

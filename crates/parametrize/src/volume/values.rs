@@ -95,7 +95,8 @@ impl<'a> Collector<'a> {
                     });
                 }
                 self.range = (self.range.0.min(value), self.range.1.max(value));
-                // A value that a file rounded to 32 bits is on the level if the level would be rounded to it.
+                // A file may have rounded its values to 32 bits, so a value that rounds to the same 32-bit number as
+                // the level is on the level.
                 let above = if value as f32 == level as f32 { 0.0 } else { (value - level) as f32 };
                 self.values.push(above);
                 self.sides[usize::from(above >= 0.0)] += 1;

@@ -5,7 +5,7 @@ use std::io::{Cursor, Write};
 
 use spharm_monitor::Silent;
 use spharm_parametrize::ParametrizeError;
-use spharm_parametrize::volume::{LabelVolume, VolumeReading};
+use spharm_parametrize::volume::{ImageChoice, LabelVolume, VolumeReading};
 
 /// Values of 3 x 2 x 2 voxels, with x varying fastest.
 const VALUES: [u8; 12] = [0, 5, 5, 0, 9, 0, 0, 0, 0, 0, 0, 7];
@@ -146,9 +146,13 @@ fn nrrd_attached_and_detached() {
 }
 
 fn tiff(description: &str, pages: usize) -> Vec<u8> {
+    tiff_of(description, VALUES.chunks_exact(6).cycle().take(pages))
+}
+
+fn tiff_of<'a>(description: &str, pages: impl Iterator<Item = &'a [u8]>) -> Vec<u8> {
     let mut bytes = Cursor::new(Vec::new());
     let mut encoder = tiff::encoder::TiffEncoder::new(&mut bytes).unwrap();
-    for page in VALUES.chunks_exact(6).cycle().take(pages) {
+    for page in pages {
         let mut image = encoder.new_image::<tiff::encoder::colortype::Gray8>(3, 2).unwrap();
         image.encoder().write_tag(tiff::tags::Tag::ImageDescription, description).unwrap();
         // 5 pixels per micrometre along x, 10 pixels per 3 micrometres along y.
@@ -185,6 +189,65 @@ fn tiff_stacks() {
         changed[at] = 0xff;
         let _ = folder.read("f.tif", &changed);
     }
+}
+
+/// Checks that the second of three times of the second of two channels is `VALUES`, and which choices are refused.
+fn check_images(folder: &Folder, name: &str, bytes: &[u8], last: [f64; 3]) {
+    let path = folder.0.path().join(name);
+    std::fs::write(&path, bytes).unwrap();
+    let read = |channel, time| {
+        let image = ImageChoice { channel, time };
+        LabelVolume::read_with(&path, VolumeReading { image, ..VolumeReading::default() }, &Silent)
+    };
+    check(&read(Some(2), Some(2)).unwrap(), [0.0; 3], last);
+    assert_eq!(read(Some(1), Some(2)).unwrap().labels().into_iter().collect::<Vec<_>>(), [(1, 12)]);
+    for (channel, time) in [(None, None), (Some(2), None), (None, Some(2)), (Some(3), Some(2)), (Some(2), Some(0))] {
+        let error = read(channel, time).unwrap_err();
+        assert!(matches!(error, ParametrizeError::SeveralImages { channels: 2, times: 3, .. }), "{error}");
+    }
+}
+
+#[test]
+fn one_of_several_channels_and_times() {
+    let folder = Folder::new();
+    let [first, second] = [&VALUES[..6], &VALUES[6..]];
+    let other = [1; 6];
+    // The pages of an image with two slices, by channel and time.
+    let page = |slice: usize, channel: usize, time: usize| match (slice, channel, time) {
+        (0, 1, 1) => first,
+        (1, 1, 1) => second,
+        _ => &other[..],
+    };
+    let imagej = "ImageJ=1.53t\nimages=12\nslices=2\nchannels=2\nframes=3\nunit=micron\nspacing=0.6\n";
+    let pages = (0..12).map(|at| page(at / 2 % 2, at % 2, at / 4));
+    check_images(&folder, "imagej.tif", &tiff_of(imagej, pages), [0.4, 0.3, 0.6]);
+    let ome = |order: &str| {
+        format!(
+            "<OME><Image><Pixels SizeZ=\"2\" SizeC=\"2\" SizeT=\"3\" DimensionOrder=\"{order}\" PhysicalSizeX=\"0.2\" \
+             PhysicalSizeY=\"0.3\" PhysicalSizeZ=\"0.6\"/></Image></OME>"
+        )
+    };
+    let pages = (0..12).map(|at| page(at % 2, at / 2 % 2, at / 4));
+    check_images(&folder, "zct.ome.tif", &tiff_of(&ome("XYZCT"), pages), [0.4, 0.3, 0.6]);
+    let pages = (0..12).map(|at| page(at / 6, at / 3 % 2, at % 3));
+    check_images(&folder, "tcz.ome.tif", &tiff_of(&ome("XYTCZ"), pages.clone()), [0.4, 0.3, 0.6]);
+    folder.refused("t.ome.tif", &tiff_of(&ome("XYTCZ"), pages.take(9)), "one channel and one time");
+    // NIfTI has times along the fourth axis, and channels along the fifth.
+    let mut nifti = nifti2();
+    for (axis, count) in [(0, 5_i64), (4, 3), (5, 2)] {
+        nifti[16 + 8 * axis..24 + 8 * axis].copy_from_slice(&count.to_le_bytes());
+    }
+    nifti.truncate(nifti.len() - VALUES.len());
+    for image in 0..6 {
+        nifti.extend(if image == 4 { VALUES } else { [1; 12] });
+    }
+    check_images(&folder, "a.nii", &nifti, [0.4, 0.3, 0.6]);
+    check_images(&folder, "a.nii.gz", &gzip(&nifti), [0.4, 0.3, 0.6]);
+    nifti.truncate(nifti.len() - 15);
+    let path = folder.0.path().join("short.nii");
+    std::fs::write(&path, nifti).unwrap();
+    let last = VolumeReading { image: ImageChoice { channel: Some(2), time: Some(3) }, ..VolumeReading::default() };
+    assert!(LabelVolume::read_with(&path, last, &Silent).is_err());
 }
 
 fn npy(descr: &str, fortran: &str, shape: &str, values: &[u8]) -> Vec<u8> {

@@ -1,0 +1,69 @@
+//! Identifies the files from which a model was made.
+
+use std::fmt;
+use std::io;
+use std::path::Path;
+
+use serde::{Deserialize, Deserializer, Serialize};
+
+use crate::error::ModelError;
+
+/// Identity of an input file of a model.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FileRecord {
+    /// Path of the file, as given by the user.
+    pub path: String,
+    /// Size of the file in bytes.
+    pub bytes: u64,
+    /// BLAKE3 hash of the file's contents, as 64 hexadecimal digits.
+    pub blake3: String,
+    /// Label from which the surface was extracted, if the file is a volume.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub label: Option<i64>,
+}
+
+impl fmt::Display for FileRecord {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.path)?;
+        self.label.map_or(Ok(()), |label| write!(f, " label {label}"))
+    }
+}
+
+impl FileRecord {
+    /// Computes the size and hash of a file.
+    ///
+    /// # Errors
+    ///
+    /// [`Input`](ModelError::Input) if the file doesn't exist, isn't a regular file or can't be read.
+    pub fn of(path: &Path) -> Result<Self, ModelError> {
+        let refuse = |source: io::Error| {
+            let is_missing = source.kind() == io::ErrorKind::NotFound;
+            let source = if is_missing { io::Error::new(source.kind(), "no such file") } else { source };
+            ModelError::Input { path: path.to_owned(), source }
+        };
+        let mut hasher = blake3::Hasher::new();
+        hasher.update_reader(spharm_files::open(path).map_err(refuse)?).map_err(refuse)?;
+        let (bytes, blake3) = (hasher.count(), hasher.finalize().to_hex().to_string());
+        Ok(Self { path: path.to_string_lossy().into_owned(), bytes, blake3, label: None })
+    }
+
+    /// Returns whether two files have the same contents and label, regardless of their paths.
+    #[must_use]
+    pub fn same_contents(&self, other: &Self) -> bool {
+        (self.bytes, &self.blake3, self.label) == (other.bytes, &other.blake3, other.label)
+    }
+}
+
+/// Deserializes a file record. Models of version 0.1 store only the file's name, which gives `None`.
+pub(crate) fn of_any_version<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<FileRecord>, D::Error> {
+    #[derive(Deserialize)]
+    #[serde(untagged)]
+    enum Either {
+        Record(FileRecord),
+        Other(serde::de::IgnoredAny),
+    }
+    Ok(match Option::<Either>::deserialize(deserializer)? {
+        Some(Either::Record(record)) => Some(record),
+        Some(Either::Other(_)) | None => None,
+    })
+}
